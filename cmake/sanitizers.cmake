@@ -1,0 +1,7 @@
+set(NILIO_SANITIZE "" CACHE STRING "Sanitizers to build with, as -fsanitize takes them: 'address,undefined' or 'thread'")
+if(NILIO_SANITIZE)
+  add_compile_options(-fsanitize=${NILIO_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  add_link_options(-fsanitize=${NILIO_SANITIZE})
+  # -Wnull-dereference and -Wmaybe-uninitialized see ghosts in instrumented code.
+  add_compile_options(-Wno-null-dereference -Wno-maybe-uninitialized)
+endif()

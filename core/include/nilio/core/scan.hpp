@@ -1,0 +1,59 @@
+#pragma once
+
+#include "nilio/core/time.hpp"
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace nilio::core {
+
+/// One LiDAR return in the sensor's ROS frame (x forward, y left, z up), metres.
+struct Point {
+  float x = 0.0F;
+  float y = 0.0F;
+  float z = 0.0F;
+  /// Reflectivity 0..255 as the sensor reports it.
+  float intensity = 0.0F;
+  /// Firing time relative to Scan::start, nanoseconds.
+  std::int32_t time_offset_ns = 0;
+  /// Rank of the beam, 0 = lowest elevation.
+  std::uint16_t ring = 0;
+  std::uint16_t reserved = 0;
+};
+
+/// One revolution of the sensor (or what of it was received).
+struct Scan {
+  /// Counts completed scans of this source from 0.
+  std::uint64_t sequence = 0;
+  /// Time of the first and of the last firing; the pose of a scan is the pose at `end`.
+  Time start;
+  Time end;
+  /// Sensor frame; not sorted. Capacity is kept when a scan object is reused.
+  std::vector<Point> points;
+  /// True when the points are already expressed at one instant (KITTI odometry): they are not deskewed again.
+  bool motion_compensated = false;
+  /// Vertical angle between neighbouring beams (median), rad; decides the plane voxel size.
+  float beam_spacing_rad = 0.0F;
+  /// Azimuth covered, degrees, 0..360.
+  float coverage_deg = 0.0F;
+  /// Packets missing inside the scan by the sensor's own time stamps.
+  std::uint32_t lost_packets = 0;
+  /// CLOCK_MONOTONIC of this process when the scan's last packet was received, when it was taken off the
+  /// ring, and when the scan was complete (ns; 0 = unknown).
+  std::int64_t received_ns = 0;
+  std::int64_t popped_ns = 0;
+  std::int64_t completed_ns = 0;
+};
+
+/// One inertial measurement (trivially copyable, for rings) in the IMU's own frame (x forward, y left, z up
+/// unless the extrinsic says otherwise).
+struct ImuSample {
+  Time stamp;
+  /// rad/s.
+  std::array<double, 3> angular_velocity{};
+  /// Specific force, m/s^2: +9.81 on z when level and at rest.
+  std::array<double, 3> linear_acceleration{};
+};
+
+}  // namespace nilio::core

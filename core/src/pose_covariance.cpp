@@ -1,0 +1,56 @@
+#include "nilio/core/pose_covariance.hpp"
+
+#include <algorithm>
+
+#include <Eigen/LU>
+
+namespace nilio::core {
+
+namespace {
+
+// Neighbouring points meet the same voxels, so their residuals are far from independent: about this many say
+// one thing.
+constexpr double kCorrelatedResiduals = 20.0;
+constexpr double kMinResidualVariance = 0.01 * 0.01;
+constexpr double kTranslationFloor = 0.01 * 0.01;
+constexpr double kRotationFloor = 5e-4 * 5e-4;
+constexpr double kUnobservedTranslation = 1.0;
+constexpr double kUnobservedRotation = 0.1 * 0.1;
+
+Matrix6 unobserved_covariance(std::uint8_t axes) {
+  Matrix6 covariance = Matrix6::Zero();
+  for (int i = 0; i < 6; ++i) {
+    if ((axes >> i & 1) != 0) covariance(i, i) = i < 3 ? kUnobservedTranslation : kUnobservedRotation;
+  }
+  return covariance;
+}
+
+}  // namespace
+
+void fill_covariance(const RegistrationResult& registration, double span_s, OdometryResult& result) {
+  Matrix6 covariance = Matrix6::Zero();
+  covariance.diagonal() << kTranslationFloor, kTranslationFloor, kTranslationFloor, kRotationFloor,
+      kRotationFloor, kRotationFloor;
+  const NormalEquations& equations = registration.equations;
+  if (result.predicted) {
+    covariance += unobserved_covariance(0b111111);
+  } else if (equations.weight_sum > 0.0) {
+    const double variance =
+        std::max(kMinResidualVariance, equations.weighted_square_error / equations.weight_sum);
+    // Unobserved directions make H singular; a weak prior of their own size keeps the inverse finite.
+    Matrix6 information = equations.H / (variance * kCorrelatedResiduals);
+    information.diagonal().head<3>().array() += 1.0 / kUnobservedTranslation;
+    information.diagonal().tail<3>().array() += 1.0 / kUnobservedRotation;
+    covariance += information.inverse();
+    covariance += unobserved_covariance(registration.degenerate_axes);
+  }
+  const Matrix3 R = result.T_odom_base.rotation.toRotationMatrix();
+  Matrix6 to_odom = Matrix6::Zero();
+  to_odom.topLeftCorner<3, 3>() = R;
+  to_odom.bottomRightCorner<3, 3>() = R;
+  result.pose_covariance = to_odom * covariance * to_odom.transpose();
+  // The twist is the difference of two poses of equal quality.
+  result.twist_covariance = span_s > 0.0 ? Matrix6(covariance * (2.0 / (span_s * span_s))) : covariance;
+}
+
+}  // namespace nilio::core

@@ -1,0 +1,226 @@
+#include "nilio/core/registration.hpp"
+
+#include <array>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+namespace nilio::core {
+
+namespace {
+
+// Points per leaf of the reduction. Fixed: the tree, and with it every rounding, depends on the number of
+// points only.
+constexpr std::size_t kGrain = 512;
+
+/// Sums `accumulate(point, equations)` over all points in a fixed order.
+template <class Accumulate>
+NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
+  using Range = tbb::blocked_range<std::size_t>;
+  return tbb::parallel_deterministic_reduce(
+      Range(0, points.size(), kGrain), NormalEquations{},
+      [&](const Range& range, NormalEquations equations) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
+        // Only the upper triangle is accumulated.
+        equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        return equations;
+      },
+      [](NormalEquations a, const NormalEquations& b) { return a += b; });
+}
+
+void add_upper(Matrix6& H, const Vector6& J, double weight) {
+  for (int column = 0; column < 6; ++column) {
+    const double weighted = weight * J[column];
+    for (int row = 0; row <= column; ++row) H(row, column) += J[row] * weighted;
+  }
+}
+
+/// Unobserved directions of one 3x3 block of H, normalised so that a well observed direction is near 1/3.
+struct BlockObservability {
+  Matrix3 observed = Matrix3::Identity();  ///< projector onto the observed directions
+  std::uint8_t weak_axes = 0;
+};
+
+BlockObservability observe(const Matrix3& block, double threshold) {
+  BlockObservability result;
+  const double trace = block.trace();
+  if (!(trace > 0.0)) return {Matrix3::Zero(), 0b111};
+  Eigen::SelfAdjointEigenSolver<Matrix3> solver;
+  solver.computeDirect(block / trace);
+  for (int i = 0; i < 3; ++i) {
+    if (solver.eigenvalues()[i] >= threshold) continue;
+    const Vector3 direction = solver.eigenvectors().col(i);
+    result.observed -= direction * direction.transpose();
+    Eigen::Index axis = 0;
+    direction.cwiseAbs().maxCoeff(&axis);
+    result.weak_axes = static_cast<std::uint8_t>(result.weak_axes | (1U << axis));
+  }
+  return result;
+}
+
+enum class StepOutcome { kStepped, kConverged, kNonFinite };
+
+/// Solves the equations and applies the step to the directions that are observed; the others keep the
+/// prediction.
+StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
+                       RegistrationResult& result) {
+  const BlockObservability translation =
+      observe(equations.H.topLeftCorner<3, 3>(), options.degeneracy_threshold);
+  const BlockObservability rotation =
+      observe(equations.H.bottomRightCorner<3, 3>(), options.degeneracy_threshold);
+  result.degenerate_axes = static_cast<std::uint8_t>(translation.weak_axes | (rotation.weak_axes << 3U));
+  Vector6 step = -equations.H.ldlt().solve(equations.b);
+  step.head<3>() = translation.observed * step.head<3>();
+  step.tail<3>() = rotation.observed * step.tail<3>();
+  if (!step.allFinite()) return StepOutcome::kNonFinite;
+  result.T_map_moving = result.T_map_moving * se3_exp(step);
+  const bool small = step.head<3>().norm() < options.translation_epsilon_m &&
+                     step.tail<3>().norm() < options.rotation_epsilon_rad;
+  return small ? StepOutcome::kConverged : StepOutcome::kStepped;
+}
+
+void add_prior(const RotationPrior& prior, const SE3& T_map_moving, NormalEquations& equations) {
+  if (prior.information <= 0.0) return;
+  // To first order exp(delta) turns the error rotation by delta, so its Jacobian is the identity.
+  const Vector3 error = so3_log(prior.R_map_moving.conjugate() * T_map_moving.rotation);
+  equations.H.bottomRightCorner<3, 3>().diagonal().array() += prior.information;
+  equations.b.tail<3>() += prior.information * error;
+}
+
+/// Gauss-Newton until convergence; `linearise(T)` gives the equations at T.
+template <class Linearise>
+void iterate(const Linearise& linearise, const SolverOptions& options, RegistrationResult& result) {
+  result.stop_reason = StopReason::kMaxIterations;
+  for (int i = 0; i < options.max_iterations; ++i) {
+    result.equations = linearise(result.T_map_moving);
+    ++result.iterations;
+    if (result.equations.correspondences < options.min_correspondences) {
+      result.stop_reason = StopReason::kTooFewPoints;
+      return;
+    }
+    switch (apply_step(result.equations, options, result)) {
+      case StepOutcome::kStepped:
+        break;
+      case StepOutcome::kConverged:
+        result.stop_reason = StopReason::kConverged;
+        return;
+      case StepOutcome::kNonFinite:
+        result.stop_reason = StopReason::kNonFinite;
+        return;
+    }
+  }
+}
+
+}  // namespace
+
+NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
+  H += other.H;
+  b += other.b;
+  weighted_square_error += other.weighted_square_error;
+  weight_sum += other.weight_sum;
+  correspondences += other.correspondences;
+  inliers += other.inliers;
+  return *this;
+}
+
+NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                const SE3& T_map_moving, const PlaneMetric& metric) {
+  const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
+  const Vector3 t = T_map_moving.translation;
+  const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  const auto max_planarity = static_cast<float>(metric.max_planarity);
+  return reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
+    const Vector3 p = point.cast<double>();
+    const Vector3 q = R * p + t;
+    const VoxelIndex index = map.index_of(q);
+    const VoxelSurface* surface = map.find(index);
+    if (surface == nullptr || surface->planarity > max_planarity) return;
+    const Vector3 normal = surface->normal.cast<double>();
+    const double residual = normal.dot(q - map.corner_of(index) - surface->mean.cast<double>());
+    if (std::abs(residual) > metric.gate_m) return;
+    const double root = scale_square / (scale_square + residual * residual);
+    const double weight = root * root;
+    const Vector3 moving_normal = R.transpose() * normal;
+    Vector6 J;
+    J.head<3>() = moving_normal;
+    J.tail<3>() = p.cross(moving_normal);
+    add_upper(equations.H, J, weight);
+    equations.b += (weight * residual) * J;
+    equations.weighted_square_error += weight * residual * residual;
+    equations.weight_sum += weight;
+    ++equations.correspondences;
+    if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
+  });
+}
+
+NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                              const SE3& T_map_moving, const NdtMetric& metric) {
+  static const std::array<VoxelIndex, 7> kNeighbours = {
+      VoxelIndex(0, 0, 0),  VoxelIndex(1, 0, 0), VoxelIndex(-1, 0, 0), VoxelIndex(0, 1, 0),
+      VoxelIndex(0, -1, 0), VoxelIndex(0, 0, 1), VoxelIndex(0, 0, -1)};
+  const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
+  const Vector3 t = T_map_moving.translation;
+  const double exponent = -0.5 / (metric.kernel_scale * metric.kernel_scale);
+  return reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
+    const Vector3 p = point.cast<double>();
+    const Vector3 q = R * p + t;
+    const VoxelIndex home = map.index_of(q);
+    bool matched = false;
+    for (const VoxelIndex& offset : kNeighbours) {
+      const VoxelIndex index = home + offset;
+      const VoxelSurface* surface = map.find(index);
+      if (surface == nullptr) continue;
+      const Vector3 error = q - map.corner_of(index) - surface->mean.cast<double>();
+      Matrix3 information;
+      const float* packed = surface->information;
+      information << packed[0], packed[1], packed[2], packed[1], packed[3], packed[4], packed[2], packed[4],
+          packed[5];
+      const Vector3 weighted_error = information * error;
+      const double square_distance = error.dot(weighted_error);
+      const double weight = std::exp(exponent * square_distance);
+      Eigen::Matrix<double, 3, 6> J;
+      J.leftCols<3>() = R;
+      J.rightCols<3>() = -R * skew(p);
+      equations.H.noalias() += weight * J.transpose() * information * J;
+      equations.b.noalias() += weight * J.transpose() * weighted_error;
+      equations.weighted_square_error += weight * square_distance;
+      equations.weight_sum += weight;
+      matched = true;
+    }
+    if (matched) ++equations.correspondences;
+  });
+}
+
+RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                   const SE3& T_map_guess, const PlaneMetric& metric,
+                                   const RotationPrior& prior, const SolverOptions& options) {
+  RegistrationResult result;
+  result.T_map_moving = T_map_guess;
+  iterate(
+      [&](const SE3& T_map_moving) {
+        NormalEquations equations = plane_equations(map, points, T_map_moving, metric);
+        add_prior(prior, T_map_moving, equations);
+        return equations;
+      },
+      options, result);
+  return result;
+}
+
+RegistrationResult register_ndt(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                const SE3& T_map_guess, std::span<const double> kernel_scales,
+                                const SolverOptions& options) {
+  RegistrationResult result;
+  result.T_map_moving = T_map_guess;
+  for (const double scale : kernel_scales) {
+    iterate([&](const SE3& T_map_moving) { return ndt_equations(map, points, T_map_moving, {scale}); },
+            options, result);
+    if (result.stop_reason != StopReason::kConverged && result.stop_reason != StopReason::kMaxIterations)
+      break;
+  }
+  return result;
+}
+
+}  // namespace nilio::core

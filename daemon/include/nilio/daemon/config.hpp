@@ -1,0 +1,105 @@
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+namespace nilio::daemon {
+
+/// Mounting of a sensor: T_base_sensor as translation (m) and fixed-axis roll, pitch, yaw (degrees, R = Rz Ry
+/// Rx).
+struct ExtrinsicConfig {
+  std::vector<double> translation{0.0, 0.0, 0.0};
+  std::vector<double> rotation_rpy_deg{0.0, 0.0, 0.0};
+};
+
+struct LidarConfig {
+  std::string model = "auto";
+  std::string calibration;
+  std::string bind_address = "0.0.0.0";
+  int port = 2368;
+  int position_port = 8308;
+  std::string sender_address;
+  int receive_buffer_bytes = 8 * 1024 * 1024;
+  std::string time_source = "auto";
+  double cut_azimuth_deg = 180.0;
+  double min_range_m = 2.0;
+  double max_range_m = 100.0;
+  double min_coverage_deg = 300.0;
+  double elevation_correction_deg = 0.0;
+  ExtrinsicConfig extrinsic;
+};
+
+struct ImuAxisConfig {
+  std::string message;
+  std::string signal;
+  double scale = 1.0;
+};
+
+struct ImuConfig {
+  bool enabled = true;
+  std::string preset = "xsens_mti";
+  /// A DBC file and six mapped signals take the place of the preset.
+  std::string dbc;
+  std::array<ImuAxisConfig, 3> angular_velocity;
+  std::array<ImuAxisConfig, 3> linear_acceleration;
+  std::string interface_name;
+  ExtrinsicConfig extrinsic;
+};
+
+struct OdometrySection {
+  int threads = 1;
+  std::string coarse = "auto";
+  int registration_points = 2000;
+  double filter_voxel_m = 0.5;
+  double plane_voxel_m = 0.0;
+  double coarse_voxel_m = 2.0;
+  double map_radius_m = 100.0;
+  int map_capacity = 100000;
+  int max_passes = 3;
+  int max_fine_iterations = 8;
+  int max_coarse_iterations = 10;
+  double max_imu_gap_ms = 150.0;
+  double imu_wait_ms = 20.0;
+};
+
+struct PublisherSection {
+  bool enabled = true;
+  int domain = 0;
+  std::vector<std::string> interfaces;
+  std::string odom_frame = "odom";
+  std::string base_frame = "base_link";
+  std::string topic_prefix;
+  double wait_for_subscribers_s = 0.0;
+};
+
+struct RealtimeSection {
+  std::string policy = "auto";
+  int lidar_priority = 60;
+  int imu_priority = 55;
+  int odometry_priority = 40;
+  bool lock_memory = true;
+  bool strict = false;
+};
+
+struct OutputSection {
+  bool map = true;
+  double map_voxel_m = 0.3;
+};
+
+struct LogSection {
+  std::string level = "info";
+};
+
+/// The whole configuration with its defaults. Every key, its type, unit and range: config_schema.cpp.
+struct Config {
+  LidarConfig lidar;
+  ImuConfig imu;
+  OdometrySection odometry;
+  PublisherSection publisher;
+  RealtimeSection realtime;
+  OutputSection output;
+  LogSection log;
+};
+
+}  // namespace nilio::daemon

@@ -1,0 +1,83 @@
+#pragma once
+
+#include "nilio/core/odometry.hpp"
+#include "nilio/daemon/receive.hpp"
+#include "nilio/daemon/scan_feed.hpp"
+#include "nilio/ipc/pose_record.hpp"
+#include "nilio/ipc/publisher_process.hpp"
+#include "nilio/ipc/ring.hpp"
+#include "nilio/ipc/wake_event.hpp"
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+
+namespace nilio::daemon {
+
+/// A sample of a registered scan in the odom frame, for the map picture; crosses threads by value.
+struct CloudRecord {
+  static constexpr std::size_t kCapacity = 1024;
+  std::uint32_t count = 0;
+  std::array<std::array<float, 3>, kCapacity> points{};
+};
+
+/// Counters of the odometry thread, readable from the supervisor.
+struct OdometryCounters {
+  std::atomic<std::uint64_t> scans{0};  ///< complete scans, superseded ones included
+  std::atomic<std::uint64_t> poses{0};
+  std::atomic<std::uint64_t> superseded{0};  ///< live: a newer complete scan was waiting
+  std::atomic<std::uint64_t> imu_samples{0};
+  std::atomic<std::uint64_t> imu_refused{0};   ///< time went back or not finite
+  std::atomic<std::uint64_t> imu_timeouts{0};  ///< live: registered without waiting for the IMU any longer
+  std::atomic<std::uint64_t> scans_with_imu{0};
+  std::atomic<std::uint64_t> heartbeat{0};
+};
+
+/// Where the odometry thread's results go. Null = not wanted.
+struct OdometryOutputs {
+  ipc::Ring<ipc::PoseRecord>* poses = nullptr;  ///< to the supervisor
+  ipc::Ring<CloudRecord>* clouds = nullptr;     ///< to the supervisor
+  ipc::WakeEvent* event = nullptr;              ///< woken after every pose
+  ipc::PublisherProcess* publisher = nullptr;
+};
+
+struct OdometryLoopConfig {
+  /// A recording: every scan counts, rings wait, IMU samples are waited for until the log says there are
+  /// none.
+  bool lossless = false;
+  /// Live: how long a complete scan waits for its IMU samples.
+  core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
+};
+
+/// The odometry thread's work: take a complete scan, wait for the IMU samples that cover it, register, hand
+/// the pose over.
+class OdometryLoop {
+ public:
+  /// All references and pointers have to outlive the loop. `imu_state` is null without an IMU.
+  OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<core::ImuSample>* imu_ring,
+               ipc::WakeEvent& data_event, const ReceiveState* imu_state, const OdometryOutputs& outputs,
+               const OdometryLoopConfig& config);
+
+  /// Until the feed is at its end or `stop`.
+  void run(const std::atomic<bool>& stop, OdometryCounters& counters);
+
+ private:
+  void wait_for_imu(core::Time end, const std::atomic<bool>& stop, OdometryCounters& counters);
+  bool drain_imu(core::Time end, OdometryCounters& counters);
+  void register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
+                              OdometryCounters& counters);
+  void push_cloud(const core::OdometryResult& result);
+
+  core::Odometry odometry_;
+  ScanFeed& feed_;
+  ipc::Ring<core::ImuSample>* imu_ring_;
+  ipc::WakeEvent& data_event_;
+  const ReceiveState* imu_state_;
+  OdometryOutputs outputs_;
+  OdometryLoopConfig config_;
+};
+
+/// The record of a result; stage stamps come from the scan and the result.
+ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core::Scan& scan);
+
+}  // namespace nilio::daemon

@@ -1,0 +1,90 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/daemon/config.hpp"
+#include "nilio/daemon/input.hpp"
+#include "nilio/daemon/odometry_loop.hpp"
+#include "nilio/daemon/receive.hpp"
+#include "nilio/daemon/thread_plan.hpp"
+#include "nilio/ipc/publisher_process.hpp"
+
+#include <atomic>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace nilio::daemon {
+
+struct PipelineOptions {
+  bool paced = false;        ///< a recording at its own pace instead of as fast as possible
+  bool collect_map = false;  ///< fill clouds()
+};
+
+/// Receive threads, rings and the odometry thread of one run. The owner (supervisor) drains poses() and
+/// clouds(), and decides when to stop. Start, stop and join belong to one thread.
+class Pipeline {
+ public:
+  /// `publisher` may be null and has to outlive the pipeline.
+  static core::Result<std::unique_ptr<Pipeline>> create(const Config& config, Input input,
+                                                        const PipelineOptions& options,
+                                                        ipc::PublisherProcess* publisher);
+  ~Pipeline();
+  Pipeline(const Pipeline&) = delete;
+  Pipeline& operator=(const Pipeline&) = delete;
+
+  /// Starts the threads and returns what each was granted. In strict mode a refusal is an error and nothing
+  /// runs.
+  core::Result<std::vector<PlanOutcome>> start();
+  void request_stop();
+  void join();
+  /// The odometry thread has ended: all input is worked off, or stop was requested.
+  [[nodiscard]] bool finished() const { return finished_.load(std::memory_order_acquire); }
+
+  [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
+  [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
+  /// Woken after every pose and at the end.
+  [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
+  [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
+  [[nodiscard]] const Input& input() const { return input_; }
+  [[nodiscard]] const ReceiveState& lidar_state() const { return lidar_state_; }
+  [[nodiscard]] const ReceiveState& imu_state() const { return imu_state_; }
+  [[nodiscard]] std::uint64_t packets_dropped() const { return packet_ring_.dropped(); }
+  [[nodiscard]] std::uint64_t samples_dropped() const { return imu_ring_.dropped(); }
+  /// After join().
+  [[nodiscard]] drivers::ScanAssemblerStats scan_stats() const { return feed_->stats(); }
+  [[nodiscard]] drivers::ImuDecoderStats imu_stats() const;
+
+ private:
+  Pipeline(const Config& config, Input input, const PipelineOptions& options,
+           ipc::PublisherProcess* publisher, ipc::WakeEvent data_event, ipc::WakeEvent output_event);
+  void run_thread(ThreadRole role, void (Pipeline::*body)(), std::vector<PlanOutcome>& outcomes);
+  void receive_packets_body();
+  void receive_imu_body();
+  void odometry_body();
+
+  Config config_;
+  Input input_;
+  PipelineOptions options_;
+  ipc::PublisherProcess* publisher_;
+  ThreadPlan plan_;
+  ReceivePolicy policy_;
+
+  ipc::Ring<drivers::Packet> packet_ring_;
+  ipc::Ring<core::ImuSample> imu_ring_;
+  ipc::Ring<ipc::PoseRecord> poses_;
+  ipc::Ring<CloudRecord> clouds_;
+  ipc::WakeEvent data_event_;
+  ipc::WakeEvent output_event_;
+
+  ReceiveState lidar_state_;
+  ReceiveState imu_state_;
+  OdometryCounters counters_;
+  std::unique_ptr<PacketScanFeed> packet_feed_;
+  ScanFeed* feed_ = nullptr;
+  std::atomic<bool> stop_{false};
+  std::atomic<bool> finished_{false};
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace nilio::daemon

@@ -1,0 +1,61 @@
+#pragma once
+
+#include "nilio/core/scan.hpp"
+#include "nilio/core/time.hpp"
+#include "nilio/daemon/receive.hpp"
+#include "nilio/drivers/packet.hpp"
+#include "nilio/drivers/velodyne_decoder.hpp"
+#include "nilio/ipc/ring.hpp"
+#include "nilio/ipc/wake_event.hpp"
+
+#include <cstdint>
+
+namespace nilio::daemon {
+
+enum class FeedState { kScan, kIdle, kEnd };
+
+/// Where the odometry thread gets complete scans from: packets as they arrive, or a data set whose scans are
+/// already cut.
+class ScanFeed {
+ public:
+  ScanFeed() = default;
+  ScanFeed(const ScanFeed&) = delete;
+  ScanFeed& operator=(const ScanFeed&) = delete;
+  virtual ~ScanFeed() = default;
+
+  /// Fills `scan` (its buffer is reused); kIdle when none was complete within the timeout.
+  virtual FeedState next(core::Scan& scan, core::Duration timeout) = 0;
+  /// From now on scans become due at their own pace, the first at `start_ns` (CLOCK_MONOTONIC). Feeds of
+  /// packets are paced by their receive thread instead.
+  virtual void set_pace(std::int64_t /*start_ns*/) {}
+  /// Whole scans that wait behind the one that next() gave last.
+  [[nodiscard]] virtual std::size_t waiting_scans() const { return 0; }
+  /// Only while next() is not running.
+  [[nodiscard]] virtual drivers::ScanAssemblerStats stats() const { return {}; }
+};
+
+/// Decodes and cuts packets from the receive thread's ring while they arrive.
+class PacketScanFeed : public ScanFeed {
+ public:
+  /// All references have to outlive the feed.
+  PacketScanFeed(drivers::ScanAssembler assembler, ipc::Ring<drivers::Packet>& ring,
+                 ipc::WakeEvent& data_event, const ReceiveState& receive_state);
+
+  FeedState next(core::Scan& scan, core::Duration timeout) override;
+  [[nodiscard]] std::size_t waiting_scans() const override;
+  [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return assembler_.stats(); }
+
+ private:
+  bool drain(core::Scan& scan);
+  void take(core::Scan& scan);
+
+  drivers::ScanAssembler assembler_;
+  ipc::Ring<drivers::Packet>& ring_;
+  ipc::WakeEvent& data_event_;
+  const ReceiveState& receive_state_;
+  std::uint64_t packets_in_scan_ = 0;
+  std::uint64_t packets_per_scan_ = 0;
+  bool finished_ = false;
+};
+
+}  // namespace nilio::daemon

@@ -1,0 +1,263 @@
+#include "nilio/daemon/config_schema.hpp"
+
+namespace nilio::daemon {
+
+namespace {
+
+void add_extrinsic(std::vector<ConfigKey>& keys, const std::string& sensor, ExtrinsicConfig& extrinsic) {
+  keys.push_back({sensor + ".extrinsic.translation",
+                  &extrinsic.translation,
+                  "position of the sensor in base_link: [x, y, z]",
+                  "m",
+                  -50.0,
+                  50.0,
+                  {}});
+  keys.push_back({sensor + ".extrinsic.rotation_rpy_deg",
+                  &extrinsic.rotation_rpy_deg,
+                  "rotation sensor to base_link about fixed axes: [roll, pitch, yaw]",
+                  "deg",
+                  -360.0,
+                  360.0,
+                  {}});
+}
+
+void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
+  keys.push_back({"lidar.model",
+                  &c.model,
+                  "sensor model; auto = from the packets",
+                  "",
+                  0,
+                  0,
+                  {"auto", "VLP-16", "HDL-64E-S2"}});
+  keys.push_back({"lidar.calibration",
+                  &c.calibration,
+                  "calibration file in place of the built-in geometry",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"lidar.bind_address", &c.bind_address, "local IPv4 address to receive on", "", 0, 0, {}});
+  keys.push_back({"lidar.port", &c.port, "UDP port of data packets", "", 1, 65535, {}});
+  keys.push_back({"lidar.position_port", &c.position_port, "UDP port of position packets", "", 1, 65535, {}});
+  keys.push_back(
+      {"lidar.sender_address", &c.sender_address, "only packets of this sender; empty = any", "", 0, 0, {}});
+  keys.push_back({"lidar.receive_buffer_bytes",
+                  &c.receive_buffer_bytes,
+                  "socket receive buffer to ask for",
+                  "byte",
+                  65536,
+                  1 << 30,
+                  {}});
+  keys.push_back({"lidar.time_source",
+                  &c.time_source,
+                  "whose clock stamps the firings",
+                  "",
+                  0,
+                  0,
+                  {"auto", "sensor", "host"}});
+  keys.push_back({"lidar.cut_azimuth_deg",
+                  &c.cut_azimuth_deg,
+                  "azimuth at which scans are cut; 0 = forward, clockwise",
+                  "deg",
+                  0,
+                  359.99,
+                  {}});
+  keys.push_back({"lidar.min_range_m", &c.min_range_m, "nearer returns are left out", "m", 0.1, 50, {}});
+  keys.push_back({"lidar.max_range_m", &c.max_range_m, "farther returns are left out", "m", 5, 300, {}});
+  keys.push_back({"lidar.min_coverage_deg",
+                  &c.min_coverage_deg,
+                  "scans that cover less are dropped and counted",
+                  "deg",
+                  10,
+                  360,
+                  {}});
+  keys.push_back({"lidar.elevation_correction_deg",
+                  &c.elevation_correction_deg,
+                  "raises every beam: bias of a factory calibration (0.205 for KITTI's HDL-64E)",
+                  "deg",
+                  -2,
+                  2,
+                  {}});
+  add_extrinsic(keys, "lidar", c.extrinsic);
+}
+
+void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
+  keys.push_back({"imu.enabled",
+                  &c.enabled,
+                  "use an IMU; without one the motion is taken to be constant",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back(
+      {"imu.preset", &c.preset, "built-in DBC and signal mapping", "", 0, 0, {"xsens_mti", "oxts_rt3003"}});
+  keys.push_back(
+      {"imu.dbc", &c.dbc, "DBC file in place of the preset; then map all six signals", "", 0, 0, {}});
+  keys.push_back(
+      {"imu.interface", &c.interface_name, "CAN interface to take from the log; empty = all", "", 0, 0, {}});
+  const std::array<std::string, 3> axes = {"x", "y", "z"};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto add_axis = [&](const std::string& quantity, const std::string& unit, ImuAxisConfig& axis) {
+      const std::string path = "imu." + quantity + "_" + axes[i];
+      keys.push_back({path + ".message", &axis.message, "DBC message that carries it", "", 0, 0, {}});
+      keys.push_back({path + ".signal", &axis.signal, "DBC signal that carries it", "", 0, 0, {}});
+      keys.push_back({path + ".scale",
+                      &axis.scale,
+                      "from the signal's unit and axis to " + unit + ", x forward, y left, z up",
+                      "",
+                      0,
+                      0,
+                      {}});
+    };
+    add_axis("angular_velocity", "rad/s", c.angular_velocity[i]);
+    add_axis("linear_acceleration", "m/s^2", c.linear_acceleration[i]);
+  }
+  add_extrinsic(keys, "imu", c.extrinsic);
+}
+
+void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
+  keys.push_back(
+      {"odometry.threads", &c.threads, "threads of registration; does not change the result", "", 1, 64, {}});
+  keys.push_back({"odometry.coarse",
+                  &c.coarse,
+                  "when NDT runs before ICP: when needed, or before every ICP as in the paper",
+                  "",
+                  0,
+                  0,
+                  {"auto", "always"}});
+  keys.push_back({"odometry.registration_points",
+                  &c.registration_points,
+                  "points that registration uses",
+                  "",
+                  100,
+                  20000,
+                  {}});
+  keys.push_back({"odometry.filter_voxel_m",
+                  &c.filter_voxel_m,
+                  "voxel of the points that feed the map",
+                  "m",
+                  0.1,
+                  5,
+                  {}});
+  keys.push_back({"odometry.plane_voxel_m",
+                  &c.plane_voxel_m,
+                  "voxel of the planes; 0 = from the sensor's beam spacing",
+                  "m",
+                  0,
+                  10,
+                  {}});
+  keys.push_back({"odometry.coarse_voxel_m", &c.coarse_voxel_m, "voxel of the NDT", "m", 0.5, 20, {}});
+  keys.push_back(
+      {"odometry.map_radius_m", &c.map_radius_m, "the map is kept to this distance", "m", 20, 500, {}});
+  keys.push_back(
+      {"odometry.map_capacity", &c.map_capacity, "plane voxels the map can hold", "", 1000, 10000000, {}});
+  keys.push_back(
+      {"odometry.max_passes", &c.max_passes, "deskew, register, repeat: at most so often", "", 1, 10, {}});
+  keys.push_back(
+      {"odometry.max_fine_iterations", &c.max_fine_iterations, "ICP iterations a pass", "", 1, 100, {}});
+  keys.push_back({"odometry.max_coarse_iterations",
+                  &c.max_coarse_iterations,
+                  "NDT iterations a kernel scale",
+                  "",
+                  1,
+                  100,
+                  {}});
+  keys.push_back({"odometry.max_imu_gap_ms",
+                  &c.max_imu_gap_ms,
+                  "a longer gap between samples is not bridged",
+                  "ms",
+                  1,
+                  1000,
+                  {}});
+  keys.push_back({"odometry.imu_wait_ms",
+                  &c.imu_wait_ms,
+                  "live: how long a complete scan waits for its IMU samples",
+                  "ms",
+                  0,
+                  1000,
+                  {}});
+}
+
+void add_rest(std::vector<ConfigKey>& keys, Config& c) {
+  keys.push_back({"publisher.enabled", &c.publisher.enabled, "publish over DDS", "", 0, 0, {}});
+  keys.push_back({"publisher.domain", &c.publisher.domain, "DDS domain (ROS_DOMAIN_ID)", "", 0, 232, {}});
+  keys.push_back({"publisher.interfaces",
+                  &c.publisher.interfaces,
+                  "IPv4 addresses DDS may use; empty = all",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"publisher.odom_frame", &c.publisher.odom_frame, "frame of the poses", "", 0, 0, {}});
+  keys.push_back(
+      {"publisher.base_frame", &c.publisher.base_frame, "frame that the poses are of", "", 0, 0, {}});
+  keys.push_back(
+      {"publisher.topic_prefix", &c.publisher.topic_prefix, "put before the topic names", "", 0, 0, {}});
+  keys.push_back({"publisher.wait_for_subscribers_s",
+                  &c.publisher.wait_for_subscribers_s,
+                  "hold the first poses until somebody listens, at most so long",
+                  "s",
+                  0,
+                  60,
+                  {}});
+  keys.push_back({"realtime.policy",
+                  &c.realtime.policy,
+                  "scheduling of the threads; auto = fifo when live, other in a replay",
+                  "",
+                  0,
+                  0,
+                  {"auto", "fifo", "other"}});
+  keys.push_back({"realtime.lidar_priority",
+                  &c.realtime.lidar_priority,
+                  "FIFO priority of the LiDAR receive thread",
+                  "",
+                  1,
+                  99,
+                  {}});
+  keys.push_back({"realtime.imu_priority",
+                  &c.realtime.imu_priority,
+                  "FIFO priority of the IMU receive thread",
+                  "",
+                  1,
+                  99,
+                  {}});
+  keys.push_back({"realtime.odometry_priority",
+                  &c.realtime.odometry_priority,
+                  "FIFO priority of the odometry thread",
+                  "",
+                  1,
+                  99,
+                  {}});
+  keys.push_back(
+      {"realtime.lock_memory", &c.realtime.lock_memory, "lock all memory when live", "", 0, 0, {}});
+  keys.push_back(
+      {"realtime.strict", &c.realtime.strict, "end when a wanted privilege is missing", "", 0, 0, {}});
+  keys.push_back({"output.map", &c.output.map, "write map.ply into the output folder", "", 0, 0, {}});
+  keys.push_back({"output.map_voxel_m",
+                  &c.output.map_voxel_m,
+                  "one point of map.ply in so large a voxel",
+                  "m",
+                  0.05,
+                  10,
+                  {}});
+  keys.push_back({"log.level",
+                  &c.log.level,
+                  "least severe message to print",
+                  "",
+                  0,
+                  0,
+                  {"debug", "info", "warn", "error"}});
+}
+
+}  // namespace
+
+std::vector<ConfigKey> config_keys(Config& config) {
+  std::vector<ConfigKey> keys;
+  add_lidar(keys, config.lidar);
+  add_imu(keys, config.imu);
+  add_odometry(keys, config.odometry);
+  add_rest(keys, config);
+  return keys;
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,270 @@
+#include "nilio/daemon/input.hpp"
+
+#include "nilio/daemon/kitti_sequence.hpp"
+#include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/pcap.hpp"
+#include "nilio/drivers/udp.hpp"
+
+#include <filesystem>
+#include <numbers>
+#include <set>
+#include <utility>
+
+namespace nilio::daemon {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Error;
+using core::Result;
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
+// Packets looked at to tell the model; also enough to see a block of each flag.
+constexpr std::size_t kDetectionPackets = 64;
+constexpr const char* kNoImu =
+    "no IMU: motion is taken to be constant from scan to scan, so sharp turns and braking are tracked less "
+    "accurately";
+
+core::SE3 to_transform(const ExtrinsicConfig& extrinsic) {
+  const auto& t = extrinsic.translation;
+  const auto& rpy = extrinsic.rotation_rpy_deg;
+  const Eigen::Quaterniond rotation = Eigen::AngleAxisd(rpy[2] * kRadiansPerDegree, core::Vector3::UnitZ()) *
+                                      Eigen::AngleAxisd(rpy[1] * kRadiansPerDegree, core::Vector3::UnitY()) *
+                                      Eigen::AngleAxisd(rpy[0] * kRadiansPerDegree, core::Vector3::UnitX());
+  return {rotation.normalized(), core::Vector3(t[0], t[1], t[2])};
+}
+
+/// Puts `path` into the slot for its kind; an error when the slot is taken.
+Result<std::monostate> put(std::string& slot, const std::string& path, const std::string& kind) {
+  if (!slot.empty())
+    return Error{path + ": a second " + kind + " beside " + slot + ": name the one to replay"};
+  slot = path;
+  return std::monostate{};
+}
+
+Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool named_by_user) {
+  static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
+  static const std::set<std::string> kCanLogs = {".log", ".candump"};
+  const std::string extension = path.extension().string();
+  if (kCaptures.contains(extension)) return put(files.capture, path.string(), "capture");
+  if (kCanLogs.contains(extension)) return put(files.can_log, path.string(), "CAN log");
+  if (path.filename() == "nilio.yaml") return put(files.configuration, path.string(), "configuration");
+  if (!named_by_user) return std::monostate{};
+  return Error{path.string() +
+               ": not a recording: expected a capture (.pcap, .pcapng), a CAN log (.log, .candump) or a "
+               "folder of them"};
+}
+
+Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
+  if (!fs::exists(path)) return Error{path + ": does not exist"};
+  if (!fs::is_directory(path)) return sort_file(path, files, true);
+  if (is_kitti_sequence(path)) return put(files.kitti_sequence, path, "KITTI sequence");
+  std::set<fs::path> entries;
+  for (const auto& entry : fs::directory_iterator(path)) entries.insert(entry.path());
+  for (const fs::path& entry : entries) {
+    Result<std::monostate> sorted = sort_file(entry, files, false);
+    if (!sorted) return sorted;
+  }
+  return std::monostate{};
+}
+
+drivers::PcapSourceConfig pcap_config(const Config& config) {
+  drivers::PcapSourceConfig result;
+  result.data_port = static_cast<std::uint16_t>(config.lidar.port);
+  result.position_port = static_cast<std::uint16_t>(config.lidar.position_port);
+  return result;
+}
+
+/// Reads the capture's first packets: what they say of the model, and the first stamp.
+struct CaptureHead {
+  std::optional<drivers::VelodyneModel> model;
+  core::Time first_stamp;
+};
+
+Result<CaptureHead> look_at_capture(const std::string& path, const Config& config) {
+  Result<std::unique_ptr<drivers::PacketSource>> source = drivers::open_pcap(path, pcap_config(config));
+  if (!source) return source.error();
+  std::vector<drivers::Packet> packets(kDetectionPackets);
+  std::size_t count = 0;
+  while (count < packets.size()) {
+    const drivers::SourceRead read = (*source)->read(std::span(packets).subspan(count), core::Duration{});
+    if (read.state != drivers::SourceState::kData) break;
+    count += read.count;
+  }
+  if (count == 0) return Error{(*source)->status()};
+  packets.resize(count);
+  return CaptureHead{drivers::detect_velodyne_model(packets), packets.front().stamp};
+}
+
+Result<drivers::VelodyneSensor> make_sensor(const Config& config,
+                                            std::optional<drivers::VelodyneModel> detected,
+                                            std::vector<std::string>& notes) {
+  std::optional<drivers::VelodyneModel> model = detected;
+  if (config.lidar.model != "auto") {
+    model = drivers::parse_velodyne_model(config.lidar.model);
+    if (detected && detected != model) {
+      return Error{"lidar.model is " + config.lidar.model + ", but the packets are of a " +
+                   std::string(drivers::velodyne_model_name(*detected)) +
+                   ": correct it, or set lidar.model to auto"};
+    }
+  }
+  if (!model) return Error{"the packets do not tell the sensor model: set lidar.model"};
+  drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(*model);
+  notes.push_back("LiDAR " + sensor.name + (config.lidar.model == "auto" ? " (from the packets)" : ""));
+  if (config.lidar.calibration.empty()) return sensor;
+  return drivers::with_calibration_file(std::move(sensor), config.lidar.calibration);
+}
+
+Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
+  if (config.dbc.empty()) {
+    Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
+    if (!preset) return preset.error();
+    return drivers::ImuDecoder::create(preset->mapping, preset->database);
+  }
+  Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
+  if (!database) return database.error();
+  drivers::ImuMapping mapping;
+  mapping.name = config.dbc;
+  for (std::size_t i = 0; i < 3; ++i) {
+    mapping.angular_velocity[i] = {config.angular_velocity[i].message, config.angular_velocity[i].signal,
+                                   config.angular_velocity[i].scale};
+    mapping.linear_acceleration[i] = {config.linear_acceleration[i].message,
+                                      config.linear_acceleration[i].signal,
+                                      config.linear_acceleration[i].scale};
+  }
+  return drivers::ImuDecoder::create(mapping, *database);
+}
+
+Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
+  if (!config.imu.enabled) {
+    input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
+    return std::monostate{};
+  }
+  if (files.can_log.empty()) {
+    input.warnings.emplace_back(std::string("no CAN log beside the recording: ") + kNoImu);
+    return std::monostate{};
+  }
+  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu);
+  if (!decoder) return decoder.error();
+  Result<std::unique_ptr<drivers::FrameSource>> frames =
+      drivers::open_candump(files.can_log, config.imu.interface_name);
+  if (!frames) return frames.error();
+  input.frames = std::move(frames).value();
+  input.imu_decoder.emplace(std::move(decoder).value());
+  input.notes.push_back("IMU " + (config.imu.dbc.empty() ? config.imu.preset : config.imu.dbc) + " from " +
+                        files.can_log);
+  return std::monostate{};
+}
+
+}  // namespace
+
+Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
+  ReplayFiles files;
+  for (const std::string& path : paths) {
+    Result<std::monostate> sorted = sort_path(path, files);
+    if (!sorted) return sorted.error();
+  }
+  if (files.capture.empty() && files.kitti_sequence.empty()) {
+    return Error{
+        paths.front() +
+        ": nothing to replay: expected a capture (.pcap, .pcapng) or a KITTI sequence (velodyne/*.bin)"};
+  }
+  if (!files.capture.empty() && !files.kitti_sequence.empty()) {
+    return Error{files.capture + ": beside the KITTI sequence " + files.kitti_sequence +
+                 ": replay one of them"};
+  }
+  return files;
+}
+
+void apply_recording_defaults(const ReplayFiles& files, Config& config) {
+  // KITTI's scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM): a property of the data set.
+  if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
+}
+
+Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
+  Input input;
+  if (!files.kitti_sequence.empty()) {
+    Result<KittiSequence> sequence = open_kitti_sequence(files.kitti_sequence);
+    if (!sequence) return sequence.error();
+    input.notes.push_back("KITTI sequence " + files.kitti_sequence + ": " + std::to_string(sequence->scans) +
+                          " scans, already motion-compensated");
+    input.scans = std::move(sequence->feed);
+    input.T_camera_lidar = sequence->T_camera_lidar;
+    return input;
+  }
+  Result<CaptureHead> head = look_at_capture(files.capture, config);
+  if (!head) return head.error();
+  Result<drivers::VelodyneSensor> sensor = make_sensor(config, head->model, input.notes);
+  if (!sensor) return Error{files.capture + ": " + sensor.error().message};
+  Result<std::unique_ptr<drivers::PacketSource>> packets =
+      drivers::open_pcap(files.capture, pcap_config(config));
+  if (!packets) return packets.error();
+  input.notes.push_back("packets from " + files.capture);
+  input.packets = std::move(packets).value();
+  input.sensor = std::move(sensor).value();
+  input.first_stamp = head->first_stamp;
+  Result<std::monostate> can = open_can_log(files, config, input);
+  if (!can) return can.error();
+  return input;
+}
+
+Result<Input> open_live(const Config& config) {
+  Input input;
+  input.live = true;
+  if (config.lidar.model == "auto") {
+    return Error{
+        "lidar.model is auto, which needs a recording to look at: set it to the sensor's model for live use"};
+  }
+  Result<drivers::VelodyneSensor> sensor = make_sensor(config, std::nullopt, input.notes);
+  if (!sensor) return sensor.error();
+  drivers::UdpSourceConfig udp;
+  udp.bind_address = config.lidar.bind_address;
+  udp.port = static_cast<std::uint16_t>(config.lidar.port);
+  udp.sender_address = config.lidar.sender_address;
+  udp.receive_buffer_bytes = config.lidar.receive_buffer_bytes;
+  Result<std::unique_ptr<drivers::PacketSource>> packets = drivers::open_udp(udp);
+  if (!packets) return packets.error();
+  input.packets = std::move(packets).value();
+  input.sensor = std::move(sensor).value();
+  input.notes.push_back(input.packets->status());
+  input.warnings.emplace_back(std::string("this version reads CAN from recordings only; ") + kNoImu);
+  return input;
+}
+
+core::OdometryConfig odometry_config(const Config& config) {
+  core::OdometryConfig result;
+  result.T_base_lidar = to_transform(config.lidar.extrinsic);
+  result.T_base_imu = to_transform(config.imu.extrinsic);
+  result.threads = config.odometry.threads;
+  result.elevation_correction_rad =
+      static_cast<float>(config.lidar.elevation_correction_deg * kRadiansPerDegree);
+  result.min_range_m = static_cast<float>(config.lidar.min_range_m);
+  result.max_range_m = static_cast<float>(config.lidar.max_range_m);
+  result.filter_voxel_m = static_cast<float>(config.odometry.filter_voxel_m);
+  result.registration_points = static_cast<std::size_t>(config.odometry.registration_points);
+  result.plane_voxel_m = config.odometry.plane_voxel_m;
+  result.coarse_voxel_m = config.odometry.coarse_voxel_m;
+  result.map_radius_m = config.odometry.map_radius_m;
+  result.map_capacity = static_cast<std::size_t>(config.odometry.map_capacity);
+  result.coarse =
+      config.odometry.coarse == "always" ? core::CoarsePolicy::kAlways : core::CoarsePolicy::kAuto;
+  result.max_passes = config.odometry.max_passes;
+  result.max_fine_iterations = config.odometry.max_fine_iterations;
+  result.max_coarse_iterations = config.odometry.max_coarse_iterations;
+  result.max_imu_gap = core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms);
+  return result;
+}
+
+drivers::ScanAssemblerConfig assembler_config(const Config& config) {
+  drivers::ScanAssemblerConfig result;
+  result.time_source = config.lidar.time_source == "sensor" ? drivers::TimeSource::kSensor
+                       : config.lidar.time_source == "host" ? drivers::TimeSource::kHost
+                                                            : drivers::TimeSource::kAuto;
+  result.cut_azimuth_deg = config.lidar.cut_azimuth_deg;
+  result.min_range_m = config.lidar.min_range_m;
+  result.max_range_m = config.lidar.max_range_m;
+  result.min_coverage_deg = config.lidar.min_coverage_deg;
+  return result;
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,136 @@
+#include "nilio/daemon/config_schema.hpp"
+#include "nilio/daemon/supervisor.hpp"
+
+#include <atomic>
+#include <csignal>
+#include <filesystem>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <spdlog/spdlog.h>
+
+namespace {
+
+using nilio::daemon::Config;
+using nilio::daemon::ReplayFiles;
+using nilio::daemon::RunOptions;
+
+// The only thing a signal handler may touch.
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void request_stop(int /*signal*/) { stop_requested.store(true); }
+
+void install_signal_handlers() {
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+  action.sa_handler = SIG_IGN;
+  sigaction(SIGPIPE, &action, nullptr);
+}
+
+struct Arguments {
+  std::string config_file;
+  std::vector<std::string> replay;
+  std::vector<std::string> overrides;
+  std::string speed = "max";
+  std::string output;
+  bool check_config = false;
+  bool help_config = false;
+};
+
+void add_options(CLI::App& app, Arguments& arguments) {
+  app.add_option("--config", arguments.config_file, "configuration file (YAML)");
+  app.add_option(
+         "--replay", arguments.replay,
+         "folder or files to replay instead of live sensors: capture, CAN log, or a KITTI sequence folder")
+      ->expected(1, -1);
+  app.add_option("--speed", arguments.speed, "pace of a replay: as recorded, or as fast as possible")
+      ->check(CLI::IsMember({"real", "max"}))
+      ->capture_default_str();
+  app.add_option("--output", arguments.output,
+                 "folder for trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply");
+  app.add_option("--set", arguments.overrides,
+                 "override one key, such as odometry.threads=2; may be repeated")
+      ->take_all()
+      ->expected(1);
+  app.add_flag("--check-config", arguments.check_config,
+               "check the configuration, print the effective one, and end");
+  app.add_flag("--help-config", arguments.help_config, "list all configuration keys and end");
+  app.set_version_flag("--version", NILIO_VERSION);
+}
+
+int fail(const std::string& message) {
+  std::cerr << "niliod: " << message << '\n';
+  return 1;
+}
+
+/// Recording's defaults, recording's own file, --config, --set: each over the one before.
+nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
+  Config config;
+  nilio::daemon::apply_recording_defaults(files, config);
+  for (const std::string& file : {files.configuration, arguments.config_file}) {
+    if (file.empty()) continue;
+    const auto applied = nilio::daemon::apply_file(config, file);
+    if (!applied) return applied.error();
+  }
+  for (const std::string& assignment : arguments.overrides) {
+    const auto applied = nilio::daemon::apply_override(config, assignment);
+    if (!applied) return applied.error();
+  }
+  return config;
+}
+
+int run(const Arguments& arguments) {
+  ReplayFiles files;
+  if (!arguments.replay.empty()) {
+    const auto found = nilio::daemon::find_replay_files(arguments.replay);
+    if (!found) return fail(found.error().message);
+    files = *found;
+  }
+  const auto config = effective_config(arguments, files);
+  if (!config) return fail(config.error().message);
+  if (arguments.check_config) {
+    std::cout << nilio::daemon::to_yaml(*config);
+    return 0;
+  }
+  spdlog::set_level(spdlog::level::from_str(config->log.level));
+  RunOptions options;
+  options.replay = !arguments.replay.empty();
+  options.files = files;
+  options.paced = arguments.speed == "real";
+  options.output_folder = arguments.output;
+  options.publisher_executable =
+      std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
+  const auto status = nilio::daemon::supervise(*config, options, stop_requested);
+  if (!status) return fail(status.error().message);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"niliod: LiDAR-inertial odometry from a Velodyne and an IMU on CAN, published over DDS"};
+  Arguments arguments;
+  add_options(app, arguments);
+  CLI11_PARSE(app, argc, argv);
+  if (arguments.help_config) {
+    std::cout << nilio::daemon::describe_keys();
+    return 0;
+  }
+  if (arguments.replay.empty() && arguments.config_file.empty() && arguments.overrides.empty()) {
+    return fail(
+        "nothing to do: give --replay FOLDER for a recording or --config FILE for live sensors (--help tells "
+        "more)");
+  }
+  install_signal_handlers();
+  spdlog::set_pattern("%Y-%m-%d %H:%M:%S.%e niliod %l: %v");
+  try {
+    return run(arguments);
+  } catch (const std::exception& exception) {
+    return fail(std::string("ended by an unexpected error: ") + exception.what());
+  }
+}

@@ -1,0 +1,164 @@
+#include "nilio/daemon/odometry_loop.hpp"
+
+#include <algorithm>
+#include <ctime>
+#include <utility>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Duration;
+
+constexpr Duration kFeedTimeout = Duration::from_milliseconds(50.0);
+constexpr Duration kImuPoll = Duration::from_milliseconds(2.0);
+
+void copy_row_major(const core::Matrix6& matrix, std::array<double, 36>& output) {
+  for (int row = 0; row < 6; ++row) {
+    for (int column = 0; column < 6; ++column)
+      output[static_cast<std::size_t>(6 * row + column)] = matrix(row, column);
+  }
+}
+
+std::int64_t& stage_of(ipc::PoseRecord& record, ipc::Stage stage) {
+  return record.stage_ns[static_cast<std::size_t>(stage)];
+}
+
+std::int64_t stage_of(const core::OdometryResult& result, core::OdometryStage stage) {
+  return result.stage_ns[static_cast<std::size_t>(stage)];
+}
+
+}  // namespace
+
+ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core::Scan& scan) {
+  ipc::PoseRecord record;
+  record.sequence = result.sequence;
+  record.stamp_ns = result.scan_end.ns;
+  record.scan_start_ns = result.scan_start.ns;
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    record.position[k] = result.T_odom_base.translation[i];
+    record.linear_velocity[k] = result.twist[i];
+    record.angular_velocity[k] = result.twist[i + 3];
+  }
+  const Eigen::Quaterniond& q = result.T_odom_base.rotation;
+  record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
+  copy_row_major(result.pose_covariance, record.pose_covariance);
+  copy_row_major(result.twist_covariance, record.twist_covariance);
+  record.state = result.state;
+  record.stop_reason = result.stop_reason;
+  record.imu_used = result.imu_used;
+  record.predicted = result.predicted;
+  record.degenerate_axes = result.degenerate_axes;
+  record.coarse_iterations = static_cast<std::uint16_t>(std::min(result.coarse_iterations, 65535));
+  record.fine_iterations = static_cast<std::uint16_t>(std::min(result.fine_iterations, 65535));
+  record.points = result.points;
+  record.points_used = result.points_used;
+  record.correspondences = result.correspondences;
+  record.map_voxels = result.map_voxels;
+  record.lost_packets = scan.lost_packets;
+  record.coverage_deg = scan.coverage_deg;
+  stage_of(record, ipc::Stage::kReceived) = scan.received_ns;
+  stage_of(record, ipc::Stage::kPopped) = scan.popped_ns;
+  stage_of(record, ipc::Stage::kCompleted) = scan.completed_ns;
+  stage_of(record, ipc::Stage::kStarted) = stage_of(result, core::OdometryStage::kStarted);
+  stage_of(record, ipc::Stage::kFiltered) = stage_of(result, core::OdometryStage::kFiltered);
+  stage_of(record, ipc::Stage::kCoarse) = stage_of(result, core::OdometryStage::kCoarse);
+  stage_of(record, ipc::Stage::kFine) = stage_of(result, core::OdometryStage::kFine);
+  stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
+  return record;
+}
+
+OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<core::ImuSample>* imu_ring,
+                           ipc::WakeEvent& data_event, const ReceiveState* imu_state,
+                           const OdometryOutputs& outputs, const OdometryLoopConfig& config)
+    : odometry_(std::move(odometry)),
+      feed_(feed),
+      imu_ring_(imu_ring),
+      data_event_(data_event),
+      imu_state_(imu_state),
+      outputs_(outputs),
+      config_(config) {}
+
+void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
+  core::Scan scan;
+  while (!stop.load(std::memory_order_relaxed)) {
+    counters.heartbeat.fetch_add(1, std::memory_order_relaxed);
+    const FeedState state = feed_.next(scan, kFeedTimeout);
+    if (state == FeedState::kEnd) return;
+    if (state == FeedState::kIdle) continue;
+    counters.scans.fetch_add(1, std::memory_order_relaxed);
+    // Backlog does more harm than a missing scan: live, the newest complete scan wins.
+    if (!config_.lossless && feed_.waiting_scans() > 0) {
+      counters.superseded.fetch_add(1, std::memory_order_relaxed);
+      continue;
+    }
+    wait_for_imu(scan.end, stop, counters);
+    register_and_hand_over(scan, stop, counters);
+  }
+}
+
+bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
+  // Only up to the first sample that covers the scan, so that what the odometry knows is decided by data
+  // alone.
+  while (!odometry_.latest_imu() || *odometry_.latest_imu() < end) {
+    const std::optional<core::ImuSample> sample = imu_ring_->try_pop();
+    if (!sample) return false;
+    auto& counter = odometry_.add_imu(*sample) ? counters.imu_samples : counters.imu_refused;
+    counter.fetch_add(1, std::memory_order_relaxed);
+  }
+  return true;
+}
+
+void OdometryLoop::wait_for_imu(core::Time end, const std::atomic<bool>& stop, OdometryCounters& counters) {
+  if (imu_ring_ == nullptr) return;
+  const std::int64_t deadline = monotonic_ns() + config_.imu_wait.ns;
+  while (!stop.load(std::memory_order_relaxed)) {
+    const bool ended = imu_state_->ended.load(std::memory_order_acquire);
+    if (drain_imu(end, counters) || ended) return;
+    if (!config_.lossless && monotonic_ns() > deadline) {
+      counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    data_event_.wait(kImuPoll);
+  }
+}
+
+void OdometryLoop::push_cloud(const core::OdometryResult& result) {
+  const std::vector<Eigen::Vector3f>& points = odometry_.deskewed_points();
+  const std::span<CloudRecord> slot = outputs_.clouds->begin_write(1);
+  if (slot.empty()) {
+    outputs_.clouds->count_dropped(1);
+    return;
+  }
+  CloudRecord& cloud = slot[0];
+  cloud.count = static_cast<std::uint32_t>(std::min(points.size(), CloudRecord::kCapacity));
+  for (std::size_t i = 0; i < cloud.count; ++i) {
+    const Eigen::Vector3f& p = points[i * points.size() / cloud.count];
+    const core::Vector3 q = result.T_odom_base * p.cast<double>();
+    cloud.points[i] = {static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z())};
+  }
+  outputs_.clouds->commit(1);
+}
+
+void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
+                                          OdometryCounters& counters) {
+  const core::OdometryResult result = odometry_.register_scan(scan);
+  if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
+  ipc::PoseRecord record = make_pose_record(result, scan);
+  record.handed_over_realtime_ns = realtime_ns();
+  stage_of(record, ipc::Stage::kHandedOver) = monotonic_ns();
+  if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);
+  if (outputs_.poses != nullptr) {
+    while (config_.lossless && outputs_.poses->size() == outputs_.poses->capacity() && !stop.load()) {
+      const timespec pause{0, 200'000};
+      nanosleep(&pause, nullptr);
+    }
+    outputs_.poses->try_push(record);
+  }
+  if (outputs_.clouds != nullptr) push_cloud(result);
+  counters.poses.fetch_add(1, std::memory_order_relaxed);
+  if (outputs_.event != nullptr) outputs_.event->notify();
+}
+
+}  // namespace nilio::daemon

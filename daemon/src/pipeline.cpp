@@ -1,0 +1,138 @@
+#include "nilio/daemon/pipeline.hpp"
+
+#include <future>
+#include <utility>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Error;
+using core::Result;
+
+// 4096 packets: 1.2 s of an HDL-64E, 5.4 s of a VLP-16. 4096 samples: 10 s at 400 Hz. Poses: more than a
+// minute.
+constexpr std::size_t kPacketSlots = 4096;
+constexpr std::size_t kSampleSlots = 4096;
+constexpr std::size_t kPoseSlots = 1024;
+constexpr std::size_t kCloudSlots = 64;
+// Time for all threads to be up before the first packet of a paced recording is due.
+constexpr std::int64_t kPaceLeadNs = 100'000'000;
+
+}  // namespace
+
+Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
+                                                   const PipelineOptions& options,
+                                                   ipc::PublisherProcess* publisher) {
+  Result<ipc::WakeEvent> data_event = ipc::WakeEvent::create();
+  if (!data_event) return data_event.error();
+  Result<ipc::WakeEvent> output_event = ipc::WakeEvent::create();
+  if (!output_event) return output_event.error();
+  return std::unique_ptr<Pipeline>(new Pipeline(config, std::move(input), options, publisher,
+                                                std::move(data_event).value(),
+                                                std::move(output_event).value()));
+}
+
+Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& options,
+                   ipc::PublisherProcess* publisher, ipc::WakeEvent data_event, ipc::WakeEvent output_event)
+    : config_(config),
+      input_(std::move(input)),
+      options_(options),
+      publisher_(publisher),
+      plan_(make_thread_plan(config.realtime, input_.live)),
+      packet_ring_(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
+      imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
+      poses_(ipc::Ring<ipc::PoseRecord>::in_private_memory(kPoseSlots)),
+      clouds_(ipc::Ring<CloudRecord>::in_private_memory(kCloudSlots)),
+      data_event_(std::move(data_event)),
+      output_event_(std::move(output_event)) {
+  policy_.wait_when_full = !input_.live;
+  if (input_.packets) {
+    packet_feed_ =
+        std::make_unique<PacketScanFeed>(drivers::ScanAssembler(*input_.sensor, assembler_config(config)),
+                                         packet_ring_, data_event_, lidar_state_);
+    feed_ = packet_feed_.get();
+  } else {
+    feed_ = input_.scans.get();
+  }
+}
+
+Pipeline::~Pipeline() {
+  request_stop();
+  join();
+}
+
+drivers::ImuDecoderStats Pipeline::imu_stats() const {
+  return input_.imu_decoder ? input_.imu_decoder->stats() : drivers::ImuDecoderStats{};
+}
+
+void Pipeline::receive_packets_body() {
+  receive_packets(*input_.packets, packet_ring_, data_event_, policy_, lidar_state_);
+}
+
+void Pipeline::receive_imu_body() {
+  receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_);
+}
+
+void Pipeline::odometry_body() {
+  OdometryOutputs outputs;
+  outputs.poses = &poses_;
+  outputs.clouds = options_.collect_map ? &clouds_ : nullptr;
+  outputs.event = &output_event_;
+  outputs.publisher = publisher_;
+  const bool with_imu = input_.frames != nullptr;
+  const OdometryLoopConfig loop_config{!input_.live,
+                                       core::Duration::from_milliseconds(config_.odometry.imu_wait_ms)};
+  // Made in this thread, so that the arena's workers inherit its scheduling.
+  OdometryLoop loop(core::Odometry(odometry_config(config_), monotonic_ns), *feed_,
+                    with_imu ? &imu_ring_ : nullptr, data_event_, with_imu ? &imu_state_ : nullptr, outputs,
+                    loop_config);
+  loop.run(stop_, counters_);
+  finished_.store(true, std::memory_order_release);
+  output_event_.notify();
+}
+
+void Pipeline::run_thread(ThreadRole role, void (Pipeline::*body)(), std::vector<PlanOutcome>& outcomes) {
+  std::promise<PlanOutcome> granted;
+  std::future<PlanOutcome> outcome = granted.get_future();
+  threads_.emplace_back([this, role, body, granted = std::move(granted)]() mutable {
+    PlanOutcome result = apply_to_this_thread(plan_, role);
+    const bool run = result.granted || !plan_.strict;
+    granted.set_value(std::move(result));
+    if (run) (this->*body)();
+  });
+  outcomes.push_back(outcome.get());
+}
+
+Result<std::vector<PlanOutcome>> Pipeline::start() {
+  std::vector<PlanOutcome> outcomes{lock_process_memory(plan_)};
+  if (options_.paced && input_.first_stamp) {
+    policy_.pace = Pace{*input_.first_stamp, monotonic_ns() + kPaceLeadNs};
+  } else if (options_.paced) {
+    feed_->set_pace(monotonic_ns() + kPaceLeadNs);
+  }
+  run_thread(ThreadRole::kOdometry, &Pipeline::odometry_body, outcomes);
+  if (input_.packets) run_thread(ThreadRole::kLidarReceive, &Pipeline::receive_packets_body, outcomes);
+  if (input_.frames) run_thread(ThreadRole::kImuReceive, &Pipeline::receive_imu_body, outcomes);
+  for (const PlanOutcome& outcome : outcomes) {
+    if (outcome.granted || !plan_.strict) continue;
+    request_stop();
+    join();
+    return Error{"realtime.strict is set and " + outcome.text};
+  }
+  return outcomes;
+}
+
+void Pipeline::request_stop() {
+  stop_.store(true);
+  lidar_state_.stop.store(true);
+  imu_state_.stop.store(true);
+  data_event_.notify();
+}
+
+void Pipeline::join() {
+  for (std::thread& thread : threads_) thread.join();
+  threads_.clear();
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,288 @@
+#include "nilio/daemon/supervisor.hpp"
+
+#include "nilio/daemon/config_schema.hpp"
+#include "nilio/daemon/pipeline.hpp"
+#include "nilio/daemon/run_output.hpp"
+#include "nilio/ipc/histogram.hpp"
+#include "nilio/ipc/publisher_process.hpp"
+
+#include <array>
+#include <memory>
+#include <optional>
+
+#include <nlohmann/json.hpp>
+#include <spdlog/spdlog.h>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Duration;
+using core::Error;
+using core::Result;
+
+constexpr Duration kPollPeriod = Duration::from_milliseconds(20.0);
+constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
+constexpr std::int64_t kSilenceNs = 2'000'000'000;
+constexpr std::size_t kPublisherSlots = 4096;
+
+/// What the supervisor keeps of one run.
+class Supervisor {
+ public:
+  Supervisor(const Config& config, const RunOptions& options) : config_(config), options_(options) {}
+
+  Result<std::monostate> open();
+  Result<std::monostate> run(const std::atomic<bool>& stop);
+
+ private:
+  Result<std::monostate> open_publisher();
+  Result<std::monostate> open_output(const Input& input);
+  void drain();
+  void watch_publisher();
+  void report_status();
+  void report_silence(std::int64_t now);
+  void report_end() const;
+  [[nodiscard]] nlohmann::json summary() const;
+  [[nodiscard]] std::string explain_no_poses() const;
+
+  const Config& config_;
+  const RunOptions& options_;
+  std::unique_ptr<ipc::PublisherProcess> publisher_;
+  std::unique_ptr<Pipeline> pipeline_;
+  std::unique_ptr<RunOutput> output_;
+  ipc::LatencyHistograms latency_;
+  std::optional<ipc::PoseRecord> last_;
+  std::uint64_t poses_ = 0;
+  std::uint64_t poses_at_last_status_ = 0;
+  std::array<std::uint64_t, 4> states_{};
+  ipc::TrackingState reported_state_ = ipc::TrackingState::kInitialising;
+  std::int64_t started_ns_ = 0;
+  std::int64_t next_status_ns_ = 0;
+  std::int64_t last_pose_ns_ = 0;
+  bool silence_reported_ = false;
+};
+
+Result<std::monostate> Supervisor::open_publisher() {
+  if (!config_.publisher.enabled) return std::monostate{};
+  ipc::PublisherProcessConfig config;
+  config.executable = options_.publisher_executable;
+  config.domain = static_cast<std::uint32_t>(config_.publisher.domain);
+  config.interface_whitelist = config_.publisher.interfaces;
+  config.odom_frame = config_.publisher.odom_frame;
+  config.base_frame = config_.publisher.base_frame;
+  config.topic_prefix = config_.publisher.topic_prefix;
+  config.ring_capacity = kPublisherSlots;
+  config.wait_for_subscribers = Duration::from_seconds(config_.publisher.wait_for_subscribers_s);
+  auto publisher = ipc::PublisherProcess::create(std::move(config));
+  if (!publisher) return publisher.error();
+  publisher_ = std::move(publisher).value();
+  const Result<pid_t> pid = publisher_->start();
+  if (pid) {
+    spdlog::info("nilio-publisher started, pid {}, DDS domain {}", *pid, config_.publisher.domain);
+  } else {
+    spdlog::error("{}; poses go on without DDS, and starting it is tried again", pid.error().message);
+  }
+  return std::monostate{};
+}
+
+Result<std::monostate> Supervisor::open_output(const Input& input) {
+  if (options_.output_folder.empty()) return std::monostate{};
+  RunOutput::Options options;
+  options.folder = options_.output_folder;
+  options.T_camera_lidar = input.T_camera_lidar;
+  options.T_base_lidar = odometry_config(config_).T_base_lidar;
+  options.map = config_.output.map;
+  options.map_voxel_m = config_.output.map_voxel_m;
+  auto output = RunOutput::create(options, to_yaml(config_));
+  if (!output) return output.error();
+  output_ = std::move(output).value();
+  return std::monostate{};
+}
+
+Result<std::monostate> Supervisor::open() {
+  Result<Input> input = options_.replay ? open_replay(options_.files, config_) : open_live(config_);
+  if (!input) return input.error();
+  for (const std::string& note : input->notes) spdlog::info("{}", note);
+  for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
+  if (auto opened = open_output(*input); !opened) return opened;
+  if (auto opened = open_publisher(); !opened) return opened;
+  const PipelineOptions pipeline_options{options_.paced, output_ != nullptr && config_.output.map};
+  auto pipeline = Pipeline::create(config_, std::move(input).value(), pipeline_options, publisher_.get());
+  if (!pipeline) return pipeline.error();
+  pipeline_ = std::move(pipeline).value();
+  return std::monostate{};
+}
+
+void Supervisor::drain() {
+  while (const std::optional<ipc::PoseRecord> record = pipeline_->poses().try_pop()) {
+    latency_.record(*record);
+    if (output_) output_->add(*record);
+    ++poses_;
+    ++states_[static_cast<std::size_t>(record->state) % states_.size()];
+    last_pose_ns_ = monotonic_ns();
+    silence_reported_ = false;
+    if (record->state != reported_state_) {
+      spdlog::info("scan {}: {} -> {} ({})", record->sequence, core::name_of(reported_state_),
+                   core::name_of(record->state), core::name_of(record->stop_reason));
+      reported_state_ = record->state;
+    }
+    last_ = record;
+  }
+  for (auto slots = pipeline_->clouds().begin_read(); !slots.empty();
+       slots = pipeline_->clouds().begin_read()) {
+    if (output_) output_->add(slots.front());
+    pipeline_->clouds().consume(1);
+  }
+}
+
+void Supervisor::watch_publisher() {
+  if (!publisher_) return;
+  const std::optional<ipc::PublisherEvent> event = publisher_->poll();
+  if (!event) return;
+  if (event->kind == ipc::PublisherEvent::Kind::kStarted) {
+    spdlog::info("{}", event->message);
+  } else {
+    spdlog::warn("{}", event->message);
+  }
+}
+
+void Supervisor::report_status() {
+  const std::int64_t now = monotonic_ns();
+  if (now < next_status_ns_) return;
+  next_status_ns_ = now + kStatusPeriodNs;
+  report_silence(now);
+  if (!last_ || poses_ == poses_at_last_status_) return;
+  const auto p50 =
+      static_cast<double>(latency_.histogram(ipc::LatencyStage::kEndToEnd).snapshot().percentile(50.0)) *
+      1e-6;
+  spdlog::info(
+      "{}: {} poses (+{}), position {:.2f} {:.2f} {:.2f} m, {:.2f} m/s, {} correspondences, latency p50 "
+      "{:.1f} ms",
+      core::name_of(last_->state), poses_, poses_ - poses_at_last_status_, last_->position[0],
+      last_->position[1], last_->position[2], last_->linear_velocity[0], last_->correspondences, p50);
+  poses_at_last_status_ = poses_;
+}
+
+void Supervisor::report_silence(std::int64_t now) {
+  if (!pipeline_->input().live || silence_reported_ || now - last_pose_ns_ < kSilenceNs) return;
+  spdlog::warn("no scan for {:.0f} s: {}", static_cast<double>(now - last_pose_ns_) * 1e-9,
+               pipeline_->input().packets->status());
+  silence_reported_ = true;
+}
+
+Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
+  started_ns_ = last_pose_ns_ = monotonic_ns();
+  next_status_ns_ = started_ns_ + kStatusPeriodNs;
+  const auto granted = pipeline_->start();
+  if (!granted) return granted.error();
+  for (const PlanOutcome& outcome : *granted) {
+    if (outcome.granted) {
+      spdlog::debug("{}", outcome.text);
+    } else {
+      spdlog::warn("{}", outcome.text);
+    }
+  }
+  while (!pipeline_->finished() && !stop.load()) {
+    pipeline_->output_event().wait(kPollPeriod);
+    drain();
+    watch_publisher();
+    report_status();
+  }
+  pipeline_->request_stop();
+  pipeline_->join();
+  drain();
+  if (publisher_) {
+    if (const auto event = publisher_->stop(); event && event->unpublished > 0)
+      spdlog::warn("{}", event->message);
+  }
+  report_end();
+  if (output_) {
+    if (auto finished = output_->finish(summary().dump(2)); !finished) return finished;
+  }
+  if (poses_ == 0 && options_.replay) return Error{explain_no_poses()};
+  return std::monostate{};
+}
+
+std::string Supervisor::explain_no_poses() const {
+  const drivers::ScanAssemblerStats stats = pipeline_->scan_stats();
+  std::string text = "no scan was completed: " + std::to_string(stats.packets) + " packets, " +
+                     std::to_string(stats.bad_length) + " of another length, " +
+                     std::to_string(stats.partial_scans) + " scans covered less than lidar.min_coverage_deg";
+  if (pipeline_->input().packets) text += "; " + pipeline_->input().packets->status();
+  return text;
+}
+
+nlohmann::json Supervisor::summary() const {
+  const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
+  const drivers::ImuDecoderStats imu = pipeline_->imu_stats();
+  const OdometryCounters& counters = pipeline_->counters();
+  nlohmann::json json;
+  json["stages"] = ipc::latency_json(latency_);
+  json["counters"] = {
+      {"packets", scans.packets},
+      {"packets_lost", scans.lost_packets},
+      {"packets_duplicate", scans.duplicate_packets},
+      {"packets_reordered", scans.reordered_packets},
+      {"packets_bad_length", scans.bad_length},
+      {"packets_dropped_ring", pipeline_->packets_dropped()},
+      {"time_jumps", scans.time_jumps},
+      {"scans", scans.scans},
+      {"scans_partial", scans.partial_scans},
+      {"scans_superseded", counters.superseded.load()},
+      {"points", scans.points},
+      {"imu_frames", imu.frames},
+      {"imu_frames_short", imu.short_frames},
+      {"imu_samples", counters.imu_samples.load()},
+      {"imu_samples_incomplete", imu.incomplete},
+      {"imu_samples_refused", counters.imu_refused.load()},
+      {"imu_samples_dropped_ring", pipeline_->samples_dropped()},
+      {"imu_timeouts", counters.imu_timeouts.load()},
+      {"scans_with_imu", counters.scans_with_imu.load()},
+      {"poses", poses_},
+      {"poses_initialising", states_[0]},
+      {"poses_tracking", states_[1]},
+      {"poses_degraded", states_[2]},
+      {"poses_lost", states_[3]},
+      {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
+      {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
+  };
+  if (output_) json["path_length_m"] = output_->path_length_m();
+  return json;
+}
+
+void Supervisor::report_end() const {
+  const OdometryCounters& counters = pipeline_->counters();
+  const double seconds = static_cast<double>(monotonic_ns() - started_ns_) * 1e-9;
+  spdlog::info("{} scans, {} poses ({} initialising, {} tracking, {} degraded, {} lost) in {:.1f} s",
+               counters.scans.load(), poses_, states_[0], states_[1], states_[2], states_[3], seconds);
+  if (output_) spdlog::info("path {:.2f} m; outputs in {}", output_->path_length_m(), options_.output_folder);
+  const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
+  if (scans.lost_packets + scans.partial_scans + pipeline_->packets_dropped() > 0) {
+    spdlog::info("{} packets lost before us, {} dropped by us, {} partial scans left out", scans.lost_packets,
+                 pipeline_->packets_dropped(), scans.partial_scans);
+  }
+  const Input& input = pipeline_->input();
+  if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
+  if (input.frames) {
+    if (input.frames->stats().malformed > 0) spdlog::warn("{}", input.frames->status());
+    if (counters.scans_with_imu.load() == 0) {
+      spdlog::warn(
+          "the IMU covered none of the scans: {} samples were decoded; check imu.preset and that both logs "
+          "are of the same "
+          "time",
+          counters.imu_samples.load());
+    }
+  }
+  spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
+}
+
+}  // namespace
+
+Result<std::monostate> supervise(const Config& config, const RunOptions& options,
+                                 const std::atomic<bool>& stop) {
+  Supervisor supervisor(config, options);
+  if (auto opened = supervisor.open(); !opened) return opened;
+  return supervisor.run(stop);
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,10 @@
+# cmake -DINPUTS="a.dbc;b.dbc" -DOUTPUT=x.cpp -P embed_dbc.cmake: the files' texts as constants, named by their stems.
+set(code "#include \"embedded_dbc.hpp\"\n\nnamespace nilio::drivers {\n\n")
+string(APPEND code "namespace {\n\nconstexpr EmbeddedDbc kFiles[] = {\n")
+foreach(input IN LISTS INPUTS)
+  file(READ ${input} text)
+  get_filename_component(stem ${input} NAME_WE)
+  string(APPEND code "    {\"${stem}\", R\"nilio_dbc(${text})nilio_dbc\"},\n")
+endforeach()
+string(APPEND code "};\n\n}  // namespace\n\nstd::span<const EmbeddedDbc> embedded_dbc_files() { return kFiles; }\n\n}  // namespace nilio::drivers\n")
+file(WRITE ${OUTPUT} "${code}")

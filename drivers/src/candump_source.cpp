@@ -1,0 +1,150 @@
+#include "nilio/drivers/candump.hpp"
+
+#include "source_support.hpp"
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <sys/stat.h>
+
+namespace nilio::drivers {
+namespace {
+
+using core::Error;
+
+constexpr std::size_t kQuotedLength = 60;
+/// A CAN FD frame of 64 bytes needs about 190 characters; what is longer is no frame.
+constexpr std::size_t kLongestLine = 512;
+
+struct FileCloser {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+
+class CandumpSource final : public FrameSource {
+ public:
+  CandumpSource(std::unique_ptr<std::FILE, FileCloser> file, std::string path, std::string interface_name)
+      : file_(std::move(file)), path_(std::move(path)), interface_name_(std::move(interface_name)) {}
+
+  SourceRead read(std::span<CanFrame> slots, core::Duration timeout) override;
+  [[nodiscard]] SourceStats stats() const override { return counters_.read(); }
+  [[nodiscard]] std::string status() const override;
+
+ private:
+  std::optional<std::string_view> next_line();
+  bool accept_line(std::string_view line, CanFrame& slot);
+  void note_broken(std::string_view line);
+
+  std::unique_ptr<std::FILE, FileCloser> file_;
+  const std::string path_;
+  const std::string interface_name_;
+  SourceCounters counters_;
+  std::atomic<std::uint64_t> line_number_{0};
+  std::atomic<bool> ended_{false};
+  std::atomic<int> read_error_{0};
+  std::array<char, kLongestLine> line_{};
+  mutable std::mutex names_mutex_;
+  std::string first_broken_;
+  std::string other_interface_;
+};
+
+SourceRead CandumpSource::read(std::span<CanFrame> slots, core::Duration /*timeout*/) {
+  std::size_t count = 0;
+  while (count < slots.size()) {
+    const std::optional<std::string_view> line = next_line();
+    if (!line) break;
+    if (accept_line(*line, slots[count])) ++count;
+  }
+  if (count > 0 || slots.empty()) {
+    counters_.add_delivered(count);
+    return {SourceState::kData, count};
+  }
+  return {read_error_.load(std::memory_order_relaxed) != 0 ? SourceState::kFailed : SourceState::kEnd, 0};
+}
+
+/// The next line, without its end when it is longer than any frame's.
+std::optional<std::string_view> CandumpSource::next_line() {
+  errno = 0;
+  if (std::fgets(line_.data(), static_cast<int>(line_.size()), file_.get()) == nullptr) {
+    if (std::ferror(file_.get()) != 0) read_error_.store(errno, std::memory_order_relaxed);
+    ended_.store(true, std::memory_order_relaxed);
+    return std::nullopt;
+  }
+  line_number_.fetch_add(1, std::memory_order_relaxed);
+  const std::string_view line(line_.data());
+  if (line.size() + 1 == line_.size() && line.back() != '\n') {
+    for (int c = std::fgetc(file_.get()); c != '\n' && c != EOF;) c = std::fgetc(file_.get());
+  }
+  return line;
+}
+
+bool CandumpSource::accept_line(std::string_view line, CanFrame& slot) {
+  if (!line.starts_with('(')) return false;
+  const std::optional<CandumpLine> parsed = parse_candump_line(line);
+  if (!parsed) {
+    if (counters_.read().malformed == 0) note_broken(line);
+    counters_.add_malformed(1);
+    return false;
+  }
+  if (!interface_name_.empty() && parsed->interface_name != interface_name_) {
+    if (counters_.read().other == 0) {
+      const std::lock_guard lock(names_mutex_);
+      other_interface_ = parsed->interface_name;
+    }
+    counters_.add_other(1);
+    return false;
+  }
+  slot = parsed->frame;
+  slot.received_ns = clock_ns(CLOCK_MONOTONIC);
+  return true;
+}
+
+void CandumpSource::note_broken(std::string_view line) {
+  std::string text;
+  for (const char c : line.substr(0, kQuotedLength)) {
+    if (c == '\n' || c == '\r') break;
+    text.push_back(c >= ' ' && c < '\x7F' ? c : '?');
+  }
+  const std::lock_guard lock(names_mutex_);
+  first_broken_ = "line " + std::to_string(line_number_.load(std::memory_order_relaxed)) + ": '" + text + "'";
+}
+
+std::string CandumpSource::status() const {
+  const SourceStats stats = counters_.read();
+  std::string text = path_ + ": " + std::to_string(stats.delivered) + " frames";
+  const std::lock_guard lock(names_mutex_);
+  if (stats.malformed > 0)
+    text += ", " + std::to_string(stats.malformed) + " broken lines, first " + first_broken_;
+  if (stats.other > 0) {
+    text +=
+        ", " + std::to_string(stats.other) + " frames of other interfaces (first " + other_interface_ + ")";
+  }
+  if (const int error = read_error_.load(std::memory_order_relaxed); error != 0) {
+    return text + "; reading failed: " + std::strerror(error);
+  }
+  if (!ended_.load(std::memory_order_relaxed) || stats.delivered > 0) return text;
+  if (stats.other > 0)
+    return text + "; no frame is of interface '" + interface_name_ + "', set it to one that is there";
+  return text + "; expected lines as candump -L writes them: (1700000000.123456) can0 034#0000000009CF";
+}
+
+}  // namespace
+
+core::Result<std::unique_ptr<FrameSource>> open_candump(const std::string& path,
+                                                        const std::string& interface_name) {
+  std::unique_ptr<std::FILE, FileCloser> file(std::fopen(path.c_str(), "re"));
+  if (!file)
+    return Error{path + ": cannot be opened (" + std::strerror(errno) +
+                 "); check the path and its permissions"};
+  struct stat info {};
+  if (fstat(fileno(file.get()), &info) == 0 && S_ISDIR(info.st_mode)) {
+    return Error{path + ": is a folder; give a candump log (candump -l writes them)"};
+  }
+  return std::unique_ptr<FrameSource>(std::make_unique<CandumpSource>(std::move(file), path, interface_name));
+}
+
+}  // namespace nilio::drivers

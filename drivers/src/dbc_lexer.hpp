@@ -1,0 +1,43 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace nilio::drivers {
+
+enum class DbcTokenKind { kWord, kString, kSymbol, kEnd, kUnterminatedString };
+
+struct DbcToken {
+  DbcTokenKind kind = DbcTokenKind::kEnd;
+  /// Without the quotes of a string.
+  std::string_view text;
+  int line = 1;
+  bool first_on_line = false;
+
+  [[nodiscard]] bool is(std::string_view expected) const {
+    return kind != DbcTokenKind::kString && text == expected;
+  }
+};
+
+/// Cuts a DBC text into tokens: quoted strings (which may span lines), the symbols that structure it, and
+/// words, which numbers are too. Holds views into the text.
+class DbcLexer {
+ public:
+  explicit DbcLexer(std::string_view text);
+
+  [[nodiscard]] const DbcToken& peek() const { return next_; }
+  DbcToken take();
+
+ private:
+  DbcToken scan();
+  DbcToken scan_string(DbcToken token);
+  void skip_blanks();
+
+  std::string_view text_;
+  std::size_t position_ = 0;
+  int line_ = 1;
+  bool line_start_ = true;
+  DbcToken next_;
+};
+
+}  // namespace nilio::drivers

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+namespace nilio::drivers {
+
+/// A UDP datagram found in a captured frame.
+struct CapturedDatagram {
+  enum class Kind { kUdp, kOther, kMalformed };
+  Kind kind = Kind::kOther;
+  std::uint32_t source_address = 0;
+  std::uint16_t source_port = 0;
+  std::uint16_t destination_port = 0;
+  std::span<const std::uint8_t> payload;
+};
+
+/// True for the link types that find_datagram() reads (values of libpcap's DLT_*).
+bool is_known_link_type(int link_type);
+
+/// Finds IPv4 UDP in a frame. No length in it is trusted: IP's total length is not used, since there are
+/// captures where it is wrong; UDP's is, as far as bytes were captured.
+CapturedDatagram find_datagram(int link_type, std::span<const std::uint8_t> frame);
+
+}  // namespace nilio::drivers

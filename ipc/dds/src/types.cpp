@@ -1,0 +1,207 @@
+#include "nilio/dds/types.hpp"
+
+#include <cstddef>
+#include <exception>
+#include <stdexcept>
+#include <string>
+
+#include <fastcdr/Cdr.h>
+#include <fastcdr/FastBuffer.h>
+#include <fastdds/rtps/common/SerializedPayload.h>
+
+namespace nilio::dds {
+namespace {
+
+using eprosima::fastcdr::Cdr;
+
+constexpr std::size_t kEncapsulationBytes = 4;
+// What a frame name or a stage name is taken to need when payloads are allocated beforehand; longer ones cost
+// one reallocation.
+constexpr std::size_t kTypicalName = 64;
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+
+// Counts the bytes that the same calls on a Cdr would write, alignment included.
+class SizeCounter {
+ public:
+  SizeCounter& operator<<(std::int32_t) { return add(4, 4); }
+  SizeCounter& operator<<(std::uint32_t) { return add(4, 4); }
+  SizeCounter& operator<<(std::uint64_t) { return add(8, 8); }
+  SizeCounter& operator<<(double) { return add(8, 8); }
+  SizeCounter& operator<<(const std::string& text) { return add(4, 4).add(1, text.size() + 1); }
+  template <std::size_t N>
+  SizeCounter& operator<<(const std::array<double, N>&) {
+    return add(8, 8 * N);
+  }
+  [[nodiscard]] std::size_t bytes() const { return bytes_; }
+
+ private:
+  SizeCounter& add(std::size_t alignment, std::size_t size) {
+    bytes_ = (bytes_ + alignment - 1) / alignment * alignment + size;
+    return *this;
+  }
+  std::size_t bytes_ = 0;
+};
+
+template <class Out>
+void put(Out& out, core::Time time) {
+  const std::int64_t nanoseconds = ((time.ns % kNsPerSecond) + kNsPerSecond) % kNsPerSecond;
+  out << static_cast<std::int32_t>((time.ns - nanoseconds) / kNsPerSecond)
+      << static_cast<std::uint32_t>(nanoseconds);
+}
+
+template <class Out>
+void put(Out& out, const Odometry& message) {
+  put(out, message.stamp);
+  out << message.frame_id << message.child_frame_id << message.position << message.orientation_xyzw
+      << message.pose_covariance << message.linear_velocity << message.angular_velocity
+      << message.twist_covariance;
+}
+
+template <class Out>
+void put(Out& out, const TransformMessage& message) {
+  out << static_cast<std::uint32_t>(message.transforms.size());
+  for (const TransformStamped& transform : message.transforms) {
+    put(out, transform.stamp);
+    out << transform.frame_id << transform.child_frame_id << transform.translation << transform.rotation_xyzw;
+  }
+}
+
+template <class Out>
+void put(Out& out, const LatencyReport& message) {
+  put(out, message.stamp);
+  out << static_cast<std::uint32_t>(message.stages.size());
+  for (const StageLatency& stage : message.stages)
+    out << stage.name << stage.count << stage.p50_us << stage.p99_us << stage.max_us;
+  out << message.poses_published << message.failed_writes << message.ring_dropped << message.ring_high_water;
+}
+
+// The reader of a payload: the Cdr, and how many bytes a sequence can at most lie in.
+struct Input {
+  Cdr& cdr;
+  std::size_t payload_bytes;
+};
+
+void get(Input& in, core::Time& time) {
+  std::int32_t seconds = 0;
+  std::uint32_t nanoseconds = 0;
+  in.cdr >> seconds >> nanoseconds;
+  time.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + nanoseconds;
+}
+
+// The length of a sequence, refused when its elements could not fit what is left of the payload.
+std::uint32_t get_length(Input& in, std::size_t smallest_element) {
+  std::uint32_t length = 0;
+  in.cdr >> length;
+  const std::size_t left = in.payload_bytes - std::min(in.payload_bytes, in.cdr.getSerializedDataLength());
+  if (length > left / smallest_element) throw std::length_error("sequence longer than its payload");
+  return length;
+}
+
+void get(Input& in, Odometry& message) {
+  get(in, message.stamp);
+  in.cdr >> message.frame_id >> message.child_frame_id >> message.position >> message.orientation_xyzw >>
+      message.pose_covariance >> message.linear_velocity >> message.angular_velocity >>
+      message.twist_covariance;
+}
+
+void get(Input& in, TransformMessage& message) {
+  constexpr std::size_t kSmallest = 8 + 2 * 4 + 7 * 8;
+  message.transforms.resize(get_length(in, kSmallest));
+  for (TransformStamped& transform : message.transforms) {
+    get(in, transform.stamp);
+    in.cdr >> transform.frame_id >> transform.child_frame_id >> transform.translation >>
+        transform.rotation_xyzw;
+  }
+}
+
+void get(Input& in, LatencyReport& message) {
+  constexpr std::size_t kSmallest = 4 + 4 * 8;
+  get(in, message.stamp);
+  message.stages.resize(get_length(in, kSmallest));
+  for (StageLatency& stage : message.stages)
+    in.cdr >> stage.name >> stage.count >> stage.p50_us >> stage.p99_us >> stage.max_us;
+  in.cdr >> message.poses_published >> message.failed_writes >> message.ring_dropped >>
+      message.ring_high_water;
+}
+
+template <class Message>
+std::uint32_t serialized_bytes(const Message& message) {
+  SizeCounter counter;
+  put(counter, message);
+  return static_cast<std::uint32_t>(kEncapsulationBytes + counter.bytes());
+}
+
+const char* ros_name(const Odometry&) { return "nav_msgs::msg::dds_::Odometry_"; }
+const char* ros_name(const TransformMessage&) { return "tf2_msgs::msg::dds_::TFMessage_"; }
+const char* ros_name(const LatencyReport&) { return "nilio::msg::dds_::LatencyReport_"; }
+
+// A message of usual size, for allocating beforehand.
+void make_typical(Odometry& message) {
+  message.frame_id.assign(kTypicalName, 'x');
+  message.child_frame_id.assign(kTypicalName, 'x');
+}
+void make_typical(TransformMessage& message) {
+  message.transforms.resize(1);
+  message.transforms.front().frame_id.assign(kTypicalName, 'x');
+  message.transforms.front().child_frame_id.assign(kTypicalName, 'x');
+}
+void make_typical(LatencyReport& message) {
+  constexpr std::size_t kTypicalStages = 16;
+  message.stages.resize(kTypicalStages);
+  for (StageLatency& stage : message.stages) stage.name.assign(kTypicalName, 'x');
+}
+
+}  // namespace
+
+template <class Message>
+MessageType<Message>::MessageType() {
+  Message typical;
+  make_typical(typical);
+  setName(ros_name(typical));
+  m_typeSize = serialized_bytes(typical);
+  m_isGetKeyDefined = false;
+  auto_fill_type_information(false);
+  auto_fill_type_object(false);
+}
+
+template <class Message>
+bool MessageType<Message>::serialize(void* data, Payload* payload) {
+  try {
+    eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(payload->data), payload->max_size);
+    Cdr cdr(buffer, Cdr::DEFAULT_ENDIAN, Cdr::DDS_CDR);
+    payload->encapsulation = cdr.endianness() == Cdr::BIG_ENDIANNESS ? CDR_BE : CDR_LE;
+    cdr.serialize_encapsulation();
+    put(cdr, *static_cast<const Message*>(data));
+    payload->length = static_cast<std::uint32_t>(cdr.getSerializedDataLength());
+    return true;
+  } catch (const std::exception&) {
+    return false;  // larger than the payload: Fast DDS reports the failed write
+  }
+}
+
+template <class Message>
+bool MessageType<Message>::deserialize(Payload* payload, void* data) {
+  try {
+    if (payload->length < kEncapsulationBytes || payload->data[0] != 0 || payload->data[1] > 1) return false;
+    eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(payload->data), payload->length);
+    Cdr cdr(buffer, Cdr::DEFAULT_ENDIAN, Cdr::DDS_CDR);
+    cdr.read_encapsulation();
+    payload->encapsulation = cdr.endianness() == Cdr::BIG_ENDIANNESS ? CDR_BE : CDR_LE;
+    Input in{cdr, payload->length};
+    get(in, *static_cast<Message*>(data));
+    return true;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+template <class Message>
+std::function<std::uint32_t()> MessageType<Message>::getSerializedSizeProvider(void* data) {
+  return [data] { return serialized_bytes(*static_cast<const Message*>(data)); };
+}
+
+template class MessageType<Odometry>;
+template class MessageType<TransformMessage>;
+template class MessageType<LatencyReport>;
+
+}  // namespace nilio::dds

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "nilio/core/tracking.hpp"
+
+namespace nilio::ipc {
+
+/// Moments of a scan's way through the process, in order.
+enum class Stage : std::uint8_t {
+  kReceived,    ///< last packet of the scan received
+  kPopped,      ///< last packet taken off the ring
+  kCompleted,   ///< scan cut
+  kStarted,     ///< odometry began
+  kFiltered,    ///< range gate, voxel filter and first deskewing done
+  kCoarse,      ///< NDT done (equal to kFiltered when skipped)
+  kFine,        ///< ICP done
+  kMapped,      ///< map updated
+  kHandedOver,  ///< pose put into the publisher's ring
+  kCount
+};
+inline constexpr std::size_t kStageCount = static_cast<std::size_t>(Stage::kCount);
+
+using core::StopReason;
+using core::TrackingState;
+
+/// What the odometry thread says about one scan; crosses threads and processes by value. Frames: odom -> base_link.
+/// Covariances are row-major 6x6 over (x, y, z, rotation about x, y, z), as ROS orders them: the pose's in the odom frame,
+/// the twist's in base_link.
+struct PoseRecord {
+  std::uint64_t sequence = 0;
+  std::int64_t stamp_ns = 0;       ///< end of scan: the time of the pose
+  std::int64_t scan_start_ns = 0;  ///< first firing
+  std::array<double, 3> position{};
+  std::array<double, 4> orientation_xyzw{0.0, 0.0, 0.0, 1.0};
+  std::array<double, 36> pose_covariance{};
+  std::array<double, 3> linear_velocity{};   ///< m/s in base_link
+  std::array<double, 3> angular_velocity{};  ///< rad/s in base_link
+  std::array<double, 36> twist_covariance{};
+  TrackingState state = TrackingState::kInitialising;
+  StopReason stop_reason = StopReason::kConverged;
+  bool imu_used = false;
+  bool predicted = false;  ///< no registration: the pose is the prediction
+  std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
+  std::uint16_t coarse_iterations = 0;
+  std::uint16_t fine_iterations = 0;
+  std::uint32_t points = 0;           ///< in the scan
+  std::uint32_t points_used = 0;      ///< in the registration
+  std::uint32_t correspondences = 0;
+  std::uint32_t map_voxels = 0;
+  std::uint32_t lost_packets = 0;
+  float coverage_deg = 0.0F;
+  /// CLOCK_MONOTONIC, ns; 0 = unknown.
+  std::array<std::int64_t, kStageCount> stage_ns{};
+  /// CLOCK_REALTIME at hand-over, ns.
+  std::int64_t handed_over_realtime_ns = 0;
+};
+
+}  // namespace nilio::ipc

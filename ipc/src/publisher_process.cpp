@@ -1,0 +1,255 @@
+#include "nilio/ipc/publisher_process.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <fcntl.h>
+#include <sched.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+namespace nilio::ipc {
+namespace {
+
+// Where the child finds what it inherits: next to standard input, output and error, and nothing above.
+constexpr int kRingDescriptor = 3;
+constexpr int kWakeDescriptor = 4;
+// After a restart the poses that piled up wait this long for subscribers to find the new process.
+constexpr core::Duration kRediscovery{1'000'000'000};
+
+std::chrono::nanoseconds chrono(core::Duration duration) { return std::chrono::nanoseconds(duration.ns); }
+
+std::string describe(core::Duration duration) { return std::to_string(duration.ns / 1'000'000) + " ms"; }
+
+// A copy of a descriptor above those that the child's own ones will be moved to.
+class DescriptorCopy {
+ public:
+  explicit DescriptorCopy(int original) : copy_(fcntl(original, F_DUPFD_CLOEXEC, 16)) {}
+  ~DescriptorCopy() {
+    if (copy_ >= 0) close(copy_);
+  }
+  DescriptorCopy(const DescriptorCopy&) = delete;
+  DescriptorCopy& operator=(const DescriptorCopy&) = delete;
+  [[nodiscard]] int get() const { return copy_; }
+
+ private:
+  int copy_;
+};
+
+// Signals to their defaults; SIGTERM and SIGINT blocked, since the child takes them from a signalfd and one
+// that comes before it has made that must not be lost. A process group of its own: Ctrl-C on the terminal is
+// for niliod alone, which then stops its child in order. Normal scheduling, whatever the calling thread has.
+void set_attributes(posix_spawnattr_t& attributes) {
+  sigset_t blocked;
+  sigemptyset(&blocked);
+  sigaddset(&blocked, SIGTERM);
+  sigaddset(&blocked, SIGINT);
+  sigset_t defaults;
+  sigfillset(&defaults);
+  const sched_param normal{};
+  posix_spawnattr_setsigmask(&attributes, &blocked);
+  posix_spawnattr_setsigdefault(&attributes, &defaults);
+  posix_spawnattr_setpgroup(&attributes, 0);
+  posix_spawnattr_setschedpolicy(&attributes, SCHED_OTHER);
+  posix_spawnattr_setschedparam(&attributes, &normal);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
+                                            POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSCHEDULER);
+}
+
+int spawn_with_descriptors(const std::string& executable, char* const* argv, int ring, int wake, pid_t& pid) {
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, ring, kRingDescriptor);
+  posix_spawn_file_actions_adddup2(&actions, wake, kWakeDescriptor);
+  posix_spawn_file_actions_addclosefrom_np(&actions, kWakeDescriptor + 1);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  set_attributes(attributes);
+  const int failure = posix_spawn(&pid, executable.c_str(), &actions, &attributes, argv, environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return failure;
+}
+
+}  // namespace
+
+core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(PublisherProcessConfig config) {
+  auto ring = Ring<PoseRecord>::in_shared_memory(config.ring_capacity);
+  if (!ring) return core::Error{"pose ring for the publisher: " + ring.error().message};
+  auto wake_event = WakeEvent::create();
+  if (!wake_event) return core::Error{"wake event for the publisher: " + wake_event.error().message};
+  return std::unique_ptr<PublisherProcess>(
+      new PublisherProcess(std::move(config), std::move(ring).value(), std::move(wake_event).value()));
+}
+
+PublisherProcess::PublisherProcess(PublisherProcessConfig config, Ring<PoseRecord> ring, WakeEvent wake_event)
+    : config_(std::move(config)),
+      ring_(std::move(ring)),
+      wake_event_(std::move(wake_event)),
+      back_off_(config_.initial_back_off) {}
+
+PublisherProcess::~PublisherProcess() {
+  if (!running()) return;
+  kill(pid_, SIGKILL);
+  waitpid(pid_, nullptr, 0);
+}
+
+bool PublisherProcess::publish(const PoseRecord& record) noexcept {
+  const bool pushed = ring_.try_push(record);
+  wake_event_.notify();
+  return pushed;
+}
+
+std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_subscribers) const {
+  std::vector<std::string> arguments{
+      config_.executable.string(),
+      "--ring-fd=" + std::to_string(kRingDescriptor),
+      "--wake-fd=" + std::to_string(kWakeDescriptor),
+      "--parent-pid=" + std::to_string(getpid()),
+      "--domain=" + std::to_string(config_.domain),
+      "--odom-frame=" + config_.odom_frame,
+      "--base-frame=" + config_.base_frame,
+      "--nice=" + std::to_string(config_.nice),
+      "--wait-for-subscribers=" + std::to_string(wait_for_subscribers.seconds())};
+  if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
+  for (const std::string& address : config_.interface_whitelist)
+    arguments.push_back("--interface=" + address);
+  return arguments;
+}
+
+core::Result<pid_t> PublisherProcess::spawn(core::Duration wait_for_subscribers) {
+  const DescriptorCopy ring(ring_.file_descriptor());
+  const DescriptorCopy wake(wake_event_.file_descriptor());
+  std::vector<std::string> strings = arguments(wait_for_subscribers);
+  std::vector<char*> argv;
+  argv.reserve(strings.size() + 1);
+  for (std::string& argument : strings) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  pid_t pid = -1;
+  const int failure = spawn_with_descriptors(strings.front(), argv.data(), ring.get(), wake.get(), pid);
+  if (failure != 0)
+    return core::Error{"cannot start the publisher " + strings.front() + ": " + std::strerror(failure)};
+  pid_ = pid;
+  started_at_ = Clock::now();
+  last_consumed_ = ring_.consumed();
+  last_progress_ = started_at_ + chrono(wait_for_subscribers);
+  return pid;
+}
+
+core::Result<pid_t> PublisherProcess::start() {
+  if (running()) return pid_;
+  wanted_ = true;
+  auto started = spawn(config_.wait_for_subscribers);
+  if (!started) restart_at_ = Clock::now() + chrono(back_off_);
+  return started;
+}
+
+std::optional<PublisherEvent> PublisherProcess::poll() {
+  if (running()) return poll_running();
+  return wanted_ ? poll_stopped() : std::nullopt;
+}
+
+std::optional<PublisherEvent> PublisherProcess::poll_running() {
+  int wait_status = 0;
+  const pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
+  if (waited == 0) {
+    if (!is_hung()) return std::nullopt;
+    kill(pid_, SIGKILL);
+    last_progress_ = Clock::now();
+    PublisherEvent event;
+    event.kind = PublisherEvent::Kind::kHung;
+    event.pid = pid_;
+    event.restarts = restarts_;
+    event.message = "publisher " + std::to_string(pid_) + " has read no pose for " +
+                    describe(config_.hang_timeout) + ": killing it";
+    return event;
+  }
+  if (waited < 0) wait_status = 0;  // somebody else reaped it: how it ended is unknown
+  PublisherEvent event = ended(PublisherEvent::Kind::kDied, wait_status);
+  if (Clock::now() - started_at_ >= chrono(config_.healthy_after)) back_off_ = config_.initial_back_off;
+  schedule_restart(event);
+  return event;
+}
+
+std::optional<PublisherEvent> PublisherProcess::poll_stopped() {
+  if (Clock::now() < restart_at_) return std::nullopt;
+  ++restarts_;
+  const auto started = spawn(std::max(config_.wait_for_subscribers, kRediscovery));
+  PublisherEvent event;
+  event.restarts = restarts_;
+  if (!started) {
+    event.kind = PublisherEvent::Kind::kStartFailed;
+    event.message = started.error().message;
+    schedule_restart(event);
+    return event;
+  }
+  event.kind = PublisherEvent::Kind::kStarted;
+  event.pid = *started;
+  event.message = "publisher started again as process " + std::to_string(event.pid) + " (restart " +
+                  std::to_string(restarts_) + ")";
+  return event;
+}
+
+bool PublisherProcess::is_hung() {
+  const std::uint64_t consumed = ring_.consumed();
+  const auto now = Clock::now();
+  if (consumed != last_consumed_ || ring_.size() == 0) {
+    last_consumed_ = consumed;
+    last_progress_ = std::max(last_progress_, now);
+  }
+  return now - last_progress_ > chrono(config_.hang_timeout);
+}
+
+PublisherEvent PublisherProcess::ended(PublisherEvent::Kind kind, int wait_status) {
+  PublisherEvent event;
+  event.kind = kind;
+  event.pid = pid_;
+  event.restarts = restarts_;
+  event.message = "publisher " + std::to_string(pid_);
+  if (WIFSIGNALED(wait_status)) {
+    event.signal = WTERMSIG(wait_status);
+    event.message +=
+        " was killed by signal " + std::to_string(event.signal) + " (" + strsignal(event.signal) + ")";
+  } else {
+    event.exit_status = WEXITSTATUS(wait_status);
+    event.message += " ended with status " + std::to_string(event.exit_status);
+  }
+  pid_ = -1;
+  return event;
+}
+
+void PublisherProcess::schedule_restart(PublisherEvent& event) {
+  event.back_off = back_off_;
+  event.message += ", next start in " + describe(back_off_);
+  restart_at_ = Clock::now() + chrono(back_off_);
+  back_off_ = std::min(back_off_ * 2, config_.max_back_off);
+}
+
+std::optional<PublisherEvent> PublisherProcess::stop(core::Duration timeout) {
+  wanted_ = false;
+  if (!running()) return std::nullopt;
+  kill(pid_, SIGTERM);
+  const auto deadline = Clock::now() + chrono(timeout);
+  int wait_status = 0;
+  pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
+  while (waited == 0 && Clock::now() < deadline) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    waited = waitpid(pid_, &wait_status, WNOHANG);
+  }
+  if (waited == 0) {
+    kill(pid_, SIGKILL);
+    waitpid(pid_, &wait_status, 0);
+  }
+  PublisherEvent event = ended(PublisherEvent::Kind::kStopped, wait_status);
+  event.unpublished = ring_.size();
+  if (event.unpublished > 0)
+    event.message += ", " + std::to_string(event.unpublished) + " poses not published";
+  return event;
+}
+
+}  // namespace nilio::ipc

@@ -1,0 +1,44 @@
+#include "nilio/core/se3.hpp"
+
+#include <random>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::core;
+
+TEST_CASE("the logarithm undoes the exponential for small, large and nearly half-turn rotations") {
+  std::mt19937_64 generator(7);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  for (const double angle : {0.0, 1e-9, 1e-6, 1e-4, 1e-3, 0.1, 1.0, 3.0, 3.14}) {
+    Vector6 twist;
+    for (int i = 0; i < 6; ++i) twist[i] = uniform(generator);
+    twist.tail<3>() = twist.tail<3>().normalized() * angle;
+    const Vector6 back = se3_log(se3_exp(twist));
+    CAPTURE(angle);
+    CHECK((back - twist).norm() < 1e-7);
+  }
+}
+
+TEST_CASE("a transform times its inverse is the identity") {
+  Vector6 twist;
+  twist << 3.0, -2.0, 1.0, 0.4, -0.7, 1.9;
+  const SE3 product = se3_exp(twist) * se3_exp(twist).inverse();
+  CHECK(product.translation.norm() < 1e-12);
+  CHECK(so3_log(product.rotation).norm() < 1e-12);
+}
+
+TEST_CASE("the exponential of a screw is the motion of a point on it") {
+  // A quarter turn about z while moving on a circle of radius 2: ends at (2, 2).
+  Vector6 twist;
+  twist << 2.0 * M_PI / 2.0, 0.0, 0.0, 0.0, 0.0, M_PI / 2.0;
+  const SE3 motion = se3_exp(twist);
+  CHECK((motion.translation - Vector3(2.0, 2.0, 0.0)).norm() < 1e-12);
+}
+
+TEST_CASE("a matrix that is not quite a rotation is projected onto one") {
+  Eigen::Matrix<double, 3, 4> matrix;
+  matrix << 0.0, -1.001, 0.0, 1.0, 0.999, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0;
+  const SE3 transform = se3_from_matrix(matrix);
+  CHECK(transform.rotation.norm() == Approx(1.0).margin(1e-15));
+  CHECK((transform * Vector3(1.0, 0.0, 0.0) - Vector3(1.0, 3.0, 3.0)).norm() < 2e-3);
+}

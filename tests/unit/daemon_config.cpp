@@ -1,0 +1,103 @@
+#include "nilio/daemon/config_schema.hpp"
+
+#include <fstream>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::daemon;
+
+namespace {
+
+std::string error_of(const std::string& yaml) {
+  Config config;
+  const auto result = apply_yaml(config, yaml, "test.yaml");
+  return result ? "" : result.error().message;
+}
+
+}  // namespace
+
+TEST_CASE("an unknown key is named with file, line and the nearest key") {
+  const std::string error = error_of("odometry:\n  thread: 2\n");
+  CHECK(error.find("test.yaml:2: unknown key 'odometry.thread'") != std::string::npos);
+  CHECK(error.find("odometry.threads") != std::string::npos);
+}
+
+TEST_CASE("a value of the wrong type is refused with what the key takes") {
+  const std::string error = error_of("odometry:\n  threads: two\n");
+  CHECK(error == "test.yaml:2: odometry.threads takes a whole number, not 'two'");
+  CHECK(error_of("lidar:\n  extrinsic:\n    translation: [1, 2]\n").find("a list of three numbers in m") !=
+        std::string::npos);
+  CHECK(error_of("imu: 3\n").find("'imu' is a section") != std::string::npos);
+}
+
+TEST_CASE("a value out of range is refused with the range and its unit") {
+  CHECK(error_of("lidar:\n  max_range_m: 1000\n") ==
+        "test.yaml:2: lidar.max_range_m is 1000, allowed is 5 to 300 m");
+  CHECK(error_of("lidar:\n  max_range_m: .nan\n").find("not finite") != std::string::npos);
+  CHECK(error_of("lidar:\n  port: 0\n").find("1 to 65535") != std::string::npos);
+}
+
+TEST_CASE("a choice that does not exist is refused with the nearest one") {
+  CHECK(error_of("lidar:\n  model: VLP16\n").find("VLP-16") != std::string::npos);
+}
+
+TEST_CASE("all problems of a file are reported at once") {
+  const std::string error = error_of("odometry:\n  threads: 0\nlidar:\n  portt: 1\n");
+  CHECK(error.find("test.yaml:2:") != std::string::npos);
+  CHECK(error.find("test.yaml:4:") != std::string::npos);
+}
+
+TEST_CASE("text that is not YAML is refused with its line") {
+  CHECK(error_of("lidar:\n  model: [\n").find("test.yaml:") == 0);
+  CHECK(error_of("just text\n").find("is not a configuration") != std::string::npos);
+  CHECK(error_of("").empty());
+}
+
+TEST_CASE("a missing file is refused with its path") {
+  Config config;
+  const auto result = apply_file(config, "/nonexistent/nilio.yaml");
+  REQUIRE_FALSE(result.ok());
+  CHECK(result.error().message.find("/nonexistent/nilio.yaml: cannot be read") == 0);
+}
+
+TEST_CASE("overrides set one key and are checked like a file") {
+  Config config;
+  CHECK(apply_override(config, "odometry.threads=2").ok());
+  CHECK(config.odometry.threads == 2);
+  CHECK(apply_override(config, "publisher.interfaces=[\"127.0.0.1\"]").ok());
+  CHECK(config.publisher.interfaces == std::vector<std::string>{"127.0.0.1"});
+  CHECK_FALSE(apply_override(config, "odometry.threads").ok());
+  CHECK_FALSE(apply_override(config, "odometry.threads=0").ok());
+  CHECK_FALSE(apply_override(config, "odometry.nothing=1").ok());
+  CHECK(config.odometry.threads == 2);
+}
+
+TEST_CASE("the effective configuration reads back as it was") {
+  Config config;
+  REQUIRE(apply_yaml(config,
+                     "lidar:\n  extrinsic:\n    translation: [0.1, -2, 1.73]\nimu:\n  angular_velocity_z: "
+                     "{message: M, signal: S, scale: -0.0174532925}\n",
+                     "a")
+              .ok());
+  const std::string yaml = to_yaml(config);
+  Config again;
+  REQUIRE(apply_yaml(again, yaml, "b").ok());
+  CHECK(to_yaml(again) == yaml);
+  CHECK(again.lidar.extrinsic.translation == std::vector<double>{0.1, -2.0, 1.73});
+  CHECK(again.imu.angular_velocity[2].signal == "S");
+}
+
+TEST_CASE("every key is described") {
+  const std::string text = describe_keys();
+  Config config;
+  for (const ConfigKey& key : config_keys(config)) {
+    CHECK(text.find(key.path + ":") != std::string::npos);
+    CHECK_FALSE(key.help.empty());
+  }
+}
+
+TEST_CASE("the configuration that ships is the default") {
+  Config config;
+  REQUIRE(apply_file(config, std::string(NILIO_SOURCE_DIR) + "/config/nilio.yaml").ok());
+  CHECK(to_yaml(config) == to_yaml(Config{}));
+}

@@ -1,0 +1,484 @@
+#include "nilio/dds/odometry_publisher.hpp"
+#include "nilio/dds/odometry_subscriber.hpp"
+#include "nilio/dds/types.hpp"
+#include "nilio/ipc/histogram.hpp"
+#include "nilio/ipc/publisher_process.hpp"
+
+#include <algorithm>
+#include <arpa/inet.h>
+#include <array>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <netinet/in.h>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/topic/TypeSupport.hpp>
+
+namespace {
+
+using namespace nilio::dds;
+using nilio::core::Duration;
+using nilio::ipc::PoseRecord;
+using nilio::ipc::PublisherEvent;
+using nilio::ipc::PublisherProcess;
+using nilio::ipc::PublisherProcessConfig;
+using Clock = std::chrono::steady_clock;
+
+// Of its own for every test process and every test, so that tests that run side by side do not hear each
+// other.
+std::uint32_t test_domain() {
+  static std::uint32_t tests = 0;
+  return 100 + (static_cast<std::uint32_t>(getpid()) + 7 * tests++) % 100;
+}
+
+ParticipantConfig loopback(std::uint32_t domain) {
+  ParticipantConfig config;
+  config.domain = domain;
+  config.interface_whitelist = {"127.0.0.1"};
+  return config;
+}
+
+PoseRecord sample_record(std::uint64_t sequence) {
+  PoseRecord record;
+  record.sequence = sequence;
+  record.stamp_ns = 1'700'000'000'000'000'000 + static_cast<std::int64_t>(sequence) * 100'000'000 + 7;
+  record.scan_start_ns = record.stamp_ns - 100'000'000;
+  record.position = {0.1 * static_cast<double>(sequence), -3.25, 1e-9};
+  record.orientation_xyzw = {0.1, -0.2, 0.3, 0.9};
+  for (std::size_t i = 0; i < 36; ++i) {
+    record.pose_covariance[i] = 1.0 / static_cast<double>(i + 1);
+    record.twist_covariance[i] = -1.0 / static_cast<double>(i + 3);
+  }
+  record.linear_velocity = {13.9, 0.01, -0.02};
+  record.angular_velocity = {1e-3, -2e-3, 0.3};
+  const std::int64_t now =
+      std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
+  for (std::size_t i = 0; i < nilio::ipc::kStageCount; ++i)
+    record.stage_ns[i] = now - 1'000'000 * static_cast<std::int64_t>(nilio::ipc::kStageCount - 1 - i);
+  return record;
+}
+
+Odometry expected_odometry(std::uint64_t sequence) {
+  Odometry odometry;
+  odometry.frame_id = "odom";
+  odometry.child_frame_id = "base_link";
+  fill_odometry(sample_record(sequence), odometry);
+  return odometry;
+}
+
+std::unique_ptr<OdometrySubscriber> make_subscriber(std::uint32_t domain) {
+  auto subscriber = OdometrySubscriber::create({.participant = loopback(domain), .topic_prefix = ""});
+  if (!subscriber) FAIL(subscriber.error().message);
+  return std::move(subscriber).value();
+}
+
+std::unique_ptr<OdometryPublisher> make_publisher(std::uint32_t domain) {
+  OdometryPublisherConfig config;
+  config.participant = loopback(domain);
+  auto publisher = OdometryPublisher::create(config);
+  if (!publisher) FAIL(publisher.error().message);
+  return std::move(publisher).value();
+}
+
+bool wait_for_subscriber(const OdometryPublisher& publisher) {
+  for (int i = 0; i < 1000 && publisher.subscribers() == 0; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  return publisher.subscribers() > 0;
+}
+
+std::optional<std::filesystem::path> built_program(const char* name) {
+  const std::filesystem::path path = std::filesystem::path(NILIO_BIN_DIR) / name;
+  if (std::filesystem::exists(path)) return path;
+  WARN("skipped: " << path << " is not built");
+  return std::nullopt;
+}
+
+PublisherProcessConfig process_config(const std::filesystem::path& executable, std::uint32_t domain) {
+  PublisherProcessConfig config;
+  config.executable = executable;
+  config.domain = domain;
+  config.interface_whitelist = {"127.0.0.1"};
+  config.nice = 0;
+  return config;
+}
+
+// The standard output of a program, read to its end.
+class Program {
+ public:
+  explicit Program(const std::string& command) : pipe_(popen(command.c_str(), "re")) {
+    REQUIRE(pipe_ != nullptr);
+  }
+  ~Program() {
+    if (pipe_ != nullptr) pclose(pipe_);
+  }
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
+
+  std::optional<std::string> line() {
+    std::string text;
+    std::array<char, 4096> part{};
+    while (std::fgets(part.data(), static_cast<int>(part.size()), pipe_) != nullptr) {
+      text += part.data();
+      if (text.back() != '\n') continue;
+      text.pop_back();
+      return text;
+    }
+    return std::nullopt;
+  }
+  int exit_status() {
+    const int status = pclose(pipe_);
+    pipe_ = nullptr;
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  }
+
+ private:
+  std::FILE* pipe_;
+};
+
+// Peers in both directions, since loopback has no multicast.
+constexpr const char* kCycloneLoopback =
+    "CYCLONEDDS_URI='<CycloneDDS><Domain><General><Interfaces><NetworkInterface "
+    "address=\"127.0.0.1\"/></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<Peers><Peer Address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>' ";
+
+template <std::size_t N>
+void read_numbers(std::istream& in, std::array<double, N>& numbers) {
+  for (double& number : numbers) {
+    std::string text;
+    in >> text;
+    number = std::strtod(text.c_str(), nullptr);  // istream does not read hexadecimal floating point
+  }
+}
+
+nilio::core::Time read_stamp(std::istream& in) {
+  std::int64_t seconds = 0;
+  std::int64_t nanoseconds = 0;
+  in >> seconds >> nanoseconds;
+  return {seconds * 1'000'000'000 + nanoseconds};
+}
+
+Odometry parse_odometry(std::istream& in) {
+  Odometry odometry;
+  odometry.stamp = read_stamp(in);
+  in >> odometry.frame_id >> odometry.child_frame_id;
+  read_numbers(in, odometry.position);
+  read_numbers(in, odometry.orientation_xyzw);
+  read_numbers(in, odometry.pose_covariance);
+  read_numbers(in, odometry.linear_velocity);
+  read_numbers(in, odometry.angular_velocity);
+  read_numbers(in, odometry.twist_covariance);
+  return odometry;
+}
+
+TransformStamped parse_transform(std::istream& in) {
+  TransformStamped transform;
+  transform.stamp = read_stamp(in);
+  in >> transform.frame_id >> transform.child_frame_id;
+  read_numbers(in, transform.translation);
+  read_numbers(in, transform.rotation_xyzw);
+  return transform;
+}
+
+}  // namespace
+
+TEST_CASE("a subscriber on the same machine receives every pose with every field, in order") {
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  for (std::uint64_t i = 0; i < 50; ++i) {
+    REQUIRE(publisher->publish_odometry(sample_record(i)));
+    REQUIRE(publisher->publish_transform(sample_record(i)));
+    const auto received = subscriber->next(Duration::from_seconds(5.0));
+    REQUIRE(received.has_value());
+    CHECK(received->message == expected_odometry(i));
+    CHECK(received->written.ns > 0);
+    CHECK(received->received >= received->written);
+  }
+  const SubscriberCounts counts = subscriber->counts();
+  CHECK(counts.received == 50);
+  CHECK(counts.lost == 0);
+  CHECK(counts.writers_seen == 1);
+  CHECK(counts.publishers == 1);
+}
+
+TEST_CASE("a latency report arrives as it was sent") {
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  CHECK_FALSE(subscriber->latency_report().has_value());
+  LatencyReport report;
+  report.stamp = {123'456'789'012};
+  report.stages = {{"write", 3, 1.0, 2.0, 3.0}};
+  report.ring_dropped = 17;
+  std::optional<LatencyReport> received;
+  for (int i = 0; i < 500 && !received; ++i) {  // the reports' own reader may be found a little later
+    REQUIRE(publisher->publish_latency(report));
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    received = subscriber->latency_report();
+  }
+  REQUIRE(received.has_value());
+  CHECK(*received == report);
+}
+
+TEST_CASE("garbage from another writer on the topic does not disturb the subscriber") {
+  namespace fastdds = eprosima::fastdds::dds;
+  // Announces itself as odometry and sends a frame name that claims more bytes than there are.
+  class GarbageType : public OdometryType {
+   public:
+    bool serialize(void*, Payload* payload) override {
+      const std::array<std::uint8_t, 24> bytes{0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0x7F};
+      std::copy(bytes.begin(), bytes.end(), payload->data);
+      payload->length = bytes.size();
+      return true;
+    }
+  };
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  auto vandal = Participant::create(loopback(domain));
+  REQUIRE(vandal.ok());
+  const fastdds::TypeSupport type(new GarbageType);
+  type.register_type(&(*vandal)->get());
+  fastdds::Topic* const topic =
+      (*vandal)->get().create_topic("rt/odom", type.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
+  fastdds::DataWriter* const writer = (*vandal)
+                                          ->get()
+                                          .create_publisher(fastdds::PUBLISHER_QOS_DEFAULT)
+                                          ->create_datawriter(topic, fastdds::DATAWRITER_QOS_DEFAULT);
+  REQUIRE(writer != nullptr);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  fastdds::PublicationMatchedStatus matched;
+  for (int i = 0; i < 500 && matched.current_count == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    writer->get_publication_matched_status(matched);
+  }
+  REQUIRE(matched.current_count == 1);
+  Odometry anything;
+  for (std::uint64_t i = 0; i < 300; ++i) {
+    CHECK(writer->write(&anything));
+    REQUIRE(publisher->publish_odometry(sample_record(i)));
+    const auto received = subscriber->next(Duration::from_seconds(5.0));
+    REQUIRE(received.has_value());
+    CHECK(received->message.stamp.ns == sample_record(i).stamp_ns);
+  }
+  CHECK(subscriber->counts().received == 300);
+}
+
+TEST_CASE("CycloneDDS reads our odometry and transform from the IDL, every field equal") {
+  const auto reader_program = built_program("nilio-cyclone-reader");
+  if (!reader_program) return;
+  const std::uint32_t domain = test_domain();
+  constexpr std::uint64_t kMessages = 20;
+  const auto publisher = make_publisher(domain);
+  Program reader(kCycloneLoopback + reader_program->string() + " " + std::to_string(domain) + " " +
+                 std::to_string(kMessages) + " 30");
+  REQUIRE(wait_for_subscriber(*publisher));
+  // The two sides find each other independently; a volatile CycloneDDS reader takes nothing from before its
+  // own finding.
+  REQUIRE(reader.line() == "ready");
+  for (std::uint64_t i = 0; i < kMessages; ++i) {
+    REQUIRE(publisher->publish_odometry(sample_record(i)));
+    REQUIRE(publisher->publish_transform(sample_record(i)));
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  std::uint64_t odometries = 0;
+  std::uint64_t transforms = 0;
+  while (const auto line = reader.line()) {
+    std::istringstream in(*line);
+    std::string kind;
+    in >> kind;
+    if (kind == "odometry") {
+      CHECK(parse_odometry(in) == expected_odometry(odometries++));
+    } else if (kind == "transform") {
+      const PoseRecord record = sample_record(transforms++);
+      CHECK(
+          parse_transform(in) ==
+          TransformStamped{{record.stamp_ns}, "odom", "base_link", record.position, record.orientation_xyzw});
+    }
+  }
+  CHECK(odometries == kMessages);
+  CHECK(transforms == kMessages);
+  CHECK(reader.exit_status() == 0);
+}
+
+TEST_CASE("a publisher process drains its ring before it stops, however early it is stopped") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  PublisherProcessConfig config = process_config(*executable, domain);
+  config.wait_for_subscribers = Duration::from_seconds(10.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  constexpr std::uint64_t kPoses = 200;
+  for (std::uint64_t i = 0; i < kPoses; ++i) REQUIRE((*process)->publish(sample_record(i)));
+  REQUIRE((*process)->start().ok());
+  const auto stopped = (*process)->stop();
+  REQUIRE(stopped.has_value());
+  INFO(stopped->message);
+  CHECK(stopped->exit_status == 0);
+  CHECK(stopped->unpublished == 0);
+  std::uint64_t expected = 0;
+  while (const auto received = subscriber->next(Duration::from_seconds(1.0)))
+    CHECK(received->message == expected_odometry(expected++));
+  CHECK(expected == kPoses);
+  CHECK(subscriber->counts().lost == 0);
+  const auto report = subscriber->latency_report();
+  REQUIRE(report.has_value());
+  CHECK(report->poses_published == kPoses);
+  CHECK(report->failed_writes == 0);
+  REQUIRE(report->stages.size() == nilio::ipc::kLatencyStageCount + 3);
+  CHECK(report->stages[1].p50_us == Approx(1000.0).epsilon(0.01));
+  CHECK(report->stages.back().name == "received_to_written");
+  CHECK(report->stages.back().count >= kPoses);
+}
+
+TEST_CASE("a publisher killed with SIGKILL is back within a second and loses no pose") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  PublisherProcessConfig config = process_config(*executable, domain);
+  config.wait_for_subscribers = Duration::from_seconds(10.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+
+  std::uint64_t sequence = 0;
+  std::uint64_t expected = 0;
+  std::uint64_t repeated = 0;
+  bool killed = false;
+  Clock::time_point killed_at;
+  std::vector<double> outages_s;
+  while (outages_s.size() < 3 && sequence < 1500) {
+    REQUIRE((*process)->publish(sample_record(sequence++)));
+    (*process)->poll();
+    const auto next_pose = Clock::now() + std::chrono::milliseconds(20);
+    while (const auto received = subscriber->next(Duration{(next_pose - Clock::now()).count()})) {
+      const auto stamp = received->message.stamp.ns;
+      if (expected > 0 && stamp == sample_record(expected - 1).stamp_ns) {
+        ++repeated;  // was written, but not yet given back, when the kill came
+        continue;
+      }
+      CHECK(stamp == sample_record(expected++).stamp_ns);
+      if (!killed || (*process)->restarts() <= outages_s.size()) continue;
+      outages_s.push_back(std::chrono::duration<double>(Clock::now() - killed_at).count());
+      killed = false;
+    }
+    if (!killed && sequence % 100 == 50) {
+      kill((*process)->pid(), SIGKILL);
+      killed_at = Clock::now();
+      killed = true;
+    }
+  }
+  REQUIRE(outages_s.size() == 3);
+  INFO("outages " << outages_s[0] << " " << outages_s[1] << " " << outages_s[2] << " s");
+  CHECK(outages_s[0] < 1.0);
+  CHECK(outages_s[2] < 2.0);  // has a back-off of 0.4 s
+  CHECK(repeated <= 3);
+  CHECK((*process)->restarts() == 3);
+  CHECK(subscriber->counts().writers_seen == 4);
+  CHECK((*process)->ring().dropped() == 0);
+}
+
+TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  PublisherProcessConfig config = process_config(*executable, domain);
+  config.wait_for_subscribers = Duration::from_seconds(10.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  REQUIRE((*process)->publish(sample_record(0)));
+  REQUIRE(subscriber->next(Duration::from_seconds(10.0)).has_value());
+
+  // RTPS 2.3 of eProsima, then two statistics submessages of the right length, where only one, the last, is
+  // expected.
+  std::vector<std::uint8_t> datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
+  datagram.insert(datagram.end(), 12, 0x42);
+  for (int i = 0; i < 2; ++i) {
+    datagram.insert(datagram.end(), {0x80, 0x01, 56, 0});
+    datagram.insert(datagram.end(), 56, 0);
+  }
+  const int sender = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  for (std::uint32_t offset = 10; offset < 30;
+       ++offset) {  // the ports of the first participants of the domain
+    to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
+    sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+  }
+  close(sender);
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  const auto event = (*process)->poll();
+  INFO((event ? event->message : ""));
+  CHECK_FALSE(event.has_value());
+  REQUIRE((*process)->publish(sample_record(1)));
+  const auto received = subscriber->next(Duration::from_seconds(5.0));
+  REQUIRE(received.has_value());
+  CHECK(received->message == expected_odometry(1));
+}
+
+TEST_CASE("a publisher ends when its parent dies") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  std::array<int, 2> pids{};
+  REQUIRE(pipe2(pids.data(), O_CLOEXEC) == 0);
+  const std::uint32_t domain = test_domain();
+  const pid_t parent = fork();
+  REQUIRE(parent >= 0);
+  if (parent == 0) {
+    auto process = PublisherProcess::create(process_config(*executable, domain));
+    const auto pid = (*process)->start();
+    const pid_t publisher = pid ? *pid : -1;
+    if (write(pids[1], &publisher, sizeof publisher) != sizeof publisher) _exit(1);
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    raise(SIGKILL);
+  }
+  pid_t publisher = -1;
+  REQUIRE(read(pids[0], &publisher, sizeof publisher) == sizeof publisher);
+  REQUIRE(publisher > 0);
+  waitpid(parent, nullptr, 0);
+  bool gone = false;
+  for (int i = 0; i < 300 && !gone; ++i) {
+    // Gone, or dead and waiting for an init that reaps it.
+    std::ifstream stat("/proc/" + std::to_string(publisher) + "/stat");
+    std::string pid, name, state;
+    gone = !(stat >> pid >> name >> state) || state == "Z";
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  CHECK(gone);
+  close(pids[0]);
+  close(pids[1]);
+}
+
+TEST_CASE("a publisher that gets no ring says so and fails") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  Program program(executable->string() + " --ring-fd=1 --wake-fd=1 2>&1");
+  CHECK_THAT(program.line().value_or(""), Catch::Matchers::Contains("file descriptor 1 is not a ring"));
+  CHECK(program.exit_status() == 1);
+}

@@ -1,0 +1,381 @@
+#include "drivers_support.hpp"
+
+#include <map>
+#include <set>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::drivers;
+using nilio::tests::assemble;
+using nilio::tests::kEpochNs;
+using nilio::tests::TurningSensor;
+
+namespace {
+
+TurningSensor vlp16() { return {.sensor = make_velodyne_sensor(VelodyneModel::kVlp16)}; }
+
+std::vector<Packet> packets_of(const TurningSensor& source, std::size_t first, std::size_t last) {
+  std::vector<Packet> packets;
+  for (std::size_t i = first; i < last; ++i) packets.push_back(source.packet(i));
+  return packets;
+}
+
+/// Absolute time of every point, by range and ring: the range tells the block, the ring and the time within
+/// it the entry.
+std::multimap<std::int64_t, int> firing_times(const std::vector<core::Scan>& scans) {
+  std::multimap<std::int64_t, int> times;
+  for (const core::Scan& scan : scans) {
+    for (const core::Point& p : scan.points) times.emplace(scan.start.ns + p.time_offset_ns, p.ring);
+  }
+  return times;
+}
+
+}  // namespace
+
+TEST_CASE("encoding and decoding a data packet are exact inverses") {
+  const VelodyneDataPacket data = vlp16().data(5);
+  const auto bytes = encode(data);
+  const auto decoded = decode(bytes);
+  REQUIRE(decoded.has_value());
+  CHECK(encode(*decoded) == bytes);
+  CHECK(decoded->timestamp_us == data.timestamp_us);
+  CHECK(decoded->blocks[11].entries[31].distance == data.blocks[11].entries[31].distance);
+  CHECK_FALSE(decode(std::span(bytes).first(1205)).has_value());
+}
+
+TEST_CASE("a cut in the middle of a packet puts every firing into exactly one scan") {
+  for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
+    // Beginning at the cut, so that no part of a revolution is dropped.
+    const TurningSensor source{.sensor = make_velodyne_sensor(model), .start_azimuth_deg = 180.0};
+    const auto packets = static_cast<std::size_t>(400'000'000 / source.sensor.packet_period_ns);
+    ScanAssembler assembler(source.sensor, {});
+    std::vector<core::Scan> scans = assemble(assembler, packets_of(source, 0, packets));
+    if (assembler.finish()) {
+      scans.emplace_back();
+      assembler.take_scan(scans.back());
+    }
+    REQUIRE(scans.size() >= 3);
+    std::size_t points = 0;
+    bool cut_inside_a_packet = false;
+    for (std::size_t i = 0; i < scans.size(); ++i) {
+      points += scans[i].points.size();
+      CHECK(scans[i].sequence == i);
+      CHECK(scans[i].coverage_deg >= 355.0F);
+      if (i == 0) continue;
+      CHECK(scans[i].start > scans[i - 1].end);
+      cut_inside_a_packet =
+          cut_inside_a_packet || (scans[i].start.ns - source.start_ns) % source.sensor.packet_period_ns != 0;
+    }
+    CHECK(cut_inside_a_packet);
+    CHECK(assembler.stats().partial_scans <= 1);
+    const auto times = firing_times(scans);
+    CHECK(times.size() == points);
+    // Each instant has as many points as lasers fire at once, none is there twice.
+    const std::size_t at_once = source.sensor.blocks_per_azimuth;
+    CHECK(times.count(times.begin()->first) == at_once);
+    std::set<std::pair<std::int64_t, int>> distinct(times.begin(), times.end());
+    CHECK(distinct.size() == points);
+    if (assembler.stats().partial_scans == 0) CHECK(points == packets * kBlocksPerPacket * kEntriesPerBlock);
+  }
+}
+
+TEST_CASE("scans begin where the cut azimuth is, wherever that is") {
+  for (const double cut : {0.0, 90.0, 359.9, -10.0}) {
+    const TurningSensor source = vlp16();
+    ScanAssembler assembler(source.sensor, {.cut_azimuth_deg = cut});
+    const auto scans = assemble(assembler, packets_of(source, 0, 300));
+    REQUIRE(scans.size() >= 2);
+    const double turns = static_cast<double>(scans[1].start.ns - source.start_ns) * 1e-9 * 10.0;
+    const double azimuth = std::fmod(turns * 360.0 - cut + 720.0, 360.0);
+    CHECK(azimuth < 0.41);
+    CHECK((scans[1].end - scans[1].start).seconds() == Approx(0.1).margin(2e-4));
+  }
+}
+
+TEST_CASE("scan times are the sensor's where its clock agrees with the host's") {
+  TurningSensor source = vlp16();
+  source.sensor_ahead_ns = 50'000'000;
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets_of(source, 0, 250));
+  REQUIRE_FALSE(scans.empty());
+  const std::int64_t since_start = scans[0].start.ns - source.start_ns - source.sensor_ahead_ns;
+  CHECK(since_start % 1000 == scans[0].start.ns % 1000);
+  CHECK(since_start >= 0);
+  CHECK(scans[0].end.ns - scans[0].start.ns < 101'000'000);
+  CHECK(scans[0].received_ns > 0);
+}
+
+TEST_CASE("a free-running sensor clock is shifted by the least delay of the first packets") {
+  TurningSensor source = vlp16();
+  source.start_azimuth_deg = 180.0;
+  source.sensor_ahead_ns = 1'234'567'000'000;
+  ScanAssembler assembler(source.sensor, {});
+  std::vector<Packet> packets;
+  for (std::size_t i = 0; i < 250; ++i) packets.push_back(source.packet(i, i % 7 == 3 ? 0 : 400'000));
+  const auto scans = assemble(assembler, packets);
+  REQUIRE(scans.size() >= 2);
+  CHECK(std::abs(scans[0].start.ns - source.start_ns) < 2'000);
+}
+
+TEST_CASE("host time is the receive time less the packet's duration") {
+  TurningSensor source = vlp16();
+  source.start_azimuth_deg = 180.0;
+  source.sensor_ahead_ns = 77'000'000'000;
+  ScanAssembler assembler(source.sensor, {.time_source = TimeSource::kHost});
+  const auto scans = assemble(assembler, packets_of(source, 0, 100));
+  REQUIRE(scans.size() == 1);
+  CHECK(scans[0].start.ns == source.start_ns);
+}
+
+TEST_CASE("the hour counter rolls over without a jump in time") {
+  TurningSensor source = vlp16();
+  source.start_azimuth_deg = 180.0;
+  const std::int64_t hour = 3'600'000'000'000;
+  source.start_ns = kEpochNs / hour * hour + hour - 150'000'000;
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets_of(source, 0, 310));
+  REQUIRE(scans.size() == 4);
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    CHECK((scans[i].start - scans[i - 1].start).seconds() == Approx(0.1).margin(3e-4));
+  }
+  CHECK(std::abs(scans[0].start.ns - source.start_ns) < 2'000);
+  CHECK(assembler.stats().time_jumps == 0);
+  CHECK(assembler.stats().lost_packets == 0);
+}
+
+TEST_CASE("the hour is resolved when sensor and host stand on different sides of it") {
+  TurningSensor source = vlp16();
+  source.start_azimuth_deg = 180.0;
+  const std::int64_t hour = 3'600'000'000'000;
+  source.start_ns = kEpochNs / hour * hour + hour - 20'000'000;
+  source.sensor_ahead_ns = 30'000'000;
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets_of(source, 0, 100));
+  REQUIRE(scans.size() == 1);
+  CHECK(std::abs(scans[0].start.ns - source.start_ns - source.sensor_ahead_ns) < 2'000);
+}
+
+TEST_CASE("a packet lost inside a scan leaves the other firings' points and times unchanged") {
+  const TurningSensor source = vlp16();
+  std::vector<Packet> packets = packets_of(source, 0, 250);
+  ScanAssembler whole(source.sensor, {});
+  const auto expected = assemble(whole, packets);
+  packets.erase(packets.begin() + 80, packets.begin() + 83);
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets);
+  REQUIRE(scans.size() == expected.size());
+  CHECK(assembler.stats().lost_packets == 3);
+  CHECK(assembler.stats().time_jumps == 0);
+  std::uint32_t lost = 0;
+  for (std::size_t i = 0; i < scans.size(); ++i) {
+    lost += scans[i].lost_packets;
+    CHECK(scans[i].start == expected[i].start);
+    std::set<std::tuple<std::int32_t, int, float, float>> points;
+    for (const core::Point& p : expected[i].points) points.emplace(p.time_offset_ns, p.ring, p.x, p.y);
+    for (const core::Point& p : scans[i].points)
+      REQUIRE(points.count({p.time_offset_ns, p.ring, p.x, p.y}) == 1);
+  }
+  CHECK(lost == 3);
+}
+
+TEST_CASE("a loss over the cut still cuts there") {
+  const TurningSensor source = vlp16();
+  std::vector<Packet> packets = packets_of(source, 0, 320);
+  // The cut at 180 degrees is near packet 113 (150 ms).
+  packets.erase(packets.begin() + 108, packets.begin() + 120);
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets);
+  REQUIRE(scans.size() >= 2);
+  CHECK((scans[0].end - scans[0].start).seconds() < 0.1);
+  CHECK((scans[1].end - scans[1].start).seconds() < 0.1);
+  CHECK(scans[0].lost_packets == 12);
+}
+
+TEST_CASE("a loss of more than a revolution drops what is left of both scans") {
+  const TurningSensor source = vlp16();
+  std::vector<Packet> packets = packets_of(source, 0, 450);
+  packets.erase(packets.begin() + 70, packets.begin() + 230);
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets);
+  CHECK(assembler.stats().lost_packets == 160);
+  CHECK(assembler.stats().partial_scans >= 2);
+  REQUIRE_FALSE(scans.empty());
+  for (const core::Scan& scan : scans) CHECK((scan.end - scan.start).seconds() == Approx(0.1).margin(3e-4));
+}
+
+TEST_CASE("duplicate and reordered packets are counted and change nothing") {
+  const TurningSensor source = vlp16();
+  const std::vector<Packet> packets = packets_of(source, 0, 250);
+  ScanAssembler plain(source.sensor, {});
+  const auto expected = assemble(plain, packets);
+  std::vector<Packet> disturbed;
+  for (std::size_t i = 0; i < packets.size(); ++i) {
+    disturbed.push_back(packets[i]);
+    if (i == 50) disturbed.push_back(packets[i]);
+    if (i == 90) disturbed.push_back(packets[i - 4]);
+  }
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, disturbed);
+  CHECK(assembler.stats().duplicate_packets == 1);
+  CHECK(assembler.stats().reordered_packets == 1);
+  CHECK(assembler.stats().time_jumps == 0);
+  REQUIRE(scans.size() == expected.size());
+  for (std::size_t i = 0; i < scans.size(); ++i) {
+    CHECK(scans[i].points.size() == expected[i].points.size());
+    CHECK(scans[i].start == expected[i].start);
+  }
+}
+
+TEST_CASE("a sensor that was restarted is followed from its new time on") {
+  TurningSensor source = vlp16();
+  source.sensor_ahead_ns = 10'000'000'000;
+  std::vector<Packet> packets = packets_of(source, 0, 200);
+  TurningSensor restarted = source;
+  restarted.sensor_ahead_ns = -600'000'000'000;
+  restarted.start_ns = source.packet_time_ns(200) + 300'000'000;
+  for (const Packet& packet : packets_of(restarted, 0, 200)) packets.push_back(packet);
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets);
+  CHECK(assembler.stats().time_jumps == 1);
+  CHECK(assembler.stats().lost_packets == 0);
+  REQUIRE(scans.size() >= 3);
+  for (const core::Scan& scan : scans) {
+    CHECK(scan.start.ns >= source.start_ns - 2'000);
+    CHECK((scan.end - scan.start).seconds() == Approx(0.1).margin(3e-4));
+  }
+  CHECK(scans.back().start.ns > restarted.start_ns);
+}
+
+TEST_CASE("a stalled motor ends scans by time and they are dropped as partial") {
+  TurningSensor source = vlp16();
+  source.revolutions_per_second = 0.0;
+  source.start_azimuth_deg = 20.0;
+  ScanAssembler assembler(source.sensor, {});
+  const auto scans = assemble(assembler, packets_of(source, 0, 1000));
+  CHECK(scans.empty());
+  CHECK(assembler.stats().partial_scans == 4);
+}
+
+TEST_CASE("wrong blocks are skipped and counted, the others stay") {
+  const TurningSensor source = vlp16();
+  std::vector<Packet> packets = packets_of(source, 0, 250);
+  VelodyneDataPacket data = source.data(100);
+  data.blocks[3].flag = 0xDDFF;
+  data.blocks[5].azimuth = 36000;
+  data.blocks[8].azimuth = static_cast<std::uint16_t>((data.blocks[8].azimuth + 9000) % 36000);
+  const Packet original = packets[100];
+  packets[100] = TurningSensor::wrap(data);
+  packets[100].stamp = original.stamp;
+  ScanAssembler assembler(source.sensor, {});
+  ScanAssembler whole(source.sensor, {});
+  const auto scans = assemble(assembler, packets);
+  CHECK(assembler.stats().bad_block == 4);  // the block between the two wrong ones has no neighbour left
+  CHECK(scans.size() == assemble(whole, packets_of(source, 0, 250)).size());
+  CHECK(whole.stats().points - assembler.stats().points == 4 * kEntriesPerBlock);
+}
+
+TEST_CASE("a blind sector inside a packet delays the firings behind it") {
+  const TurningSensor source = vlp16();
+  VelodyneDataPacket data = source.data(10);
+  for (std::size_t b = 6; b < kBlocksPerPacket; ++b) {
+    data.blocks[b].azimuth = static_cast<std::uint16_t>(data.blocks[b].azimuth + 17'990);
+  }
+  Packet packet = TurningSensor::wrap(data);
+  packet.stamp.ns = source.packet_time_ns(10) + 50'000'000;
+  ScanAssembler assembler(source.sensor, {.cut_azimuth_deg = 350.0, .min_coverage_deg = 0.0});
+  CHECK_FALSE(assembler.add(packet));
+  REQUIRE(assembler.finish());
+  core::Scan scan;
+  assembler.take_scan(scan);
+  CHECK(assembler.stats().bad_block == 0);
+  // 179.9 degrees at 10 revolutions per second; the rate is known to one part in forty.
+  CHECK((scan.end - scan.start).seconds() == Approx(0.05).margin(0.0015));
+}
+
+TEST_CASE("packets of other lengths are counted and position packets passed over") {
+  const TurningSensor source = vlp16();
+  ScanAssembler assembler(source.sensor, {});
+  Packet packet = source.packet(0);
+  packet.size = 1205;
+  CHECK_FALSE(assembler.add(packet));
+  packet.size = 0;
+  CHECK_FALSE(assembler.add(packet));
+  packet.size = kPositionPacketSize;
+  CHECK_FALSE(assembler.add(packet));
+  packet.size = kPacketCapacity;
+  packet.truncated = true;
+  CHECK_FALSE(assembler.add(packet));
+  CHECK(assembler.stats().bad_length == 3);
+  CHECK(assembler.stats().packets == 0);
+}
+
+TEST_CASE("dual-return packets are counted, not misread") {
+  const TurningSensor source = vlp16();
+  VelodyneDataPacket data = source.data(0);
+  data.factory_byte_1 = 0x39;
+  ScanAssembler assembler(source.sensor, {});
+  CHECK_FALSE(assembler.add(TurningSensor::wrap(data)));
+  CHECK(assembler.stats().dual_return == 1);
+  CHECK(assembler.stats().points == 0);
+}
+
+TEST_CASE("range limits are inclusive and what is beyond them is counted") {
+  const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
+  const TurningSensor source{.sensor = sensor};
+  VelodyneDataPacket data = source.data(0);
+  for (auto& block : data.blocks) block.entries.fill({});
+  data.blocks[0].entries[0].distance = 500;
+  data.blocks[0].entries[1].distance = 499;
+  data.blocks[0].entries[2].distance = 10000;
+  data.blocks[0].entries[3].distance = 10001;
+  ScanAssembler assembler(sensor, {.min_range_m = 1.0, .max_range_m = 20.0, .min_coverage_deg = 0.0});
+  assembler.add(TurningSensor::wrap(data));
+  CHECK(assembler.stats().points == 2);
+  CHECK(assembler.stats().points_out_of_range == 2);
+}
+
+TEST_CASE("no packets, however wrong, make a scan larger than its capacity") {
+  const TurningSensor source = vlp16();
+  ScanAssembler assembler(source.sensor, {.min_coverage_deg = 0.0});
+  core::Scan scan;
+  std::size_t largest = 0;
+  for (std::uint32_t i = 0; i < 2000; ++i) {
+    // Time stands nearly still and the azimuth too: neither would ever end the scan.
+    VelodyneDataPacket data = source.data(0);
+    for (auto& block : data.blocks) block.azimuth = 100;
+    data.timestamp_us = i + 1;
+    Packet packet = TurningSensor::wrap(data);
+    packet.stamp.ns = kEpochNs;
+    if (!assembler.add(packet)) continue;
+    assembler.take_scan(scan);
+    largest = std::max(largest, scan.points.size());
+  }
+  CHECK(largest > 0);
+  CHECK(largest <= 230 * kBlocksPerPacket * kEntriesPerBlock);
+}
+
+TEST_CASE("assembling reuses the buffers it is given") {
+  const TurningSensor source = vlp16();
+  ScanAssembler assembler(source.sensor, {});
+  core::Scan scan;
+  std::set<const core::Point*> buffers;
+  for (std::size_t i = 0; i < 1500; ++i) {
+    if (!assembler.add(source.packet(i))) continue;
+    assembler.take_scan(scan);
+    buffers.insert(scan.points.data());
+  }
+  CHECK(assembler.stats().scans > 15);
+  CHECK(buffers.size() <= 3);
+}
+
+TEST_CASE("models are told by their packets and by nothing else") {
+  const TurningSensor puck = vlp16();
+  const TurningSensor hdl{.sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS2)};
+  CHECK(detect_velodyne_model(packets_of(puck, 0, 5)) == VelodyneModel::kVlp16);
+  CHECK(detect_velodyne_model(packets_of(hdl, 0, 5)) == VelodyneModel::kHdl64eS2);
+  VelodyneDataPacket other = puck.data(0);
+  other.factory_byte_2 = 0x21;
+  CHECK_FALSE(detect_velodyne_model(std::vector<Packet>{TurningSensor::wrap(other)}).has_value());
+  CHECK_FALSE(detect_velodyne_model({}).has_value());
+}

@@ -1,0 +1,209 @@
+#include "nilio/ipc/publisher_process.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+
+namespace {
+
+using Catch::Matchers::Contains;
+using nilio::core::Duration;
+using nilio::ipc::PublisherEvent;
+using nilio::ipc::PublisherProcess;
+using nilio::ipc::PublisherProcessConfig;
+using Kind = PublisherEvent::Kind;
+
+// A shell script that plays the publisher, in a folder of its own.
+class FakePublisher {
+ public:
+  explicit FakePublisher(const std::string& script) {
+    std::string pattern = (std::filesystem::temp_directory_path() / "nilio_test_XXXXXX").string();
+    folder_ = mkdtemp(pattern.data());
+    std::ofstream(path()) << "#!/bin/sh\ncd " << folder_.string() << "\n" << script << "\n";
+    std::filesystem::permissions(path(), std::filesystem::perms::owner_all);
+  }
+  ~FakePublisher() { std::filesystem::remove_all(folder_); }
+  FakePublisher(const FakePublisher&) = delete;
+  FakePublisher& operator=(const FakePublisher&) = delete;
+
+  [[nodiscard]] std::filesystem::path path() const { return folder_ / "publisher.sh"; }
+  // What the script wrote into a file, waiting until it ends with a line end.
+  [[nodiscard]] std::string output(const std::string& name) const {
+    for (int i = 0; i < 400; ++i) {
+      std::ostringstream text;
+      text << std::ifstream(folder_ / name).rdbuf();
+      if (!text.str().empty() && text.str().back() == '\n') return text.str();
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    return {};
+  }
+
+ private:
+  std::filesystem::path folder_;
+};
+
+PublisherProcessConfig config_for(const std::filesystem::path& executable) {
+  PublisherProcessConfig config;
+  config.executable = executable;
+  config.ring_capacity = 8;
+  config.initial_back_off = Duration::from_milliseconds(20.0);
+  config.max_back_off = Duration::from_milliseconds(100.0);
+  return config;
+}
+
+PublisherEvent wait_for_event(PublisherProcess& process) {
+  for (int i = 0; i < 2000; ++i) {
+    if (auto event = process.poll()) return *event;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  FAIL("no event within 10 s");
+  return {};
+}
+
+}  // namespace
+
+TEST_CASE("the publisher gets its settings as arguments and no descriptors but its own") {
+  const FakePublisher fake("ls /proc/self/fd > descriptors; echo \"$@\" > arguments; exec sleep 100");
+  const int leak = open("/dev/null", O_RDONLY);  // NOLINT: without close-on-exec on purpose
+  REQUIRE(leak >= 0);
+  PublisherProcessConfig config = config_for(fake.path());
+  config.domain = 42;
+  config.interface_whitelist = {"127.0.0.1", "10.0.0.7"};
+  config.odom_frame = "my odom";
+  config.topic_prefix = "car";
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  const std::string arguments = fake.output("arguments");
+  CHECK_THAT(arguments, Contains("--domain=42") && Contains("--interface=127.0.0.1") &&
+                            Contains("--interface=10.0.0.7"));
+  CHECK_THAT(arguments, Contains("--odom-frame=my odom") && Contains("--topic-prefix=car"));
+  CHECK_THAT(arguments, Contains("--parent-pid=" + std::to_string(getpid())));
+  // 0 to 4; ls itself has one more for the folder it lists, and the shell may have one for its script.
+  std::istringstream descriptors(fake.output("descriptors"));
+  int descriptor = -1;
+  int count = 0;
+  while (descriptors >> descriptor) {
+    ++count;
+    CHECK((descriptor < 6 || descriptor == 10));
+  }
+  CHECK(count >= 6);
+  CHECK(count <= 7);
+  close(leak);
+}
+
+TEST_CASE("a publisher that does not end when asked is killed") {
+  const FakePublisher fake("trap '' TERM; echo up > up; while :; do sleep 0.05; done");
+  auto process = PublisherProcess::create(config_for(fake.path()));
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  REQUIRE(fake.output("up") == "up\n");
+  CHECK((*process)->publish({}));
+  const auto stopped = (*process)->stop(Duration::from_milliseconds(100.0));
+  REQUIRE(stopped.has_value());
+  CHECK(stopped->kind == Kind::kStopped);
+  CHECK(stopped->signal == SIGKILL);
+  CHECK(stopped->unpublished == 1);
+  CHECK_FALSE((*process)->running());
+  CHECK_FALSE((*process)->poll().has_value());
+}
+
+TEST_CASE("a publisher that dies is started again with growing pauses") {
+  const FakePublisher fake("exit 3");
+  auto process = PublisherProcess::create(config_for(fake.path()));
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  double expected_ms = 20.0;
+  for (std::uint64_t restart = 0; restart < 5; ++restart) {
+    const PublisherEvent died = wait_for_event(**process);
+    REQUIRE(died.kind == Kind::kDied);
+    CHECK(died.exit_status == 3);
+    CHECK(died.signal == 0);
+    CHECK(died.restarts == restart);
+    CHECK(died.back_off.milliseconds() == expected_ms);
+    CHECK_THAT(died.message, Contains("ended with status 3"));
+    const auto begin = std::chrono::steady_clock::now();
+    const PublisherEvent started = wait_for_event(**process);
+    const std::chrono::duration<double, std::milli> pause = std::chrono::steady_clock::now() - begin;
+    REQUIRE(started.kind == Kind::kStarted);
+    CHECK(started.restarts == restart + 1);
+    CHECK(started.pid > 0);
+    CHECK(pause.count() > expected_ms - 10.0);
+    expected_ms = std::min(2.0 * expected_ms, 100.0);
+  }
+  CHECK((*process)->restarts() == 5);
+}
+
+TEST_CASE("after a healthy life the pause is short again") {
+  const FakePublisher fake("sleep 0.1; exit 1");
+  PublisherProcessConfig config = config_for(fake.path());
+  config.healthy_after = Duration::from_milliseconds(50.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  for (int i = 0; i < 3; ++i) {
+    const PublisherEvent died = wait_for_event(**process);
+    CHECK(died.back_off.milliseconds() == 20.0);
+    CHECK(wait_for_event(**process).kind == Kind::kStarted);
+  }
+}
+
+TEST_CASE("a publisher killed by a signal is reported with it") {
+  const FakePublisher fake("exec sleep 100");
+  auto process = PublisherProcess::create(config_for(fake.path()));
+  REQUIRE(process.ok());
+  const auto pid = (*process)->start();
+  REQUIRE(pid.ok());
+  CHECK_FALSE((*process)->poll().has_value());
+  kill(*pid, SIGKILL);
+  const PublisherEvent died = wait_for_event(**process);
+  CHECK(died.kind == Kind::kDied);
+  CHECK(died.pid == *pid);
+  CHECK(died.signal == SIGKILL);
+  CHECK(died.exit_status == -1);
+  CHECK_THAT(died.message, Contains("killed by signal 9"));
+}
+
+TEST_CASE("a publisher that reads nothing although poses wait is killed") {
+  const FakePublisher fake("exec sleep 100");
+  PublisherProcessConfig config = config_for(fake.path());
+  config.hang_timeout = Duration::from_milliseconds(100.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  std::this_thread::sleep_for(std::chrono::milliseconds(150));
+  CHECK_FALSE((*process)->poll().has_value());  // nothing to read is no reason
+  CHECK((*process)->publish({}));
+  CHECK(wait_for_event(**process).kind == Kind::kHung);
+  CHECK(wait_for_event(**process).signal == SIGKILL);
+}
+
+TEST_CASE("an executable that is not there is an error that names it, and is tried again") {
+  auto process = PublisherProcess::create(config_for("/nonexistent/nilio-publisher"));
+  REQUIRE(process.ok());
+  const auto started = (*process)->start();
+  REQUIRE_FALSE(started.ok());
+  CHECK_THAT(started.error().message, Contains("/nonexistent/nilio-publisher") && Contains("No such file"));
+  CHECK(wait_for_event(**process).kind == Kind::kStartFailed);
+  CHECK_FALSE((*process)->stop().has_value());
+}
+
+TEST_CASE("poses that find the ring full are counted and never block") {
+  auto process = PublisherProcess::create(config_for("/bin/true"));
+  REQUIRE(process.ok());
+  int accepted = 0;
+  for (int i = 0; i < 20; ++i) accepted += (*process)->publish({}) ? 1 : 0;
+  CHECK(accepted == 8);
+  CHECK((*process)->ring().dropped() == 12);
+}

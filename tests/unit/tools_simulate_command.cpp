@@ -1,0 +1,134 @@
+#include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/imu_decoder.hpp"
+
+#include "commands.hpp"
+#include "tools_simulate_support.hpp"
+#include "trajectory.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <CLI/CLI.hpp>
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using tests::TemporaryFolder;
+
+namespace {
+
+/// Exit status of "nilio simulate <arguments>".
+int simulate(const std::string& arguments) {
+  CLI::App app;
+  int status = 0;
+  tools::add_simulate_command(app, status);
+  app.parse("simulate " + arguments);
+  return status;
+}
+
+/// What a command says on standard error.
+template <class Run>
+std::string captured_errors(Run run) {
+  std::ostringstream text;
+  std::streambuf* const before = std::cerr.rdbuf(text.rdbuf());
+  run();
+  std::cerr.rdbuf(before);
+  return text.str();
+}
+
+const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
+
+}  // namespace
+
+TEST_CASE("the same seed gives the same bytes in every file, another seed does not") {
+  const TemporaryFolder a;
+  const TemporaryFolder b;
+  const TemporaryFolder c;
+  REQUIRE(simulate(a.path().string() + kShort) == 0);
+  REQUIRE(simulate(b.path().string() + kShort) == 0);
+  REQUIRE(simulate(c.path().string() + kShort + " --seed 2") == 0);
+  for (const char* name : {"lidar.pcap", "imu.candump.log", "truth.tum"}) {
+    const std::string content = tests::read_whole(a.path() / name);
+    CHECK(content.size() > 10'000);
+    CHECK(content == tests::read_whole(b.path() / name));
+    CHECK(content != tests::read_whole(c.path() / name));
+  }
+  CHECK(tests::read_whole(a.path() / "nilio.yaml") == tests::read_whole(b.path() / "nilio.yaml"));
+}
+
+TEST_CASE("the truth begins at the identity and its times are those of the IMU frames") {
+  const TemporaryFolder folder;
+  REQUIRE(simulate(folder.path().string() + kShort + " --imu oxts_rt3003 --imu-rate 100") == 0);
+  const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
+  REQUIRE(truth.ok());
+  CHECK(truth->poses.size() == 201);
+  CHECK(truth->poses.front().matrix().isApprox(Eigen::Matrix4d::Identity(), 1e-9));
+  CHECK(truth->poses.back().translation().norm() == Approx(10.0).margin(0.3));
+
+  auto source = drivers::open_candump((folder.path() / "imu.candump.log").string(), "can0");
+  REQUIRE(source.ok());
+  auto preset = drivers::imu_preset("oxts_rt3003");
+  REQUIRE(preset.ok());
+  auto decoder = drivers::ImuDecoder::create(preset->mapping, preset->database);
+  REQUIRE(decoder.ok());
+  std::vector<core::ImuSample> samples;
+  std::vector<drivers::CanFrame> frames(64);
+  while (true) {
+    const drivers::SourceRead read = (*source)->read(frames, core::Duration{0});
+    for (std::size_t i = 0; i < read.count; ++i) {
+      if (const auto sample = decoder->add(frames[i])) samples.push_back(*sample);
+    }
+    if (read.state != drivers::SourceState::kData) break;
+  }
+  REQUIRE(samples.size() == 101);
+  CHECK(samples.front().stamp == truth->stamps.front());
+  CHECK(samples.back().stamp == truth->stamps.back());
+  CHECK(samples[50].linear_acceleration[2] == Approx(9.81).margin(1.5));
+}
+
+TEST_CASE("without an IMU neither its file nor its configuration is written") {
+  const TemporaryFolder folder;
+  REQUIRE(simulate(folder.path().string() + kShort) == 0);
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
+  REQUIRE(simulate(folder.path().string() + kShort + " --imu none --sensor hdl64e") == 0);
+  CHECK_FALSE(std::filesystem::exists(folder.path() / "imu.candump.log"));
+  const std::string configuration = tests::read_whole(folder.path() / "nilio.yaml");
+  CHECK_THAT(configuration, Catch::Contains("model: HDL-64E-S2") && !Catch::Contains("imu:"));
+}
+
+TEST_CASE("options out of range, not a number and unknown names are refused while parsing") {
+  for (const char* option : {"--speed nan", "--rpm 0", "--length -5", "--range-noise inf", "--imu-rate 1e9",
+                             "--sensor os1", "--imu foo", "--moving-cars -1", "--seed x"}) {
+    INFO(option);
+    CHECK_THROWS_AS(simulate("somewhere " + std::string(option)), CLI::ParseError);
+  }
+}
+
+TEST_CASE("what cannot be done is said with place and remedy") {
+  const TemporaryFolder folder;
+  int status = 0;
+  SECTION("a folder that cannot be made") {
+    std::ofstream(folder.path() / "file") << "x";
+    const std::string path = (folder.path() / "file" / "below").string();
+    const std::string text = captured_errors([&] { status = simulate(path + kShort); });
+    CHECK_THAT(text, Catch::Contains(path) && Catch::Contains("cannot be made"));
+  }
+  SECTION("a full disk") {
+    std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap");
+    const std::string text = captured_errors([&] { status = simulate(folder.path().string() + kShort); });
+    CHECK_THAT(text, Catch::Contains("lidar.pcap") && Catch::Contains("disk"));
+  }
+  SECTION("a bad line in a pose file") {
+    const auto poses = folder.path() / "poses.txt";
+    std::ofstream(poses) << "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 nan 0 0 1 0\n";
+    const std::string text = captured_errors(
+        [&] { status = simulate(folder.path().string() + " --trajectory " + poses.string()); });
+    CHECK_THAT(text, Catch::Contains("poses.txt:2"));
+  }
+  SECTION("an option that the trajectory does not use") {
+    const std::string text =
+        captured_errors([&] { status = simulate(folder.path().string() + " --calib x"); });
+    CHECK_THAT(text, Catch::Contains("--calib"));
+  }
+  CHECK(status == 1);
+}

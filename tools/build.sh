@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# Configures and builds one preset: build.sh [release|debug|asan|tsan] [target ...]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+preset=${1:-release}
+shift || true
+tests=ON
+# A machine without Catch2 still builds and runs everything but the tests.
+dpkg-query --show catch2 >/dev/null 2>&1 || tests=OFF
+cmake --preset "$preset" -DBUILD_TESTING=$tests >/dev/null
+if (($# > 0)); then
+  cmake --build --preset "$preset" --target "$@"
+else
+  cmake --build --preset "$preset"
+fi

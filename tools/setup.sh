@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# Installs the Debian 12 packages that nilio is built and tested with. Quick when nothing is missing; may be repeated.
+# "setup.sh --tests" adds what only the tests and checks need.
+set -euo pipefail
+
+packages=(
+  build-essential cmake ninja-build pkg-config git ca-certificates
+  libeigen3-dev libtbb-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
+  libpcap-dev libsocketcan-dev libfastrtps-dev libfastcdr-dev
+  libembree-dev libcairo2-dev
+)
+if [[ ${1:-} == --tests ]]; then
+  packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy xz-utils procps clang-format-14 clang-tidy-14)
+fi
+
+missing=()
+for package in "${packages[@]}"; do
+  status=$(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null || true)
+  [[ $status == installed ]] || missing+=("$package")
+done
+if ((${#missing[@]} == 0)); then
+  echo "setup: all packages are installed"
+  exit 0
+fi
+
+as_root=()
+if ((EUID != 0)); then
+  command -v sudo >/dev/null || { echo "setup: run as root, or install sudo; missing: ${missing[*]}" >&2; exit 1; }
+  as_root=(sudo)
+fi
+echo "setup: installing ${missing[*]}"
+export DEBIAN_FRONTEND=noninteractive
+"${as_root[@]}" apt-get update -q
+"${as_root[@]}" apt-get install -q -y --no-install-recommends "${missing[@]}"

@@ -1,0 +1,15 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+namespace nilio::tools {
+
+/// Each adds one command to `nilio`. The command runs while the line is parsed and leaves its exit status in
+/// `status` (0 done, 1 failed with one message on standard error).
+void add_simulate_command(CLI::App& app, int& status);
+void add_convert_command(CLI::App& app, int& status);
+void add_evaluate_command(CLI::App& app, int& status);
+void add_plot_command(CLI::App& app, int& status);
+void add_watch_command(CLI::App& app, int& status);
+
+}  // namespace nilio::tools

@@ -1,0 +1,26 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+
+#include "simulation/vehicle_trajectory.hpp"
+
+#include <cstdint>
+#include <vector>
+
+namespace nilio::tools::simulation {
+
+struct TownDriveConfig {
+  std::uint64_t seed = 1;
+  double cruise_speed_m_s = 10.0;
+  /// Begin at cruising speed instead of standing.
+  bool moving_start = false;
+  DriveExtent extent;
+};
+
+/// Control poses (every kControlIntervalS) of a drive through the streets of a town, in the right-hand lane.
+/// Without a length it is one tour of about 640 m that drives a street twice in the same and once in the
+/// opposite direction and ends where it began; a longer drive goes on at random through the same streets.
+/// Slows down for corners, and comes to a stop at the end unless a duration ends it before.
+std::vector<core::SE3> make_town_drive(const TownDriveConfig& config);
+
+}  // namespace nilio::tools::simulation

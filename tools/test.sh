@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# Sets up, builds and passes the tests.
+#   test.sh            release build, all tests, and the sanitizer runs
+#   test.sh --quick    release build and its tests only
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+tools/setup.sh --tests
+tools/build.sh release
+ctest --preset release
+
+if [[ ${1:-} != --quick ]]; then
+  tools/build.sh asan
+  ctest --preset asan
+  tools/build.sh tsan test_ipc test_daemon
+  TSAN_OPTIONS="suppressions=$PWD/tests/tsan.supp halt_on_error=1" ctest --preset tsan --tests-regex '^(ipc|daemon)$'
+fi
