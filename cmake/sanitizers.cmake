@@ -2,6 +2,6 @@ set(NILIO_SANITIZE "" CACHE STRING "Sanitizers to build with, as -fsanitize take
 if(NILIO_SANITIZE)
   add_compile_options(-fsanitize=${NILIO_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${NILIO_SANITIZE})
-  # -Wnull-dereference and -Wmaybe-uninitialized see ghosts in instrumented code.
-  add_compile_options(-Wno-null-dereference -Wno-maybe-uninitialized)
+  # Sees ghosts in instrumented code.
+  add_compile_options(-Wno-maybe-uninitialized)
 endif()

@@ -82,14 +82,6 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
   return small ? StepOutcome::kConverged : StepOutcome::kStepped;
 }
 
-void add_prior(const RotationPrior& prior, const SE3& T_map_moving, NormalEquations& equations) {
-  if (prior.information <= 0.0) return;
-  // To first order exp(delta) turns the error rotation by delta, so its Jacobian is the identity.
-  const Vector3 error = so3_log(prior.R_map_moving.conjugate() * T_map_moving.rotation);
-  equations.H.bottomRightCorner<3, 3>().diagonal().array() += prior.information;
-  equations.b.tail<3>() += prior.information * error;
-}
-
 /// Gauss-Newton until convergence; `linearise(T)` gives the equations at T.
 template <class Linearise>
 void iterate(const Linearise& linearise, const SolverOptions& options, RegistrationResult& result) {
@@ -196,16 +188,11 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
 
 RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
                                    const SE3& T_map_guess, const PlaneMetric& metric,
-                                   const RotationPrior& prior, const SolverOptions& options) {
+                                   const SolverOptions& options) {
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
-  iterate(
-      [&](const SE3& T_map_moving) {
-        NormalEquations equations = plane_equations(map, points, T_map_moving, metric);
-        add_prior(prior, T_map_moving, equations);
-        return equations;
-      },
-      options, result);
+  iterate([&](const SE3& T_map_moving) { return plane_equations(map, points, T_map_moving, metric); },
+          options, result);
   return result;
 }
 

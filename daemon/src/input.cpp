@@ -6,6 +6,7 @@
 #include "nilio/drivers/udp.hpp"
 
 #include <filesystem>
+#include <fstream>
 #include <numbers>
 #include <set>
 #include <utility>
@@ -42,12 +43,25 @@ Result<std::monostate> put(std::string& slot, const std::string& path, const std
   return std::monostate{};
 }
 
+/// True when one of the file's first lines is a CAN frame: other programs write *.log files, too.
+bool looks_like_can_log(const fs::path& path) {
+  constexpr int kLinesToLookAt = 20;
+  std::ifstream file(path);
+  std::string line;
+  for (int i = 0; i < kLinesToLookAt && std::getline(file, line); ++i) {
+    if (drivers::parse_candump_line(line)) return true;
+  }
+  return false;
+}
+
 Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool named_by_user) {
   static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
   static const std::set<std::string> kCanLogs = {".log", ".candump"};
   const std::string extension = path.extension().string();
   if (kCaptures.contains(extension)) return put(files.capture, path.string(), "capture");
-  if (kCanLogs.contains(extension)) return put(files.can_log, path.string(), "CAN log");
+  if (kCanLogs.contains(extension) && (named_by_user || looks_like_can_log(path))) {
+    return put(files.can_log, path.string(), "CAN log");
+  }
   if (path.filename() == "nilio.yaml") return put(files.configuration, path.string(), "configuration");
   if (!named_by_user) return std::monostate{};
   return Error{path.string() +

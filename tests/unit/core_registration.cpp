@@ -100,7 +100,7 @@ TEST_CASE("ICP finds the pose from half a metre and two degrees away") {
   SolverOptions options;
   options.max_iterations = 30;
   const RegistrationResult result =
-      register_planes(room_map().planes, room_map().points, offset(0.4, -0.3, 0.035), metric, {}, options);
+      register_planes(room_map().planes, room_map().points, offset(0.4, -0.3, 0.035), metric, options);
   CHECK(result.stop_reason == StopReason::kConverged);
   CHECK(result.T_map_moving.translation.norm() < 0.02);
   CHECK(so3_log(result.T_map_moving.rotation).norm() < 1e-3);
@@ -111,7 +111,7 @@ TEST_CASE("NDT with a wide kernel first reaches farther than ICP") {
   SolverOptions options;
   options.max_iterations = 20;
   const RegistrationResult fine =
-      register_planes(room_map().planes, room_map().points, guess, {1.5, 0.5, 0.1, 0.2}, {}, options);
+      register_planes(room_map().planes, room_map().points, guess, {1.5, 0.5, 0.1, 0.2}, options);
   const std::array<double, 2> schedule = {5.0, 2.0};
   const RegistrationResult coarse =
       register_ndt(room_map().coarse, room_map().points, guess, schedule, options);
@@ -144,7 +144,7 @@ TEST_CASE("the equations are the same to the last bit at any number of threads")
 
 TEST_CASE("registration against an empty map says that it has too few points") {
   const VoxelMap empty({1.0, 100.0, 100, 6, 100});
-  const RegistrationResult result = register_planes(empty, room_map().points, {}, {}, {}, {});
+  const RegistrationResult result = register_planes(empty, room_map().points, {}, {}, {});
   CHECK(result.stop_reason == StopReason::kTooFewPoints);
   CHECK(result.T_map_moving.translation.norm() == 0.0);
 }
@@ -165,7 +165,7 @@ TEST_CASE("between two parallel walls the direction along them keeps the predict
     if (std::abs(world[i].x()) < 30.0) points.push_back((world[i] - Vector3(0.0, 0.05, 0.0)).cast<float>());
   }
   const SE3 guess{Eigen::Quaterniond::Identity(), Vector3(0.4, 0.0, 0.0)};
-  const RegistrationResult result = register_planes(map, points, guess, {}, {}, {});
+  const RegistrationResult result = register_planes(map, points, guess, {}, {});
   CHECK((result.degenerate_axes & 0b1) != 0);
   CHECK(result.T_map_moving.translation.x() == Approx(0.4).margin(1e-3));
   CHECK(result.T_map_moving.translation.y() == Approx(0.05).margin(0.01));

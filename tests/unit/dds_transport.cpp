@@ -288,15 +288,15 @@ TEST_CASE("CycloneDDS reads our odometry and transform from the IDL, every field
   const auto reader_program = built_program("nilio-cyclone-reader");
   if (!reader_program) return;
   const std::uint32_t domain = test_domain();
-  constexpr std::uint64_t kMessages = 20;
+  constexpr std::uint64_t message_count = 20;
   const auto publisher = make_publisher(domain);
   Program reader(kCycloneLoopback + reader_program->string() + " " + std::to_string(domain) + " " +
-                 std::to_string(kMessages) + " 30");
+                 std::to_string(message_count) + " 30");
   REQUIRE(wait_for_subscriber(*publisher));
   // The two sides find each other independently; a volatile CycloneDDS reader takes nothing from before its
   // own finding.
   REQUIRE(reader.line() == "ready");
-  for (std::uint64_t i = 0; i < kMessages; ++i) {
+  for (std::uint64_t i = 0; i < message_count; ++i) {
     REQUIRE(publisher->publish_odometry(sample_record(i)));
     REQUIRE(publisher->publish_transform(sample_record(i)));
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -316,8 +316,8 @@ TEST_CASE("CycloneDDS reads our odometry and transform from the IDL, every field
           TransformStamped{{record.stamp_ns}, "odom", "base_link", record.position, record.orientation_xyzw});
     }
   }
-  CHECK(odometries == kMessages);
-  CHECK(transforms == kMessages);
+  CHECK(odometries == message_count);
+  CHECK(transforms == message_count);
   CHECK(reader.exit_status() == 0);
 }
 
@@ -330,8 +330,8 @@ TEST_CASE("a publisher process drains its ring before it stops, however early it
   config.wait_for_subscribers = Duration::from_seconds(10.0);
   auto process = PublisherProcess::create(config);
   REQUIRE(process.ok());
-  constexpr std::uint64_t kPoses = 200;
-  for (std::uint64_t i = 0; i < kPoses; ++i) REQUIRE((*process)->publish(sample_record(i)));
+  constexpr std::uint64_t pose_count = 200;
+  for (std::uint64_t i = 0; i < pose_count; ++i) REQUIRE((*process)->publish(sample_record(i)));
   REQUIRE((*process)->start().ok());
   const auto stopped = (*process)->stop();
   REQUIRE(stopped.has_value());
@@ -341,16 +341,16 @@ TEST_CASE("a publisher process drains its ring before it stops, however early it
   std::uint64_t expected = 0;
   while (const auto received = subscriber->next(Duration::from_seconds(1.0)))
     CHECK(received->message == expected_odometry(expected++));
-  CHECK(expected == kPoses);
+  CHECK(expected == pose_count);
   CHECK(subscriber->counts().lost == 0);
   const auto report = subscriber->latency_report();
   REQUIRE(report.has_value());
-  CHECK(report->poses_published == kPoses);
+  CHECK(report->poses_published == pose_count);
   CHECK(report->failed_writes == 0);
   REQUIRE(report->stages.size() == nilio::ipc::kLatencyStageCount + 3);
   CHECK(report->stages[1].p50_us == Approx(1000.0).epsilon(0.01));
   CHECK(report->stages.back().name == "received_to_written");
-  CHECK(report->stages.back().count >= kPoses);
+  CHECK(report->stages.back().count >= pose_count);
 }
 
 TEST_CASE("a publisher killed with SIGKILL is back within a second and loses no pose") {

@@ -101,13 +101,13 @@ TEST_CASE("values outside the range go to its ends and keep the true maximum") {
 }
 
 TEST_CASE("one stall stands for the events that could not happen during it") {
-  constexpr std::int64_t kInterval = 100'000'000;  // 10 Hz
+  constexpr std::int64_t interval_ns = 100'000'000;  // 10 Hz
   auto plain = std::make_unique<Histogram>();
   auto corrected = std::make_unique<Histogram>();
   for (int i = 0; i < 1000; ++i) {
     const std::int64_t value = i == 500 ? 10'000'000'000 : 5'000'000;  // 10 s once, else 5 ms
     plain->record(value);
-    corrected->record_corrected(value, kInterval);
+    corrected->record_corrected(value, interval_ns);
   }
   // 10.0 s, 9.9 s, ... 0.1 s: 100 late scans, not one.
   CHECK(corrected->snapshot().count() == 1000 + 99);
@@ -127,14 +127,15 @@ TEST_CASE("the correction is bounded for absurd intervals") {
 
 TEST_CASE("snapshots can be taken while another thread records") {
   auto histogram = std::make_unique<Histogram>();
-  constexpr std::uint64_t kValues = 300'000;
+  constexpr std::uint64_t value_count = 300'000;
   std::thread writer([&] {
-    for (std::uint64_t i = 0; i < kValues; ++i) histogram->record(1000 + static_cast<std::int64_t>(i % 1000));
+    for (std::uint64_t i = 0; i < value_count; ++i)
+      histogram->record(1000 + static_cast<std::int64_t>(i % 1000));
   });
   std::uint64_t last = 0;
   bool monotonic = true;
   bool in_range = true;
-  while (last < kValues) {
+  while (last < value_count) {
     const auto snapshot = histogram->snapshot();
     monotonic = monotonic && snapshot.count() >= last;
     last = snapshot.count();

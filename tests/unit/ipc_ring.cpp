@@ -135,16 +135,16 @@ TEST_CASE("more than was granted is neither committed nor consumed") {
 }
 
 TEST_CASE("two threads with random stalls exchange every value intact and in order") {
-  constexpr std::uint64_t kItems = 200'000;
+  constexpr std::uint64_t item_count = 200'000;
   auto ring = Ring<Item>::in_private_memory(64);
   std::thread producer([&ring] {
     std::minstd_rand random(1);
     std::uint64_t next = 0;
-    while (next < kItems) {
+    while (next < item_count) {
       const auto slots = ring.begin_write(1 + random() % 16);
       std::size_t count = 0;
       for (Item& slot : slots) {
-        if (next == kItems) break;
+        if (next == item_count) break;
         slot = make_item(next++);
         ++count;
       }
@@ -155,7 +155,7 @@ TEST_CASE("two threads with random stalls exchange every value intact and in ord
   std::minstd_rand random(2);
   std::uint64_t expected = 0;
   std::uint64_t wrong = 0;
-  while (expected < kItems) {
+  while (expected < item_count) {
     const auto slots = ring.begin_read();
     for (const Item& item : slots) wrong += item.value == expected++ && is_intact(item) ? 0U : 1U;
     ring.consume(slots.size());
@@ -197,7 +197,7 @@ TEST_CASE("a third thread reads size and counters while two others run") {
 }
 
 TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it stopped") {
-  constexpr std::uint64_t kItems = 60'000;
+  constexpr std::uint64_t item_count = 60'000;
   auto ring = Ring<Item>::in_shared_memory(256);
   REQUIRE(ring.ok());
   // Each reader checks order from the place it takes over, and reports in shared memory how far it got and
@@ -214,7 +214,7 @@ TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it
     if (pid > 0) return pid;
     auto attached = Ring<Item>::attach(ring->file_descriptor());
     if (!attached) _exit(1);
-    while (report->next < kItems) {
+    while (report->next < item_count) {
       const auto slots = attached->begin_read();
       if (slots.empty()) {
         std::this_thread::yield();
@@ -231,7 +231,7 @@ TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it
 
   pid_t reader = start_reader();
   int kills = 0;
-  for (std::uint64_t i = 0; i < kItems;) {
+  for (std::uint64_t i = 0; i < item_count;) {
     if (ring->try_push(make_item(i))) {
       ++i;
     } else {
@@ -249,7 +249,7 @@ TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it
   CHECK(kills == 12);
   CHECK(WIFEXITED(status));
   CHECK(WEXITSTATUS(status) == 0);
-  CHECK(report->next == kItems);
+  CHECK(report->next == item_count);
   CHECK(report->wrong == 0);
   CHECK(ring->size() == 0);
   CHECK(ring->impossible_fills() == 0);

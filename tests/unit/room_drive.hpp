@@ -88,7 +88,7 @@ inline void write_room_drive(const std::filesystem::path& folder, const PoseFunc
   const core::Result<drivers::ImuPreset> preset = drivers::imu_preset("xsens_mti");
   std::ofstream log(folder / "imu.log");
   for (int i = 0; i * 0.005 < seconds + 0.05; ++i) {
-    core::ImuSample sample = imu_sample(T_world_base, i * 0.005, core::Vector3(0.0, 0.0, 0.01));
+    core::ImuSample sample = imu_sample(T_world_base, i * 0.005, core::Vector3(0.002, 0.001, 0.0035));
     sample.stamp = core::Time{kDriveStartNs + i * 5'000'000LL};
     for (const drivers::CanFrame& frame : drivers::encode_imu_sample(sample, *preset)) {
       log << drivers::format_candump_line(frame, "can0") << '\n';

@@ -53,8 +53,9 @@ class OriginalScan {
 
   /// Infinite when the ring is empty.
   [[nodiscard]] double distance(const core::Point& point) const {
-    if (point.ring >= kHdlLasers || rings_[point.ring].empty())
+    if (point.ring >= kHdlLasers || rings_[point.ring].empty()) {
       return std::numeric_limits<double>::infinity();
+    }
     const std::vector<Candidate>& ring = rings_[point.ring];
     const double yaw = std::atan2(point.y, point.x);
     const auto next = std::lower_bound(ring.begin(), ring.end(), yaw,

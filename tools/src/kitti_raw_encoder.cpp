@@ -194,8 +194,9 @@ core::Result<EncodedScan> encode_kitti_scan(std::span<const KittiPoint> points, 
   const auto returns = invert_scan(points, scan, sensor);
   if (!returns) return returns.error();
   const std::vector<int> steps = find_column_steps(*returns);
-  if (steps.size() > kMaxColumns)
+  if (steps.size() > kMaxColumns) {
     return not_raw(scan, std::to_string(steps.size()) + " columns in one revolution");
+  }
   std::vector<std::size_t> column_of_step(kEncoderSteps, 0);
   for (std::size_t j = 0; j < steps.size(); ++j) column_of_step[static_cast<std::size_t>(steps[j])] = j;
   EncodedScan encoded;

@@ -216,8 +216,9 @@ Raster rasterise_map(const std::vector<Eigen::Vector3f>& points, const Axes& axe
   for (const Eigen::Vector3f& point : points) {
     const Eigen::Vector2d pixel =
         axes.to_pixel({point.x(), point.y()}) - Eigen::Vector2d(axes.area.x, axes.area.y);
-    if (!(pixel.x() >= 0.0 && pixel.y() >= 0.0 && pixel.x() < raster.width && pixel.y() < raster.height))
+    if (!(pixel.x() >= 0.0 && pixel.y() >= 0.0 && pixel.x() < raster.width && pixel.y() < raster.height)) {
       continue;
+    }
     const std::size_t i = static_cast<std::size_t>(pixel.y()) * static_cast<std::size_t>(raster.width) +
                           static_cast<std::size_t>(pixel.x());
     ++counts[i];

@@ -47,13 +47,15 @@ std::string add_ply_header_line(const std::string& line, bool& in_vertices, PlyL
   std::string type;
   std::string name;
   words >> keyword >> type >> name;
-  if (keyword == "format" && type != "binary_little_endian")
+  if (keyword == "format" && type != "binary_little_endian") {
     return "only binary_little_endian is read, not " + type;
+  }
   if (keyword == "element") {
     in_vertices = type == "vertex";
     if (!in_vertices && layout.stride == 0) return "vertices have to be the first element";
-    if (in_vertices && !(std::istringstream(name) >> layout.count))
+    if (in_vertices && !(std::istringstream(name) >> layout.count)) {
       return "the number of vertices cannot be read";
+    }
   }
   if (keyword != "property" || !in_vertices) return {};
   const std::size_t size = ply_type_size(type);

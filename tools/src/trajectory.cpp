@@ -76,8 +76,9 @@ std::string add_tum_line(const std::vector<std::string_view>& words, std::span<c
 
 std::string add_kitti_line(std::span<const double> numbers, Trajectory& trajectory) {
   const Pose pose = pose_from_rows(numbers);
-  if (!is_rotation(pose.linear()))
+  if (!is_rotation(pose.linear())) {
     return "columns 1-3, 5-7 and 9-11 are no rotation matrix (order: rows of [R|t])";
+  }
   trajectory.poses.push_back(pose);
   return {};
 }

@@ -31,6 +31,7 @@ namespace {
 using core::Duration;
 using Clock = std::chrono::steady_clock;
 
+constexpr double kDegPerRad = 57.295779513082321;
 constexpr Duration kPollPeriod{50'000'000};
 constexpr std::chrono::milliseconds kTerminalPeriod{100};
 constexpr std::chrono::seconds kLinePeriod{1};
@@ -50,7 +51,6 @@ bool is_finite(const dds::Odometry& message) {
 }
 
 double yaw_deg(const std::array<double, 4>& q) {
-  constexpr double kDegPerRad = 57.295779513082321;
   return kDegPerRad * std::atan2(2.0 * (q[3] * q[2] + q[0] * q[1]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]));
 }
 

@@ -29,6 +29,7 @@ constexpr std::uint32_t kParticipantsPerPeer =
     32;  // as ROS 2; Fast DDS's own 4 leaves later ones on a host unfound
 constexpr std::uint32_t kInitialAnnouncements = 25;
 const eprosima::fastrtps::Duration_t kInitialAnnouncementPeriod(0, 20'000'000);
+constexpr std::array<char, 11> kEnclave{"enclave=/;"};
 constexpr const char* kLoopback = "127.0.0.1";
 constexpr const char* kDiscoveryMulticast = "239.255.0.1";
 
@@ -82,7 +83,6 @@ fastdds::DomainParticipantQos participant_qos(const std::string& name,
   fastdds::DomainParticipantQos qos;
   qos.name(name);
   // What ROS 2 tools show as the node's enclave; without it they still read the topics.
-  constexpr std::array<char, 11> kEnclave{"enclave=/;"};
   qos.user_data().data_vec({kEnclave.begin(), kEnclave.end()});
 
   qos.transport().use_builtin_transports = false;

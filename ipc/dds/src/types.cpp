@@ -18,6 +18,10 @@ constexpr std::size_t kEncapsulationBytes = 4;
 // What a frame name or a stage name is taken to need when payloads are allocated beforehand; longer ones cost
 // one reallocation.
 constexpr std::size_t kTypicalName = 64;
+constexpr std::size_t kTypicalStages = 16;
+// With empty names.
+constexpr std::size_t kSmallestTransform = 8 + 2 * 4 + 7 * 8;
+constexpr std::size_t kSmallestStage = 4 + 4 * 8;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 // Counts the bytes that the same calls on a Cdr would write, alignment included.
@@ -105,8 +109,7 @@ void get(Input& in, Odometry& message) {
 }
 
 void get(Input& in, TransformMessage& message) {
-  constexpr std::size_t kSmallest = 8 + 2 * 4 + 7 * 8;
-  message.transforms.resize(get_length(in, kSmallest));
+  message.transforms.resize(get_length(in, kSmallestTransform));
   for (TransformStamped& transform : message.transforms) {
     get(in, transform.stamp);
     in.cdr >> transform.frame_id >> transform.child_frame_id >> transform.translation >>
@@ -115,9 +118,8 @@ void get(Input& in, TransformMessage& message) {
 }
 
 void get(Input& in, LatencyReport& message) {
-  constexpr std::size_t kSmallest = 4 + 4 * 8;
   get(in, message.stamp);
-  message.stages.resize(get_length(in, kSmallest));
+  message.stages.resize(get_length(in, kSmallestStage));
   for (StageLatency& stage : message.stages)
     in.cdr >> stage.name >> stage.count >> stage.p50_us >> stage.p99_us >> stage.max_us;
   in.cdr >> message.poses_published >> message.failed_writes >> message.ring_dropped >>
@@ -146,7 +148,6 @@ void make_typical(TransformMessage& message) {
   message.transforms.front().child_frame_id.assign(kTypicalName, 'x');
 }
 void make_typical(LatencyReport& message) {
-  constexpr std::size_t kTypicalStages = 16;
   message.stages.resize(kTypicalStages);
   for (StageLatency& stage : message.stages) stage.name.assign(kTypicalName, 'x');
 }

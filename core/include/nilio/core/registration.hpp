@@ -55,13 +55,6 @@ struct NdtMetric {
 NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
                               const SE3& T_map_moving, const NdtMetric& metric);
 
-/// Prior on the rotation: `information` (in the units of the equations' weights per rad^2) draws towards
-/// R_map_moving.
-struct RotationPrior {
-  Eigen::Quaterniond R_map_moving = Eigen::Quaterniond::Identity();
-  double information = 0.0;
-};
-
 struct SolverOptions {
   int max_iterations = 8;
   double translation_epsilon_m = 2e-3;
@@ -84,7 +77,7 @@ struct RegistrationResult {
 /// ICP: point-to-plane Gauss-Newton with re-association in every iteration.
 RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
                                    const SE3& T_map_guess, const PlaneMetric& metric,
-                                   const RotationPrior& prior, const SolverOptions& options);
+                                   const SolverOptions& options);
 
 /// NDT with a schedule of kernel scales, wide to narrow: each is iterated until convergence.
 RegistrationResult register_ndt(const VoxelMap& map, std::span<const Eigen::Vector3f> points,

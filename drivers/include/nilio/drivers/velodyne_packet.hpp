@@ -9,7 +9,8 @@
 
 namespace nilio::drivers {
 
-/// A data packet's fields as numbers (sensors.md 1.1). Encoding and decoding are exact inverses.
+/// A data packet's fields as numbers, as every Velodyne manual has them. Encoding and decoding are exact
+/// inverses.
 struct VelodyneDataPacket {
   struct Entry {
     std::uint16_t distance = 0;  ///< in units of the model's distance resolution; 0 = no return

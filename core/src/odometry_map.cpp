@@ -1,0 +1,101 @@
+#include "odometry_state.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+// Two neighbouring beams meet a wall this far away in one voxel: what a plane voxel needs at 16 beams.
+constexpr double kPlaneReachMetres = 45.0;
+constexpr double kMinPlaneVoxelMetres = 1.0;
+constexpr double kMaxPlaneVoxelMetres = 2.0;
+// Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
+constexpr double kStandingSpeed = 0.05;
+constexpr double kStandingTurnRate = 0.01;
+constexpr double kStillForceDeviation = 0.5;
+constexpr double kGravity = 9.81;
+
+double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
+  if (config.plane_voxel_m > 0.0) return config.plane_voxel_m;
+  return std::clamp(kPlaneReachMetres * static_cast<double>(beam_spacing_rad), kMinPlaneVoxelMetres,
+                    kMaxPlaneVoxelMetres);
+}
+
+}  // namespace
+
+void Odometry::State::prepare_maps(const Scan& scan) {
+  if (planes) return;
+  planes.emplace(VoxelMapConfig{plane_voxel_for(config, scan.beam_spacing_rad), config.map_radius_m,
+                                config.map_capacity});
+}
+
+void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
+  const float share = scans < kInitialScans ? kInitialVoxelShare : 1.0F;
+  const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
+                                       config.elevation_correction_rad};
+  filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);
+  motion_compensated = scan.motion_compensated;
+  if (motion_compensated) {
+    for (SweepPoint& point : sweep) point.time_s = 0.0F;
+  }
+  result.points = static_cast<std::uint32_t>(scan.points.size());
+  result.points_filtered = static_cast<std::uint32_t>(sweep.size());
+}
+
+void Odometry::State::align_with_gravity(const Scan& scan) {
+  const ImuStatistics statistics = imu_statistics(imu, scan.start, scan.end);
+  const double force = statistics.mean_acceleration.norm();
+  if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
+  if (std::abs(force - kGravity) > kStillForceDeviation) return;
+  T_odom_base.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
+}
+
+void Odometry::State::start(const Scan& scan, OdometryResult& result) {
+  align_with_gravity(scan);
+  first_sweep = sweep;
+  first_span = {scan.start, scan.start, scan.end};
+  span = first_span;
+  imu_used = imu.covers(scan.start, scan.end, config.max_imu_gap);
+  T_predicted = T_odom_base;
+  rebuild_first_map();
+  result.stop_reason = StopReason::kConverged;
+  for (const auto stage : {OdometryStage::kFiltered, OdometryStage::kCoarse, OdometryStage::kFine})
+    stamp(result, stage);
+}
+
+void Odometry::State::rebuild_first_map() {
+  SweepMotion first_motion;
+  set_rotation(first_span, imu.covers(first_span.start, first_span.end, config.max_imu_gap), first_motion);
+  first_motion.predict(body_velocity);
+  first_motion.deskew(first_sweep, deskewed);
+  planes->clear();
+  coarse_map.clear();
+  insert(deskewed, T_odom_base);
+}
+
+void Odometry::State::insert(const std::vector<Eigen::Vector3f>& points, const SE3& T_odom_moving) {
+  const Matrix3 R = T_odom_moving.rotation.toRotationMatrix();
+  world_points.clear();
+  for (const Eigen::Vector3f& p : points)
+    world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
+  planes->insert(world_points);
+  // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
+  coarse_filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (coarse_filter.insert(points[i])) world_points[kept++] = world_points[i];
+  }
+  coarse_map.insert(std::span(world_points).first(kept));
+}
+
+void Odometry::State::update_map(OdometryResult& result) {
+  motion.deskew(sweep, deskewed);
+  const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
+  if (!result.predicted && (scans < kInitialScans || !stands)) insert(deskewed, T_odom_base);
+  planes->evict_far_from(T_odom_base.translation);
+  coarse_map.evict_far_from(T_odom_base.translation);
+}
+
+}  // namespace nilio::core

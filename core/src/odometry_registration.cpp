@@ -1,0 +1,245 @@
+#include "odometry_state.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+// The gate follows the prediction error: forgetting factor, limits, and the lever that turns rotation into
+// distance.
+constexpr double kErrorMemory = 0.9;
+constexpr double kMinSigmaMetres = 0.1;
+constexpr double kErrorLeverMetres = 30.0;
+constexpr double kGateSigmas = 3.0;
+constexpr double kKernelSigmas = 0.5;
+// Wide first, then exact: with this schedule NDT's basin reaches as far as its voxels see (3 m at 2 m
+// voxels).
+constexpr std::array<double, 2> kKernelSchedule = {5.0, 2.0};
+constexpr std::size_t kCoarsePoints = 800;
+// Start: speeds to try along the vehicle's axis, as displacements a scan.
+constexpr std::array<double, 5> kStartDisplacementsMetres = {0.0, 1.5, 3.0, 4.5, -1.5};
+// Share of a scan's measured motion that deskewing and the next prediction believe at once.
+constexpr double kVelocityGain = 0.8;
+constexpr double kRotationGain = 0.8;
+// Deskewing again pays only when the motion changed by more than registration resolves.
+constexpr double kMotionEpsilonMetres = 5e-3;
+constexpr double kMotionEpsilonRadians = 5e-4;
+constexpr double kCoarseTriggerErrorMetres = 0.5;
+constexpr double kCoarseTriggerGap = 1.5;
+constexpr double kPeriodMemory = 0.9;
+// An inlier share below this part of its running mean is not tracking.
+constexpr double kInlierCollapse = 0.6;
+constexpr double kInlierMemory = 0.95;
+constexpr int kLostAfterFailures = 5;
+// No road vehicle is faster, or turns faster.
+constexpr double kMaxSpeed = 90.0;
+constexpr double kMaxTurnRate = 6.0;
+constexpr double kGyroBiasGain = 0.02;
+constexpr double kMaxGyroBias = 0.1;
+
+/// Every k-th element, at most `target` of them.
+void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
+                 std::vector<Eigen::Vector3f>& output) {
+  output.clear();
+  const std::size_t count = std::min(target, points.size());
+  for (std::size_t i = 0; i < count; ++i) output.push_back(points[i * points.size() / count]);
+}
+
+}  // namespace
+
+void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool with_imu,
+                                   SweepMotion& target) const {
+  if (with_imu) {
+    target.set_rotation_from_imu(target_span, imu, gyro_bias);
+  } else {
+    target.set_constant_rotation(target_span, angular_velocity);
+  }
+}
+
+void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
+  span = {time, scan.start, scan.end};
+  imu_used = imu.covers(time, scan.end, config.max_imu_gap);
+  set_rotation(span, imu_used, motion);
+  T_predicted = T_odom_base * motion.predict(body_velocity);
+  result.imu_used = imu_used;
+}
+
+void Odometry::State::select_points() {
+  motion.deskew(sweep, deskewed);
+  const SelectionConfig selection_config{config.registration_points, kCoarseVoxelMetres,
+                                         plane_metric().max_planarity};
+  selector.select(*planes, deskewed, T_predicted, selection_config, selection);
+  selected_sweep.clear();
+  for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
+  thin_evenly(deskewed, kCoarsePoints, coarse_points);
+}
+
+bool Odometry::State::coarse_is_due(const Scan& scan) const {
+  if (config.coarse == CoarsePolicy::kAlways || scans < kInitialScans || failures > 0) return true;
+  return prediction_error_m > kCoarseTriggerErrorMetres ||
+         (scan.end - time).seconds() > kCoarseTriggerGap * period_s;
+}
+
+PlaneMetric Odometry::State::plane_metric() const {
+  PlaneMetric metric;
+  metric.gate_m = kGateSigmas * sigma_m;
+  metric.kernel_scale_m = kKernelSigmas * sigma_m;
+  return metric;
+}
+
+MotionGain Odometry::State::motion_gain() const {
+  // Nothing is predicted yet that could be worth keeping, except a gyro's rotation.
+  const bool initial = scans < kInitialScans;
+  return {imu_used ? 0.0 : initial ? 1.0 : kRotationGain, initial ? 1.0 : kVelocityGain};
+}
+
+RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vector3f>& points,
+                                                  const SE3& T_guess, OdometryResult& result) {
+  SolverOptions options;
+  options.max_iterations = config.max_fine_iterations;
+  const RegistrationResult fine = register_planes(*planes, points, T_guess, plane_metric(), options);
+  result.fine_iterations += fine.iterations;
+  return fine;
+}
+
+void Odometry::State::register_coarse(OdometryResult& result) {
+  SolverOptions options;
+  options.max_iterations = config.max_coarse_iterations;
+  const RegistrationResult coarse =
+      register_ndt(coarse_map, coarse_points, registration.T_map_moving, kKernelSchedule, options);
+  result.coarse_iterations += coarse.iterations;
+  if (coarse.stop_reason == StopReason::kConverged || coarse.stop_reason == StopReason::kMaxIterations) {
+    registration.T_map_moving = coarse.T_map_moving;
+  }
+}
+
+void Odometry::State::register_from_standstill(OdometryResult& result) {
+  // Nothing is known of the speed: try several along the vehicle's axis and keep the one most points agree
+  // with.
+  SolverOptions options;
+  options.max_iterations = config.max_coarse_iterations;
+  std::uint32_t best_inliers = 0;
+  SE3 T_best = T_predicted;
+  for (const double displacement : kStartDisplacementsMetres) {
+    const SE3 T_guess = T_predicted * SE3{Eigen::Quaterniond::Identity(), Vector3(displacement, 0.0, 0.0)};
+    const RegistrationResult coarse =
+        register_ndt(coarse_map, coarse_points, T_guess, kKernelSchedule, options);
+    const RegistrationResult fine = register_fine(coarse_points, coarse.T_map_moving, result);
+    result.coarse_iterations += coarse.iterations;
+    if (fine.T_map_moving.is_finite() && fine.equations.inliers > best_inliers) {
+      best_inliers = fine.equations.inliers;
+      T_best = fine.T_map_moving;
+    }
+  }
+  registration.T_map_moving = T_best;
+  motion.refine(T_odom_base.inverse() * T_best, motion_gain());
+}
+
+void Odometry::State::register_points(bool coarse, OdometryResult& result) {
+  for (int pass = 0; pass < config.max_passes; ++pass) {
+    motion.deskew(selected_sweep, selected);
+    const SE3 T_assumed = registration.T_map_moving;
+    if (coarse && pass == 0) register_coarse(result);
+    if (pass == 0) stamp(result, OdometryStage::kCoarse);
+    registration = register_fine(selected, registration.T_map_moving, result);
+    ++result.passes;
+    if (!registration.T_map_moving.is_finite()) return;
+    motion.refine(T_odom_base.inverse() * registration.T_map_moving, motion_gain());
+    const SE3 change = T_assumed.inverse() * registration.T_map_moving;
+    const bool settled = change.translation.norm() < kMotionEpsilonMetres &&
+                         so3_log(change.rotation).norm() < kMotionEpsilonRadians;
+    if (settled || motion_compensated) return;
+  }
+}
+
+void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
+  registration = {};
+  registration.T_map_moving = T_predicted;
+  if (scans == 1) {
+    register_from_standstill(result);
+    body_velocity = motion.body_velocity();
+    angular_velocity = motion.mean_angular_velocity();
+    rebuild_first_map();
+    T_predicted = registration.T_map_moving;
+    select_points();
+  }
+  register_points(scans > 1 && coarse_is_due(scan), result);
+  result.points_used = static_cast<std::uint32_t>(selected.size());
+  result.correspondences = registration.equations.correspondences;
+  result.inlier_ratio = selected.empty() ? 0.0
+                                         : static_cast<double>(registration.equations.inliers) /
+                                               static_cast<double>(selected.size());
+}
+
+bool Odometry::State::is_plausible(const OdometryResult& result) const {
+  const RegistrationResult& r = registration;
+  if (!r.T_map_moving.is_finite() || r.stop_reason == StopReason::kTooFewPoints ||
+      r.stop_reason == StopReason::kNonFinite) {
+    return false;
+  }
+  if (motion.body_velocity().norm() > kMaxSpeed || motion.mean_angular_velocity().norm() > kMaxTurnRate)
+    return false;
+  return scans < kInitialScans || result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
+}
+
+void Odometry::State::learn_gyro_bias(const OdometryResult& result) {
+  const double span_s = (span.end - span.previous).seconds();
+  if (!result.imu_used || span_s <= 0.0) return;
+  const Vector3 error =
+      so3_log(registration.T_map_moving.rotation.conjugate() * T_predicted.rotation) / span_s;
+  const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
+  ++bias_updates;
+  gyro_bias = (gyro_bias + gain * error).cwiseMax(-kMaxGyroBias).cwiseMin(kMaxGyroBias);
+}
+
+void Odometry::State::learn_prediction_error() {
+  const SE3 error = T_predicted.inverse() * registration.T_map_moving;
+  const double angle = so3_log(error.rotation).norm();
+  prediction_error_m = error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
+  const double square =
+      kErrorMemory * sigma_m * sigma_m + (1.0 - kErrorMemory) * prediction_error_m * prediction_error_m;
+  sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
+}
+
+void Odometry::State::accept(OdometryResult& result) {
+  learn_gyro_bias(result);
+  learn_prediction_error();
+  body_velocity = motion.body_velocity();
+  angular_velocity = motion.mean_angular_velocity();
+  mean_inlier_ratio = mean_inlier_ratio == 0.0
+                          ? result.inlier_ratio
+                          : kInlierMemory * mean_inlier_ratio + (1.0 - kInlierMemory) * result.inlier_ratio;
+  failures = 0;
+  const double span_s = (span.end - span.previous).seconds();
+  period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
+  T_odom_base = registration.T_map_moving;
+  result.stop_reason = registration.stop_reason;
+  result.degenerate_axes = registration.degenerate_axes;
+  result.state = scans < kInitialScans               ? TrackingState::kInitialising
+                 : registration.degenerate_axes != 0 ? TrackingState::kDegraded
+                                                     : TrackingState::kTracking;
+}
+
+void Odometry::State::fall_back(OdometryResult& result) {
+  ++failures;
+  motion.predict(body_velocity);
+  T_odom_base = T_predicted;
+  sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
+  result.predicted = true;
+  result.stop_reason =
+      registration.stop_reason == StopReason::kConverged ? StopReason::kDegenerate : registration.stop_reason;
+  result.state = failures >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
+}
+
+void Odometry::State::judge(OdometryResult& result) {
+  if (is_plausible(result)) {
+    accept(result);
+  } else {
+    fall_back(result);
+  }
+}
+
+}  // namespace nilio::core

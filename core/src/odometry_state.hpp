@@ -1,0 +1,117 @@
+#pragma once
+
+#include "nilio/core/imu_buffer.hpp"
+#include "nilio/core/odometry.hpp"
+#include "nilio/core/point_selection.hpp"
+#include "nilio/core/sweep.hpp"
+#include "nilio/core/sweep_motion.hpp"
+#include "nilio/core/voxel_map.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <tbb/task_arena.h>
+
+namespace nilio::core {
+
+// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan
+// leaves its voxels short of the points that a plane needs.
+inline constexpr std::uint64_t kInitialScans = 5;
+inline constexpr float kInitialVoxelShare = 0.5F;
+/// Voxel of the points that the coarse map is fed with and that registration chooses from.
+inline constexpr float kCoarseVoxelMetres = 1.0F;
+/// Largest prediction error that the gate follows; also where it starts.
+inline constexpr double kMaxSigmaMetres = 2.0;
+
+/// What the odometry keeps from scan to scan, and its steps: filtering and map in odometry_map.cpp,
+/// prediction and registration in odometry_registration.cpp.
+struct Odometry::State {
+  explicit State(const OdometryConfig& configuration, ClockFunction clock_function)
+      : config(configuration),
+        clock(clock_function),
+        arena(configuration.threads),
+        imu(configuration.imu_capacity),
+        coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
+        filter(config.max_filtered_points),
+        coarse_filter(config.max_filtered_points),
+        selector(config.max_filtered_points) {}
+
+  void stamp(OdometryResult& result, OdometryStage stage) const {
+    if (clock != nullptr) result.stage_ns[static_cast<std::size_t>(stage)] = clock();
+  }
+
+  // The steps of the algorithm, in the order of use.
+  OdometryResult begin(const Scan& scan);
+  void filter_points(const Scan& scan, OdometryResult& result);
+  void start(const Scan& scan, OdometryResult& result);
+  void predict(const Scan& scan, OdometryResult& result);
+  void select_points();
+  [[nodiscard]] bool coarse_is_due(const Scan& scan) const;
+  void register_sweep(const Scan& scan, OdometryResult& result);
+  void register_coarse(OdometryResult& result);
+  void register_from_standstill(OdometryResult& result);
+  void register_points(bool coarse, OdometryResult& result);
+  void rebuild_first_map();
+  [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
+  void judge(OdometryResult& result);
+  void accept(OdometryResult& result);
+  void fall_back(OdometryResult& result);
+  void update_map(OdometryResult& result);
+  void finish(const Scan& scan, OdometryResult& result);
+
+  // Parts of the steps.
+  void prepare_maps(const Scan& scan);
+  void align_with_gravity(const Scan& scan);
+  void set_rotation(const SweepMotion::Span& span, bool with_imu, SweepMotion& target) const;
+  void insert(const std::vector<Eigen::Vector3f>& points, const SE3& T_odom_moving);
+  [[nodiscard]] PlaneMetric plane_metric() const;
+  [[nodiscard]] MotionGain motion_gain() const;
+  RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
+                                   OdometryResult& result);
+  void learn_gyro_bias(const OdometryResult& result);
+  void learn_prediction_error();
+
+  OdometryConfig config;
+  ClockFunction clock;
+  tbb::task_arena arena;
+  ImuBuffer imu;
+  std::optional<VoxelMap> planes;
+  VoxelMap coarse_map;
+  VoxelFilter filter;
+  VoxelFilter coarse_filter;
+  PointSelector selector;
+  SweepMotion motion;
+
+  std::uint64_t scans = 0;
+  SE3 T_odom_base;
+  Time time;
+  SE3 T_predicted;
+  bool imu_used = false;
+  bool motion_compensated = false;
+  SweepMotion::Span span;
+  Vector3 body_velocity = Vector3::Zero();
+  Vector3 angular_velocity = Vector3::Zero();
+  Vector3 gyro_bias = Vector3::Zero();
+  std::uint64_t bias_updates = 0;
+  double sigma_m = kMaxSigmaMetres;
+  double prediction_error_m = 0.0;
+  double period_s = 0.1;  ///< between poses, slowly averaged
+  double mean_inlier_ratio = 0.0;
+  int failures = 0;
+  RegistrationResult registration;
+
+  // The first scan is kept until the second has told how fast the vehicle was.
+  std::vector<SweepPoint> first_sweep;
+  SweepMotion::Span first_span;
+
+  std::vector<SweepPoint> sweep;
+  std::vector<SweepPoint> selected_sweep;
+  std::vector<std::uint32_t> selection;
+  std::vector<Eigen::Vector3f> deskewed;
+  std::vector<Eigen::Vector3f> selected;
+  std::vector<Eigen::Vector3f> coarse_points;
+  std::vector<Vector3> world_points;
+};
+
+}  // namespace nilio::core
