@@ -110,6 +110,7 @@ core::Result<std::size_t> write_configuration(const core::SE3& T_lidar_imu, cons
                 "Ry(pitch) Rx(roll).\n"
                 "lidar:\n"
                 "  model: HDL-64E-S2\n"
+                "  elevation_correction_deg: 0.205  # bias of KITTI's scanner (IMLS-SLAM and others)\n"
                 "  extrinsic:\n"
                 "    translation: [0, 0, 0]\n"
                 "    rotation_rpy_deg: [0, 0, 0]\n"
