@@ -13,5 +13,5 @@ if [[ ${1:-} != --quick ]]; then
   tools/build.sh asan
   ctest --preset asan
   tools/build.sh tsan test_ipc test_daemon
-  TSAN_OPTIONS="suppressions=$PWD/tests/tsan.supp halt_on_error=1" ctest --preset tsan --tests-regex '^(ipc|daemon)$'
+  ctest --preset tsan --tests-regex '^(ipc|daemon)$'
 fi

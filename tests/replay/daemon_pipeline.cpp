@@ -63,7 +63,7 @@ double path_error_m(const Outcome& outcome) {
 
 }  // namespace
 
-TEST_CASE("a recorded drive goes from packets and CAN frames to one pose per scan") {
+TEST_CASE("a recorded drive goes from packets and CAN frames to one pose per scan", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 4.0, true);
   const Outcome outcome = run_pipeline(folder.path().string(), 1);
@@ -81,7 +81,7 @@ TEST_CASE("a recorded drive goes from packets and CAN frames to one pose per sca
   }
 }
 
-TEST_CASE("the same recording gives the same bits in a second run and with two threads") {
+TEST_CASE("the same recording gives the same bits in a second run and with two threads", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 1.5, true);
   const Outcome reference = run_pipeline(folder.path().string(), 1);
@@ -96,7 +96,7 @@ TEST_CASE("the same recording gives the same bits in a second run and with two t
   }
 }
 
-TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the lack of it is said") {
+TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the lack of it is said", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 3.0, false);
   const auto files = find_replay_files({folder.path().string()});
@@ -110,7 +110,7 @@ TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the 
   CHECK(path_error_m(outcome) < 0.2);
 }
 
-TEST_CASE("an IMU log that ends half-way is used as far as it goes") {
+TEST_CASE("an IMU log that ends half-way is used as far as it goes", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 3.0, true);
   const auto log = folder.path() / "imu.log";
