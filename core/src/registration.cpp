@@ -1,5 +1,7 @@
 #include "nilio/core/registration.hpp"
 
+#include "thread_sanitizer.hpp"
+
 #include <array>
 #include <cmath>
 
@@ -20,15 +22,21 @@ constexpr std::size_t kGrain = 512;
 template <class Accumulate>
 NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
   using Range = tbb::blocked_range<std::size_t>;
-  return tbb::parallel_deterministic_reduce(
+  char order = 0;
+  sanitizer_release(&order);
+  const NormalEquations sum = tbb::parallel_deterministic_reduce(
       Range(0, points.size(), kGrain), NormalEquations{},
       [&](const Range& range, NormalEquations equations) {
+        sanitizer_acquire(&order);
         for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
         // Only the upper triangle is accumulated.
         equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        sanitizer_release(&order);
         return equations;
       },
       [](NormalEquations a, const NormalEquations& b) { return a += b; });
+  sanitizer_acquire(&order);
+  return sum;
 }
 
 void add_upper(Matrix6& H, const Vector6& J, double weight) {
