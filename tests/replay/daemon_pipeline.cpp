@@ -96,7 +96,8 @@ TEST_CASE("the same recording gives the same bits in a second run and with two t
   }
 }
 
-TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the lack of it is said", "[pipeline]") {
+TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the lack of it is said",
+          "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 3.0, false);
   const auto files = find_replay_files({folder.path().string()});

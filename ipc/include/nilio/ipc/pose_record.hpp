@@ -1,9 +1,9 @@
 #pragma once
 
+#include "nilio/core/tracking.hpp"
+
 #include <array>
 #include <cstdint>
-
-#include "nilio/core/tracking.hpp"
 
 namespace nilio::ipc {
 
@@ -25,9 +25,9 @@ inline constexpr std::size_t kStageCount = static_cast<std::size_t>(Stage::kCoun
 using core::StopReason;
 using core::TrackingState;
 
-/// What the odometry thread says about one scan; crosses threads and processes by value. Frames: odom -> base_link.
-/// Covariances are row-major 6x6 over (x, y, z, rotation about x, y, z), as ROS orders them: the pose's in the odom frame,
-/// the twist's in base_link.
+/// What the odometry thread says about one scan; crosses threads and processes by value. Frames: odom ->
+/// base_link. Covariances are row-major 6x6 over (x, y, z, rotation about x, y, z), as ROS orders them: the
+/// pose's in the odom frame, the twist's in base_link.
 struct PoseRecord {
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;       ///< end of scan: the time of the pose
@@ -41,12 +41,12 @@ struct PoseRecord {
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
   bool imu_used = false;
-  bool predicted = false;  ///< no registration: the pose is the prediction
+  bool predicted = false;            ///< no registration: the pose is the prediction
   std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
   std::uint16_t coarse_iterations = 0;
   std::uint16_t fine_iterations = 0;
-  std::uint32_t points = 0;           ///< in the scan
-  std::uint32_t points_used = 0;      ///< in the registration
+  std::uint32_t points = 0;       ///< in the scan
+  std::uint32_t points_used = 0;  ///< in the registration
   std::uint32_t correspondences = 0;
   std::uint32_t map_voxels = 0;
   std::uint32_t lost_packets = 0;
