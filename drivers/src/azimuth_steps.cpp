@@ -4,11 +4,14 @@
 #include "velodyne_layout.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 
 namespace nilio::drivers {
 namespace {
 
 constexpr int kJitter = 100;
+/// Azimuths of an even turn differ from evenness by this.
+constexpr int kAzimuthJitter = 9;
 /// The fastest setting is 1200 revolutions per minute.
 constexpr double kLargestRatePerSecond = 1300.0 / 60.0 * kAzimuthModulus;
 /// A rate that doubled is believed when it stays.
@@ -27,60 +30,95 @@ int azimuth_advance(std::uint16_t from, std::uint16_t to) {
 
 int largest_regular_advance(float rate) { return std::max(kJitter, static_cast<int>(5.0F * rate)); }
 
-AzimuthReader::AzimuthReader(const VelodyneSensor& sensor)
-    : flags_(sensor.block_flags),
-      blocks_per_azimuth_(sensor.blocks_per_azimuth),
-      azimuth_period_ns_(sensor.azimuth_period_ns),
-      largest_rate_(
-          static_cast<float>(kLargestRatePerSecond * 1e-9 * static_cast<double>(sensor.azimuth_period_ns))) {}
+void AzimuthReader::set_layout(const PacketLayout& layout) {
+  layout_ = layout;
+  rate_ = 0.0F;
+  doubtful_packets_ = 0;
+  has_last_azimuth_ = false;
+  set_period(layout.azimuth_period_ns);
+}
 
-PacketAzimuths AzimuthReader::read(std::span<const std::uint8_t> payload) {
+void AzimuthReader::set_period(std::int64_t azimuth_period_ns) {
+  azimuth_period_ns_ = azimuth_period_ns;
+  largest_rate_ = static_cast<float>(kLargestRatePerSecond * 1e-9 * static_cast<double>(azimuth_period_ns));
+}
+
+PacketAzimuths AzimuthReader::read(std::span<const std::uint8_t> payload, std::int64_t since_previous_ns) {
   PacketAzimuths out;
-  out.count = kBlocksPerPacket / blocks_per_azimuth_;
+  out.count = layout_.azimuth_steps();
   read_steps(payload, out);
-  out.rate = rate_of(out);
+  update_rate(advance_per_step(out, since_previous_ns));
+  out.rate = rate_;
   drop_outliers(out);
   find_pauses(out);
+  has_last_azimuth_ = out.steps[out.count - 1].usable;
+  last_azimuth_ = out.steps[out.count - 1].azimuth;
   return out;
 }
 
 void AzimuthReader::read_steps(std::span<const std::uint8_t> payload, PacketAzimuths& out) const {
+  const std::size_t blocks = layout_.blocks_per_azimuth;
   for (std::size_t s = 0; s < out.count; ++s) {
     AzimuthStep& step = out.steps[s];
-    const std::size_t first = s * blocks_per_azimuth_;
-    step.azimuth = load_u16(payload.data() + first * kBlockSize + kAzimuthOffset);
+    step.azimuth = load_u16(payload.data() + s * blocks * kBlockSize + kAzimuthOffset);
     step.usable = step.azimuth < kAzimuthModulus;
-    for (std::size_t b = first; b < first + blocks_per_azimuth_; ++b) {
+    for (std::size_t b = s * blocks; b < (s + 1) * blocks; ++b) {
+      if (layout_.contents[b] == BlockContent::kPadding || layout_.contents[b] == BlockContent::kConfidence) continue;
       const std::uint8_t* block = payload.data() + b * kBlockSize;
-      if (load_u16(block) != flags_[b] || load_u16(block + kAzimuthOffset) != step.azimuth)
+      if (load_u16(block) != layout_.block_flags[b] || load_u16(block + kAzimuthOffset) != step.azimuth)
         step.usable = false;
     }
   }
 }
 
-/// The median survives an outlier; a median twice the previous one is doubted for a few packets.
-float AzimuthReader::rate_of(const PacketAzimuths& azimuths) {
+/// The median of the packet's advances survives an outlier; the mean of those near it is finer than the
+/// azimuth's unit. Negative: not known.
+float AzimuthReader::advance_per_step(const PacketAzimuths& azimuths, std::int64_t since_previous_ns) const {
+  if (azimuths.count == 1) {
+    const bool known = has_last_azimuth_ && azimuths.steps[0].usable && since_previous_ns > 0;
+    if (!known) return -1.0F;
+    const double periods = static_cast<double>(since_previous_ns) / static_cast<double>(azimuth_period_ns_);
+    return static_cast<float>(azimuth_advance(last_azimuth_, azimuths.steps[0].azimuth) / periods);
+  }
   std::array<int, kBlocksPerPacket> advances{};
   std::size_t count = 0;
   for (std::size_t s = 1; s < azimuths.count; ++s) {
     if (!azimuths.steps[s - 1].usable || !azimuths.steps[s].usable) continue;
     advances[count++] = azimuth_advance(azimuths.steps[s - 1].azimuth, azimuths.steps[s].azimuth);
   }
-  if (count == 0) return rate_;
+  if (count == 0) return -1.0F;
   const auto middle = advances.begin() + static_cast<std::ptrdiff_t>(count / 2);
   std::nth_element(advances.begin(), middle, advances.begin() + static_cast<std::ptrdiff_t>(count));
-  const float median = std::clamp(static_cast<float>(*middle), 0.0F, largest_rate_);
-  if (rate_ > 0.0F && median > 2.0F * rate_ && doubtful_packets_ < kDoubtfulPackets) {
+  const int median = *middle;
+  const int spread = std::max(median / 2, kAzimuthJitter);
+  int sum = 0;
+  int near = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (std::abs(advances[i] - median) > spread) continue;
+    sum += advances[i];
+    ++near;
+  }
+  return static_cast<float>(sum) / static_cast<float>(near);
+}
+
+/// A rate twice the previous one is doubted for a few packets.
+void AzimuthReader::update_rate(float advance) {
+  if (advance < 0.0F) return;
+  const float limited = std::min(advance, largest_rate_);
+  if (rate_ > 0.0F && limited > 2.0F * rate_ && doubtful_packets_ < kDoubtfulPackets) {
     ++doubtful_packets_;
-    return rate_;
+    return;
   }
   doubtful_packets_ = 0;
-  rate_ = median;
-  return rate_;
+  rate_ = limited;
 }
 
 /// A step that continues neither the step before nor into the step after is an outlier.
 void AzimuthReader::drop_outliers(PacketAzimuths& out) const {
+  if (out.count == 1) {
+    out.bad_steps = out.steps[0].usable ? 0 : 1;
+    return;
+  }
   const int largest = largest_regular_advance(out.rate);
   std::array<bool, kBlocksPerPacket> connected{};
   for (std::size_t s = 1; s < out.count; ++s) {
@@ -91,7 +129,7 @@ void AzimuthReader::drop_outliers(PacketAzimuths& out) const {
   }
   for (std::size_t s = 0; s < out.count; ++s) {
     out.steps[s].usable = connected[s];
-    if (!connected[s]) out.bad_blocks += static_cast<std::uint32_t>(blocks_per_azimuth_);
+    if (!connected[s]) ++out.bad_steps;
   }
 }
 
@@ -106,6 +144,7 @@ void AzimuthReader::find_pauses(PacketAzimuths& out) const {
       const int steps = static_cast<int>(s - previous);
       const int advance = azimuth_advance(out.steps[previous].azimuth, out.steps[s].azimuth);
       if (advance > largest * steps && out.rate > 0.0F) {
+        if (steps == 1) out.gap_from_step = s;
         const double skipped = static_cast<double>(advance) / static_cast<double>(out.rate) - steps;
         const double pause = std::min(skipped * static_cast<double>(azimuth_period_ns_), kLongestPauseNs);
         out.pause_ns = std::min(out.pause_ns + static_cast<std::int64_t>(pause),

@@ -21,7 +21,9 @@ struct PacketAzimuths {
   std::size_t count = 0;
   /// Advance from one step to the next, in 0.01 degree.
   float rate = 0.0F;
-  std::uint32_t bad_blocks = 0;
+  std::uint32_t bad_steps = 0;
+  /// First step behind a gap inside the packet; 0 = no gap.
+  std::size_t gap_from_step = 0;
   /// Of the last usable step.
   std::int64_t pause_ns = 0;
 };
@@ -35,23 +37,28 @@ int largest_regular_advance(float rate);
 /// change it.
 class AzimuthReader {
  public:
-  explicit AzimuthReader(const VelodyneSensor& sensor);
+  /// `azimuth_period_ns` as the rate is counted.
+  void set_layout(const PacketLayout& layout);
+  void set_period(std::int64_t azimuth_period_ns);
 
-  /// `payload` has kDataPacketSize bytes.
-  PacketAzimuths read(std::span<const std::uint8_t> payload);
+  /// `payload` has kDataPacketSize bytes. `since_previous_ns` is the time from the previous packet's stamp to
+  /// this one's, for packets that hold a single step; 0 when unknown.
+  PacketAzimuths read(std::span<const std::uint8_t> payload, std::int64_t since_previous_ns);
 
  private:
   void read_steps(std::span<const std::uint8_t> payload, PacketAzimuths& out) const;
-  float rate_of(const PacketAzimuths& azimuths);
+  float advance_per_step(const PacketAzimuths& azimuths, std::int64_t since_previous_ns) const;
+  void update_rate(float advance);
   void drop_outliers(PacketAzimuths& out) const;
   void find_pauses(PacketAzimuths& out) const;
 
-  std::array<std::uint16_t, kBlocksPerPacket> flags_;
-  std::size_t blocks_per_azimuth_;
-  std::int64_t azimuth_period_ns_;
-  float largest_rate_;
+  PacketLayout layout_;
+  std::int64_t azimuth_period_ns_ = 1;
+  float largest_rate_ = 0.0F;
   float rate_ = 0.0F;
   int doubtful_packets_ = 0;
+  bool has_last_azimuth_ = false;
+  std::uint16_t last_azimuth_ = 0;
 };
 
 }  // namespace nilio::drivers

@@ -14,60 +14,97 @@ constexpr double kRadiansPerAzimuth = std::numbers::pi / 18000.0;
 /// A range limit of exactly so many metres is meant to be inside, whatever the division rounds to.
 constexpr double kRounding = 1e-6;
 
+/// Distances at which the HDL-64E's two-point calibration was made, m.
+constexpr double kFarCalibration = 25.04;
+constexpr double kNearCalibrationX = 2.40;
+constexpr double kNearCalibrationY = 1.93;
+/// Range that the focal distance is relative to, m.
+constexpr double kFocalRange = 131.0;
+
+std::uint32_t distance_of(std::uint32_t word) { return word & 0xFFFFU; }
+std::uint32_t intensity_of(std::uint32_t word) { return (word >> 16) & 0xFFU; }
+
 }  // namespace
 
-FiringDecoder::FiringDecoder(const VelodyneSensor& sensor, double min_range_m, double max_range_m)
-    : resolution_(static_cast<float>(sensor.distance_resolution_m)),
-      lanes_(sensor.blocks_per_azimuth),
-      azimuths_(kAzimuthModulus) {
-  for (std::size_t i = 0; i < azimuths_.size(); ++i) {
+AzimuthTable::AzimuthTable() : values_(kAzimuthModulus) {
+  for (std::size_t i = 0; i < values_.size(); ++i) {
     const double angle = static_cast<double>(i) * kRadiansPerAzimuth;
-    azimuths_[i] = {static_cast<float>(std::sin(angle)), static_cast<float>(std::cos(angle))};
+    values_[i] = {static_cast<float>(std::sin(angle)), static_cast<float>(std::cos(angle))};
   }
-  for (std::size_t b = 0; b < lanes_.size(); ++b) {
-    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-      fill_entry(sensor, sensor.entries[b][c], min_range_m, max_range_m, lanes_[b], c);
-      interpolated_ = interpolated_ || sensor.entries[b][c].azimuth_fraction != 0.0F;
+}
+
+FiringDecoder::FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& layout, const AzimuthTable& azimuths,
+                             double min_range_m, double max_range_m, ReturnChoice returns)
+    : resolution_(static_cast<float>(sensor.distance_resolution_m)),
+      returns_(returns),
+      blocks_per_step_(layout.blocks_per_azimuth),
+      lanes_(layout.blocks_per_azimuth),
+      azimuths_(&azimuths) {
+  for (std::size_t b = 0; b < lanes_.size(); ++b) fill_lane(sensor, layout, min_range_m, max_range_m, b);
+  fill_times();
+}
+
+void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
+                              double max_range_m, std::size_t block) {
+  Lane& lane = lanes_[block];
+  lane.content = layout.contents[block];
+  lane.partner = block;
+  for (std::size_t other = 0; other < lanes_.size(); ++other) {
+    const bool other_return = layout.contents[other] == BlockContent::kLast || layout.contents[other] == BlockContent::kStrongest;
+    if (other != block && other_return && layout.block_flags[other] == layout.block_flags[block]) lane.partner = other;
+  }
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    const PacketEntry& entry = layout.entries[block][c];
+    const LaserCalibration& laser = sensor.lasers[entry.laser];
+    const double cos_elevation = std::cos(laser.elevation_rad);
+    const double sin_elevation = std::sin(laser.elevation_rad);
+    const bool across = sensor.vertical_offset_across_beam;
+    const double far = laser.distance_correction_m;
+    lane.distance_correction[c] = static_cast<float>(far);
+    lane.cos_elevation[c] = static_cast<float>(cos_elevation);
+    lane.sin_elevation[c] = static_cast<float>(sin_elevation);
+    lane.range_offset[c] = static_cast<float>(across ? -laser.vertical_offset_m * sin_elevation : 0.0);
+    lane.height_offset[c] =
+        static_cast<float>(across ? laser.vertical_offset_m * cos_elevation : laser.vertical_offset_m);
+    lane.side_offset[c] = static_cast<float>(laser.horizontal_offset_m);
+    lane.cos_correction[c] = static_cast<float>(std::cos(-laser.azimuth_correction_rad));
+    lane.sin_correction[c] = static_cast<float>(std::sin(-laser.azimuth_correction_rad));
+    lane.cos_shift[c] = lane.cos_correction[c];
+    lane.sin_shift[c] = lane.sin_correction[c];
+    lane.fraction[c] = entry.azimuth_fraction;
+    lane.ring[c] = laser.ring;
+    if (laser.near_distance_correction_x_m != 0.0 || laser.near_distance_correction_y_m != 0.0) {
+      const double slope_x = (far - laser.near_distance_correction_x_m) / (kFarCalibration - kNearCalibrationX);
+      const double slope_y = (far - laser.near_distance_correction_y_m) / (kFarCalibration - kNearCalibrationY);
+      lane.near_slope_x[c] = static_cast<float>(slope_x);
+      lane.near_slope_y[c] = static_cast<float>(slope_y);
+      lane.near_x[c] = static_cast<float>(laser.near_distance_correction_x_m - far - slope_x * kNearCalibrationX);
+      lane.near_y[c] = static_cast<float>(laser.near_distance_correction_y_m - far - slope_y * kNearCalibrationY);
+      near_corrected_ = true;
     }
+    const double focus = 1.0 - laser.focal_distance_m / kFocalRange;
+    lane.focal_offset[c] = static_cast<float>(256.0 * focus * focus);
+    lane.focal_slope[c] = static_cast<float>(laser.focal_slope);
+    lane.min_intensity[c] = laser.min_intensity;
+    lane.max_intensity[c] = laser.max_intensity;
+    near_corrected_ = near_corrected_ || laser.focal_slope != 0.0;
+    const double low = (min_range_m - far) / sensor.distance_resolution_m;
+    const double high = (max_range_m - far) / sensor.distance_resolution_m;
+    lane.min_raw[c] = static_cast<std::int32_t>(std::clamp(std::ceil(low - kRounding), 1.0, 65536.0));
+    lane.max_raw[c] = static_cast<std::int32_t>(std::clamp(std::floor(high + kRounding), 0.0, 65535.0));
+    lane.time_ns[c] = entry.time_offset_ns;
+    interpolated_ = interpolated_ || entry.azimuth_fraction != 0.0F;
   }
-  fill_times(sensor);
 }
 
-void FiringDecoder::fill_entry(const VelodyneSensor& sensor, const PacketEntry& entry, double min_range_m,
-                               double max_range_m, Lane& lane, std::size_t c) const {
-  const LaserCalibration& laser = sensor.lasers[entry.laser];
-  const double cos_elevation = std::cos(laser.elevation_rad);
-  const double sin_elevation = std::sin(laser.elevation_rad);
-  const bool across = sensor.vertical_offset_across_beam;
-  lane.distance_correction[c] = static_cast<float>(laser.distance_correction_m);
-  lane.cos_elevation[c] = static_cast<float>(cos_elevation);
-  lane.sin_elevation[c] = static_cast<float>(sin_elevation);
-  lane.range_offset[c] = static_cast<float>(across ? -laser.vertical_offset_m * sin_elevation : 0.0);
-  lane.height_offset[c] =
-      static_cast<float>(across ? laser.vertical_offset_m * cos_elevation : laser.vertical_offset_m);
-  lane.side_offset[c] = static_cast<float>(laser.horizontal_offset_m);
-  lane.cos_correction[c] = static_cast<float>(std::cos(-laser.azimuth_correction_rad));
-  lane.sin_correction[c] = static_cast<float>(std::sin(-laser.azimuth_correction_rad));
-  lane.cos_shift[c] = lane.cos_correction[c];
-  lane.sin_shift[c] = lane.sin_correction[c];
-  lane.fraction[c] = entry.azimuth_fraction;
-  lane.ring[c] = laser.ring;
-  const double low = (min_range_m - laser.distance_correction_m) / sensor.distance_resolution_m;
-  const double high = (max_range_m - laser.distance_correction_m) / sensor.distance_resolution_m;
-  lane.min_raw[c] = static_cast<std::int32_t>(std::clamp(std::ceil(low - kRounding), 1.0, 65536.0));
-  lane.max_raw[c] = static_cast<std::int32_t>(std::clamp(std::floor(high + kRounding), 0.0, 65535.0));
-}
-
-void FiringDecoder::fill_times(const VelodyneSensor& sensor) {
-  for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
-    const std::size_t step = b / lanes_.size();
-    const bool first_of_step = b % lanes_.size() == 0;
-    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-      const std::int32_t time = sensor.entries[b][c].time_offset_ns;
-      times_[b][c] = time;
-      const bool first = first_of_step && c == 0;
-      first_firing_ns_[step] = first ? time : std::min(first_firing_ns_[step], time);
-      last_firing_ns_[step] = first ? time : std::max(last_firing_ns_[step], time);
+void FiringDecoder::fill_times() {
+  bool first = true;
+  for (const Lane& lane : lanes_) {
+    if (lane.content == BlockContent::kPadding) continue;
+    for (const std::int32_t time : lane.time_ns) {
+      first_firing_ns_ = first ? time : std::min(first_firing_ns_, time);
+      last_firing_ns_ = first ? time : std::max(last_firing_ns_, time);
+      first = false;
     }
   }
 }
@@ -89,49 +126,105 @@ void FiringDecoder::set_rate(float rate) {
   }
 }
 
-FiringDecoder::Counts FiringDecoder::decode_block(const std::uint8_t* block, std::size_t index,
-                                                  std::int32_t time_ns, std::span<core::Point> points) const {
-  const Lane& lane = lanes_[index % lanes_.size()];
-  const SinCos azimuth = azimuths_[load_u16(block + kAzimuthOffset)];
-  // Distance and intensity of an entry together; the last entry of a packet's last block is followed by the
-  // time stamp.
-  std::array<std::uint32_t, kEntriesPerBlock> words;
-  for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
-    words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
-  Row x;
-  Row y;
-  Row z;
-  Row intensity;
-  std::array<std::int32_t, kEntriesPerBlock> in_range;
-  std::int32_t returns = 0;
-  // Separate from the selection below so that it vectorises.
+/// Of two returns that are the same one is kept: the last when both are wanted.
+void FiringDecoder::choose_returns(const Lane& lane, const Words& words, const std::uint8_t* partner,
+                                   Mask& keep) const {
+  const bool is_last = lane.content == BlockContent::kLast;
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-    const auto raw = static_cast<std::int32_t>(words[c] & 0xFFFFU);
-    const float distance = static_cast<float>(raw) * resolution_ + lane.distance_correction[c];
+    const std::uint32_t other = load_u32(partner + kEntriesOffset + kEntrySize * c);
+    // A return that is not there is weaker than any.
+    const auto strength = [](std::uint32_t word) {
+      return distance_of(word) == 0 ? -1 : static_cast<int>(intensity_of(word));
+    };
+    bool chosen = true;
+    switch (returns_) {
+      case ReturnChoice::kAll:
+        chosen = is_last || distance_of(words[c]) != distance_of(other);
+        break;
+      case ReturnChoice::kLast:
+        chosen = is_last || distance_of(other) == 0;
+        break;
+      case ReturnChoice::kStrongest:
+        chosen = is_last ? strength(words[c]) > strength(other) : strength(words[c]) >= strength(other);
+        break;
+    }
+    keep[c] = static_cast<std::int32_t>(chosen);
+  }
+}
+
+void FiringDecoder::place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const {
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    const auto raw = static_cast<float>(static_cast<std::int32_t>(distance_of(words[c])));
+    const float distance = raw * resolution_ + lane.distance_correction[c];
     const float range = distance * lane.cos_elevation[c] + lane.range_offset[c];
     const float sin = azimuth.sin * lane.cos_shift[c] + azimuth.cos * lane.sin_shift[c];
     const float cos = azimuth.cos * lane.cos_shift[c] - azimuth.sin * lane.sin_shift[c];
-    x[c] = range * cos + lane.side_offset[c] * sin;
-    y[c] = lane.side_offset[c] * cos - range * sin;
-    z[c] = distance * lane.sin_elevation[c] + lane.height_offset[c];
-    intensity[c] = static_cast<float>(static_cast<std::int32_t>((words[c] >> 16) & 0xFFU));
-    in_range[c] =
-        static_cast<std::int32_t>(raw >= lane.min_raw[c]) & static_cast<std::int32_t>(raw <= lane.max_raw[c]);
-    returns += static_cast<std::int32_t>(raw != 0);
+    points.x[c] = range * cos + lane.side_offset[c] * sin;
+    points.y[c] = lane.side_offset[c] * cos - range * sin;
+    points.z[c] = distance * lane.sin_elevation[c] + lane.height_offset[c];
+    points.intensity[c] = static_cast<float>(static_cast<std::int32_t>(intensity_of(words[c])));
+  }
+}
+
+/// HDL-64E manual: below 25 m the distance correction depends on |x| and |y| (of the Velodyne frame, here -y
+/// and x), and the intensity is made independent of the distance to the focus.
+void FiringDecoder::correct_near_range(const Lane& lane, SinCos azimuth, const Words& words,
+                                       Points& points) const {
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    const auto raw = static_cast<float>(static_cast<std::int32_t>(distance_of(words[c])));
+    const float sin = azimuth.sin * lane.cos_shift[c] + azimuth.cos * lane.sin_shift[c];
+    const float cos = azimuth.cos * lane.cos_shift[c] - azimuth.sin * lane.sin_shift[c];
+    const float distance = raw * resolution_ + lane.distance_correction[c];
+    const float share = distance < static_cast<float>(kFarCalibration) ? 1.0F : 0.0F;
+    const float along_x = share * (lane.near_slope_x[c] * std::abs(points.y[c]) + lane.near_x[c]);
+    const float along_y = share * (lane.near_slope_y[c] * std::abs(points.x[c]) + lane.near_y[c]);
+    points.x[c] += along_y * lane.cos_elevation[c] * cos;
+    points.y[c] -= along_x * lane.cos_elevation[c] * sin;
+    points.z[c] += 0.5F * (along_x + along_y) * lane.sin_elevation[c];
+    const float nearness = 1.0F - raw / 65535.0F;
+    const float corrected =
+        points.intensity[c] + lane.focal_slope[c] * std::abs(lane.focal_offset[c] - 256.0F * nearness * nearness);
+    points.intensity[c] = std::min(std::max(corrected, lane.min_intensity[c]), lane.max_intensity[c]);
+  }
+}
+
+FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> payload, std::size_t step,
+                                                 std::int32_t time_ns, std::span<core::Point> points) const {
+  const std::uint8_t* const blocks = payload.data() + step * blocks_per_step_ * kBlockSize;
+  const SinCos azimuth = (*azimuths_)[load_u16(blocks + kAzimuthOffset)];
+  std::int32_t returns = 0;
+  core::Point* out = points.data();
+  for (std::size_t b = 0; b < blocks_per_step_; ++b) {
+    const Lane& lane = lanes_[b];
+    if (lane.content == BlockContent::kPadding || lane.content == BlockContent::kConfidence) continue;
+    const std::uint8_t* const block = blocks + b * kBlockSize;
+    // Distance and intensity of an entry together; the last entry of a packet's last block is followed by the
+    // time stamp.
+    Words words;
+    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
+    Mask keep;
+    keep.fill(1);
+    if (lane.partner != b) choose_returns(lane, words, blocks + lane.partner * kBlockSize, keep);
+    Points decoded;
+    place(lane, azimuth, words, decoded);
+    if (near_corrected_) correct_near_range(lane, azimuth, words, decoded);
+    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+      const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
+      returns += static_cast<std::int32_t>(raw != 0) & keep[c];
+      keep[c] &= static_cast<std::int32_t>(raw >= lane.min_raw[c]) & static_cast<std::int32_t>(raw <= lane.max_raw[c]);
+    }
+    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+      // Written always, kept only when it counts: no branch to mispredict. There is always room for one more.
+      *out = {.x = decoded.x[c],
+              .y = decoded.y[c],
+              .z = decoded.z[c],
+              .intensity = decoded.intensity[c],
+              .time_offset_ns = time_ns + lane.time_ns[c],
+              .ring = lane.ring[c]};
+      out += keep[c];
+    }
   }
   Counts counts;
-  const std::array<std::int32_t, kEntriesPerBlock>& times = times_[index];
-  core::Point* out = points.data();
-  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-    // Written always, kept only when it counts: no branch to mispredict. There is always room for one more.
-    *out = {.x = x[c],
-            .y = y[c],
-            .z = z[c],
-            .intensity = intensity[c],
-            .time_offset_ns = time_ns + times[c],
-            .ring = lane.ring[c]};
-    out += in_range[c];
-  }
   counts.points = static_cast<std::size_t>(out - points.data());
   counts.out_of_range = static_cast<std::size_t>(returns) - counts.points;
   return counts;

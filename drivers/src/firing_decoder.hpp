@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/scan.hpp"
+#include "nilio/drivers/velodyne_decoder.hpp"
 #include "nilio/drivers/velodyne_model.hpp"
 
 #include <array>
@@ -10,11 +11,28 @@
 
 namespace nilio::drivers {
 
-/// Turns blocks into points. All that depends on the laser only is in tables, so that a point costs a few
-/// nanoseconds.
+struct SinCos {
+  float sin = 0.0F;
+  float cos = 1.0F;
+};
+
+/// Sine and cosine of every azimuth a packet can hold.
+class AzimuthTable {
+ public:
+  AzimuthTable();
+  [[nodiscard]] SinCos operator[](std::uint16_t azimuth) const { return values_[azimuth]; }
+
+ private:
+  std::vector<SinCos> values_;
+};
+
+/// Turns the blocks of one packet layout into points. All that depends on the laser only is in tables, so that
+/// a point costs a few nanoseconds.
 class FiringDecoder {
  public:
-  FiringDecoder(const VelodyneSensor& sensor, double min_range_m, double max_range_m);
+  /// `azimuths` must outlive the decoder.
+  FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& layout, const AzimuthTable& azimuths,
+                double min_range_m, double max_range_m, ReturnChoice returns);
 
   /// Azimuth advance from step to step (0.01 degree) for the packets to come.
   void set_rate(float rate);
@@ -23,19 +41,21 @@ class FiringDecoder {
     std::size_t points = 0;
     std::size_t out_of_range = 0;
   };
-  /// Decodes block `index` of a packet into `points` (room for kEntriesPerBlock). `time_ns` is the packet's
-  /// time relative to the scan's start. The block's azimuth must be below kAzimuthModulus,
-  /// and a byte must follow the block, as the time stamp does at the packet's end.
-  Counts decode_block(const std::uint8_t* block, std::size_t index, std::int32_t time_ns,
-                      std::span<core::Point> points) const;
+  /// Decodes azimuth step `step` of a packet (kDataPacketSize bytes) into `points`, which have room for
+  /// kEntriesPerBlock more than all its entries. `time_ns` is the time of the step's azimuth relative to the
+  /// scan's start. The step's azimuth must be below kAzimuthModulus.
+  Counts decode_step(std::span<const std::uint8_t> payload, std::size_t step, std::int32_t time_ns,
+                     std::span<core::Point> points) const;
 
-  /// First and last firing of an azimuth step, relative to the packet's time.
-  [[nodiscard]] std::int32_t first_firing_ns(std::size_t step) const { return first_firing_ns_[step]; }
-  [[nodiscard]] std::int32_t last_firing_ns(std::size_t step) const { return last_firing_ns_[step]; }
+  /// First and last firing of an azimuth step, relative to its azimuth's time.
+  [[nodiscard]] std::int32_t first_firing_ns() const { return first_firing_ns_; }
+  [[nodiscard]] std::int32_t last_firing_ns() const { return last_firing_ns_; }
 
  private:
   using Row = std::array<float, kEntriesPerBlock>;
-  /// For the entries of one of the blocks that share an azimuth.
+  using Words = std::array<std::uint32_t, kEntriesPerBlock>;
+  using Mask = std::array<std::int32_t, kEntriesPerBlock>;
+  /// For the entries of one of the blocks of an azimuth step.
   struct Lane {
     Row distance_correction{};
     Row cos_elevation{};
@@ -49,27 +69,48 @@ class FiringDecoder {
     /// Azimuth correction and interpolation together.
     Row cos_shift{};
     Row sin_shift{};
-    std::array<std::int32_t, kEntriesPerBlock> min_raw{};
-    std::array<std::int32_t, kEntriesPerBlock> max_raw{};
+    /// Two-point distance correction: what it adds per metre of |x| or |y|, and at zero.
+    Row near_slope_x{};
+    Row near_slope_y{};
+    Row near_x{};
+    Row near_y{};
+    Row focal_slope{};
+    Row focal_offset{};
+    Row min_intensity{};
+    Row max_intensity{};
+    Mask min_raw{};
+    Mask max_raw{};
+    std::array<std::int32_t, kEntriesPerBlock> time_ns{};
     std::array<std::uint16_t, kEntriesPerBlock> ring{};
+    /// Block of the step with the other return of the same lasers; itself when there is none.
+    std::size_t partner = 0;
+    BlockContent content = BlockContent::kSingle;
   };
-  struct SinCos {
-    float sin = 0.0F;
-    float cos = 1.0F;
+  struct Points {
+    Row x;
+    Row y;
+    Row z;
+    Row intensity;
   };
 
-  void fill_entry(const VelodyneSensor& sensor, const PacketEntry& entry, double min_range_m,
-                  double max_range_m, Lane& lane, std::size_t c) const;
-  void fill_times(const VelodyneSensor& sensor);
+  void fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m, double max_range_m,
+                 std::size_t block);
+  void fill_times();
+  void choose_returns(const Lane& lane, const Words& words, const std::uint8_t* partner, Mask& keep) const;
+  void place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
+  void correct_near_range(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
 
   float resolution_;
+  ReturnChoice returns_;
   bool interpolated_ = false;
+  /// Some laser has near-range or intensity corrections.
+  bool near_corrected_ = false;
   float rate_ = 0.0F;
+  std::size_t blocks_per_step_;
   std::vector<Lane> lanes_;
-  std::vector<SinCos> azimuths_;
-  std::array<std::array<std::int32_t, kEntriesPerBlock>, kBlocksPerPacket> times_{};
-  std::array<std::int32_t, kBlocksPerPacket> first_firing_ns_{};
-  std::array<std::int32_t, kBlocksPerPacket> last_firing_ns_{};
+  const AzimuthTable* azimuths_;
+  std::int32_t first_firing_ns_ = 0;
+  std::int32_t last_firing_ns_ = 0;
 };
 
 }  // namespace nilio::drivers

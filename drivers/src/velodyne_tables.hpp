@@ -2,20 +2,14 @@
 
 #include "nilio/drivers/velodyne_model.hpp"
 
+#include "velodyne_lasers.hpp"
+
+#include <array>
 #include <cstdint>
 #include <span>
 #include <string_view>
 
 namespace nilio::drivers {
-
-/// One laser of a model's table, in the units of the manuals.
-struct LaserRow {
-  double elevation_deg = 0.0;
-  double azimuth_correction_deg = 0.0;
-  double vertical_offset_m = 0.0;
-  double horizontal_offset_m = 0.0;
-  double distance_correction_m = 0.0;
-};
 
 /// A model as data; make_velodyne_sensor() derives everything else. Another model is another table.
 struct ModelTable {
@@ -27,20 +21,28 @@ struct ModelTable {
   /// vertical offset.
   double beam_crossing_m = 0.0;
   bool vertical_offset_across_beam = false;
-  /// From one firing of all lasers to the next.
-  std::int64_t firing_period_ns = 0;
+  /// From one firing of all lasers to the next, by return mode.
+  std::array<std::int64_t, 3> firing_period_ns{};
   /// Time of a laser inside its firing.
-  std::int64_t (*firing_offset_ns)(std::size_t laser) = nullptr;
-  std::uint8_t blocks_per_azimuth = 1;
-  std::int64_t azimuth_period_ns = 0;
+  std::int64_t (*firing_offset_ns)(std::size_t laser, ReturnMode mode) = nullptr;
+  /// The first laser's time relative to the packet's stamp.
+  std::int64_t first_firing_ns = 0;
   bool azimuth_interpolated = false;
-  /// Block flags, repeated through the packet.
+  bool measured_period = false;
+  bool has_clock = true;
+  /// Block flags of the banks of 32 lasers; one for up to 32 lasers.
   std::span<const std::uint16_t> flags;
-  std::uint8_t return_mode_byte = 0;
+  /// Firings that share the azimuth of one block: 2 for 16 lasers, else 1.
+  std::size_t firings_per_block = 1;
+  /// Return modes the model has, kSingle first.
+  std::span<const ReturnMode> modes;
+  /// Whether both returns of a bank follow one another (VLP, VLS), or all banks of the strongest return come
+  /// before those of the last (HDL-64E).
+  bool returns_by_bank = true;
   std::uint8_t product_byte = 0;
 };
 
-const ModelTable& model_table(VelodyneModel model);
+ModelTable model_table(VelodyneModel model);
 
 /// Ranks the lasers by elevation and takes their spacing, after the elevations were set.
 void finish_geometry(VelodyneSensor& sensor);

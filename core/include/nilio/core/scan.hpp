@@ -22,6 +22,15 @@ struct Point {
   std::uint16_t reserved = 0;
 };
 
+/// What the time of a scan rests on.
+enum class ClockSource : std::uint8_t {
+  kHost,         ///< receive times: the sensor has no clock, or the configuration says so
+  kFreeRunning,  ///< the sensor's own oscillator, fitted onto the host's clock
+  kNmeaOnly,     ///< the sensor knows the time of a GPS receiver but not its pulse
+  kPpsLocked,    ///< locked to the pulse of a GPS receiver
+  kPtp,          ///< no pulse, yet in step with the host's clock, as PTP makes it
+};
+
 /// One revolution of the sensor (or what of it was received).
 struct Scan {
   /// Counts completed scans of this source from 0.
@@ -39,6 +48,11 @@ struct Scan {
   float coverage_deg = 0.0F;
   /// Packets missing inside the scan by the sensor's own time stamps.
   std::uint32_t lost_packets = 0;
+  /// Shots of lasers that belong to the scan and are not in it: in lost packets or in damaged blocks.
+  std::uint32_t missing_firings = 0;
+  ClockSource clock_source = ClockSource::kHost;
+  /// The sensor's or the host's clock was set between the scan before and this one.
+  bool after_time_jump = false;
   /// CLOCK_MONOTONIC of this process when the scan's last packet was received, when it was taken off the
   /// ring, and when the scan was complete (ns; 0 = unknown).
   std::int64_t received_ns = 0;

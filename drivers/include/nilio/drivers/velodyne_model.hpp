@@ -18,7 +18,34 @@ inline constexpr std::size_t kEntriesPerBlock = 32;
 /// Azimuth is counted in hundredths of a degree.
 inline constexpr int kAzimuthModulus = 36000;
 
-enum class VelodyneModel { kVlp16, kHdl64eS2 };
+enum class VelodyneModel : std::uint8_t {
+  kVlp16,
+  kPuckLite,
+  kPuckHiRes,
+  kHdl32e,
+  kVlp32a,
+  kVlp32b,
+  kVlp32c,
+  kVls128,
+  kHdl64eS1,
+  kHdl64eS2,
+  kHdl64eS21,
+  kHdl64eS3,
+};
+inline constexpr std::size_t kVelodyneModelCount = 12;
+
+/// What a sensor sends for each firing: one return (the strongest or the last, as it was set), two, or two
+/// with a word of confidence.
+enum class ReturnMode : std::uint8_t { kSingle, kDual, kDualConfidence };
+
+/// What a block of a packet holds.
+enum class BlockContent : std::uint8_t {
+  kSingle,      ///< the only return
+  kLast,        ///< the last of two returns
+  kStrongest,   ///< the strongest of two, or the second strongest when the strongest is the last
+  kConfidence,  ///< quality words, no distances
+  kPadding,     ///< nothing
+};
 
 /// Geometry of one laser (angles in rad, lengths in m), as the manufacturer's calibration files have it.
 struct LaserCalibration {
@@ -28,6 +55,16 @@ struct LaserCalibration {
   double distance_correction_m = 0.0;
   double vertical_offset_m = 0.0;
   double horizontal_offset_m = 0.0;
+  /// The distance correction close to the sensor, at 2.40 m along the Velodyne frame's x and at 1.93 m along y;
+  /// between there and 25.04 m it is interpolated (HDL-64E manual, "two-point calibration"). Both 0 = not known:
+  /// one correction for all distances.
+  double near_distance_correction_x_m = 0.0;
+  double near_distance_correction_y_m = 0.0;
+  /// Intensity is corrected for focus with these (HDL-64E manual); slope 0 = as measured.
+  double focal_distance_m = 0.0;
+  double focal_slope = 0.0;
+  std::uint8_t min_intensity = 0;
+  std::uint8_t max_intensity = 255;
   /// Rank by elevation, 0 = lowest.
   std::uint16_t ring = 0;
 };
@@ -42,6 +79,29 @@ struct PacketEntry {
   float azimuth_fraction = 0.0F;
 };
 
+/// Where the firings are in the packets of one return mode.
+struct PacketLayout {
+  ReturnMode mode = ReturnMode::kSingle;
+  std::array<std::array<PacketEntry, kEntriesPerBlock>, kBlocksPerPacket> entries{};
+  /// Block flags as little-endian numbers (0xEEFF, 0xDDFF, ...) expected at each block.
+  std::array<std::uint16_t, kBlocksPerPacket> block_flags{};
+  std::array<BlockContent, kBlocksPerPacket> contents{};
+  /// Blocks that share one azimuth step, returns and padding included: a divisor of 12.
+  std::uint8_t blocks_per_azimuth = 1;
+  /// Shots of single lasers in one azimuth step.
+  std::uint16_t firings_per_azimuth = kEntriesPerBlock;
+  /// Time from one azimuth step to the next, and from one packet to the next (nominal).
+  std::int64_t azimuth_period_ns = 0;
+  std::int64_t packet_period_ns = 0;
+  /// Byte 1204 for an encoder.
+  std::uint8_t return_mode_byte = 0x37;
+
+  [[nodiscard]] std::size_t azimuth_steps() const { return kBlocksPerPacket / blocks_per_azimuth; }
+  [[nodiscard]] std::uint32_t firings_per_packet() const {
+    return static_cast<std::uint32_t>(firings_per_azimuth * azimuth_steps());
+  }
+};
+
 /// Everything the decoder and the encoder know about a sensor: data, no code.
 struct VelodyneSensor {
   VelodyneModel model = VelodyneModel::kVlp16;
@@ -52,30 +112,34 @@ struct VelodyneSensor {
   /// The vertical offset is measured across the beam, so that it shifts the horizontal range too (HDL-64E);
   /// otherwise it is along the sensor's axis.
   bool vertical_offset_across_beam = false;
-  std::array<std::array<PacketEntry, kEntriesPerBlock>, kBlocksPerPacket> entries{};
-  /// Block flags as little-endian numbers (0xEEFF, 0xDDFF) expected at each block.
-  std::array<std::uint16_t, kBlocksPerPacket> block_flags{};
-  /// Blocks that share one azimuth step: 1 (VLP-16) or 2 (HDL-64E).
-  std::uint8_t blocks_per_azimuth = 1;
-  /// Time from one azimuth step to the next, and from one packet to the next (nominal).
-  std::int64_t azimuth_period_ns = 0;
-  std::int64_t packet_period_ns = 0;
-  /// Factory bytes 1204 and 1205 for an encoder; HDL-64E has a status stream there instead.
-  std::uint8_t return_mode_byte = 0x37;
+  /// One for each return mode the model has; the first is kSingle.
+  std::vector<PacketLayout> layouts;
+  /// The firing sequence's period differs between firmwares: it is measured from the packets' time stamps.
+  bool measured_period = false;
+  /// Packets carry no time (HDL-64E S1): it comes from the host.
+  bool has_clock = true;
+  /// Byte 1205 for an encoder, 0 for the HDL-64E, which has a status stream in both bytes.
   std::uint8_t product_byte = 0;
   /// Median vertical angle between neighbouring beams.
   float beam_spacing_rad = 0.0F;
+
+  /// Null when the model does not have this mode.
+  [[nodiscard]] const PacketLayout* layout(ReturnMode mode) const;
+  [[nodiscard]] const PacketLayout& single() const { return layouts.front(); }
 };
 
-/// Built-in sensor with its factory geometry (VLP-16 manual 63-9243). HDL-64E S2 has no factory geometry
-/// common to all units: it gets that of KITTI's scanner, recovered from KITTI's clouds; its distance
-/// corrections are known modulo the 2 mm resolution only, which is what re-encoding KITTI needs. Real units
-/// need with_calibration_file().
+/// Built-in sensor with its factory geometry (manuals 63-9243, 63-9325, 63-9483, HDL-32E). Every HDL-64E has a
+/// geometry of its own, and a real one needs with_calibration_file() or its status stream: S2 gets that of
+/// KITTI's scanner, recovered from KITTI's clouds, whose distance corrections are known modulo the 2 mm
+/// resolution only, which is what re-encoding KITTI needs; S1, S2.1 and S3 get that of one published unit.
 VelodyneSensor make_velodyne_sensor(VelodyneModel model);
 
-/// "VLP-16", "HDL-64E-S2", as used in configuration and messages; parsing ignores case, '-' and '_'.
+/// "VLP-16", "HDL-64E-S2", as used in configuration and messages; parsing ignores case, ' ', '-', '.' and '_'.
 std::string_view velodyne_model_name(VelodyneModel model);
 std::optional<VelodyneModel> parse_velodyne_model(std::string_view name);
+/// All models in the order of the enumeration.
+std::array<VelodyneModel, kVelodyneModelCount> velodyne_models();
+std::string_view return_mode_name(ReturnMode mode);
 
 /// Replaces the per-laser geometry by a calibration file in the YAML form of the ROS Velodyne driver
 /// (radians, metres). The file's near-range, focus and intensity values are accepted and not used; its

@@ -1,0 +1,87 @@
+#pragma once
+
+#include "nilio/drivers/velodyne_decoder.hpp"
+
+#include "azimuth_steps.hpp"
+#include "blind_sector.hpp"
+#include "firing_decoder.hpp"
+#include "scan_cutter.hpp"
+#include "sensor_clock.hpp"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace nilio::drivers {
+
+/// What ScanAssembler does: clock, cutter and decoder put together, and the scan under assembly.
+class ScanAssembler::State {
+ public:
+  State(VelodyneSensor sensor, const ScanAssemblerConfig& config);
+
+  bool add(const Packet& packet);
+  bool finish();
+  void take_scan(core::Scan& scan);
+  [[nodiscard]] const ScanAssemblerStats& stats() const { return stats_; }
+  [[nodiscard]] ScanAssemblerStatus status() const;
+  [[nodiscard]] std::uint64_t open_firings() const { return open_firings_; }
+  [[nodiscard]] const VelodyneSensor& sensor() const { return sensor_; }
+
+ private:
+  /// A packet of data on its way through.
+  struct Current {
+    std::span<const std::uint8_t> payload;
+    std::int64_t received_ns = 0;
+    std::int64_t line_ns = 0;
+    PacketAzimuths azimuths;
+  };
+
+  bool admit(const Packet& packet);
+  void follow_mode(std::span<const std::uint8_t> payload);
+  void use_layout(std::size_t index);
+  void hear_position(const Packet& packet);
+  void measure_period(const PacketArrival& arrival);
+  void account_gap(const PacketArrival& arrival, std::uint16_t first_azimuth);
+  void add_in_order(Current& current);
+  void add_late(Current& current);
+  void add_step(const Current& current, std::size_t step);
+  void decode_step(const Current& current, std::size_t step, std::int64_t step_ns);
+  void open_scan();
+  void close_scan();
+
+  [[nodiscard]] std::int64_t step_time_ns(const Current& current, std::size_t step) const;
+  [[nodiscard]] const PacketLayout& layout() const { return sensor_.layouts[layout_index_]; }
+  [[nodiscard]] const FiringDecoder& decoder() const { return decoders_[layout_index_]; }
+  [[nodiscard]] bool has_room() const;
+
+  VelodyneSensor sensor_;
+  ScanAssemblerConfig config_;
+  ScanAssemblerStats stats_;
+  std::size_t layout_index_ = 0;
+  AzimuthTable azimuth_table_;
+  std::vector<FiringDecoder> decoders_;
+  SensorClock clock_;
+  AzimuthReader azimuths_;
+  ScanCutter cutter_;
+  BlindSector blind_;
+  std::size_t capacity_;
+
+  /// As measured, or nominal.
+  double packet_period_ns_ = 0.0;
+  std::int64_t azimuth_period_ns_ = 0;
+  std::uint32_t periods_measured_ = 0;
+  /// Of the last packet in order.
+  float rate_ = 0.0F;
+  std::int64_t pause_ns_ = 0;
+
+  core::Scan current_;
+  core::Scan completed_;
+  /// A scan became complete in the packet at hand.
+  bool has_completed_ = false;
+  bool after_time_jump_ = false;
+  /// Last firing of the scan under assembly, on the clock's time line.
+  std::int64_t end_ns_ = 0;
+  std::uint64_t open_firings_ = 0;
+};
+
+}  // namespace nilio::drivers
