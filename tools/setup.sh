@@ -6,7 +6,7 @@ set -euo pipefail
 packages=(
   build-essential cmake ninja-build pkg-config git ca-certificates
   libeigen3-dev libtbb-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
-  libpcap-dev libsocketcan-dev libfastrtps-dev libfastcdr-dev
+  libpcap-dev libpugixml-dev libsocketcan-dev libfastrtps-dev libfastcdr-dev
   libembree-dev libcairo2-dev
 )
 if [[ ${1:-} == --tests ]]; then

@@ -47,11 +47,12 @@ enum class BlockContent : std::uint8_t {
   kPadding,     ///< nothing
 };
 
-/// Geometry of one laser (angles in rad, lengths in m), as the manufacturer's calibration files have it.
+/// One laser (angles in rad, lengths in m), as the manufacturer's calibration files have it.
 struct LaserCalibration {
   double elevation_rad = 0.0;
   /// Subtracted from the block's azimuth.
   double azimuth_correction_rad = 0.0;
+  /// Added to the measured distance; found at 25.04 m where the near corrections are known too.
   double distance_correction_m = 0.0;
   double vertical_offset_m = 0.0;
   double horizontal_offset_m = 0.0;
@@ -67,6 +68,22 @@ struct LaserCalibration {
   std::uint8_t max_intensity = 255;
   /// Rank by elevation, 0 = lowest.
   std::uint16_t ring = 0;
+  /// Distance corrections near the sensor, found at 2.40 m along x and at 1.93 m along y; between there and
+  /// 25.04 m the correction is linear ("two-point correction"). Both 0 = not known, then the far one holds
+  /// everywhere.
+  double near_distance_correction_x_m = 0.0;
+  double near_distance_correction_y_m = 0.0;
+  /// Where the receiver is in focus and how strongly the intensity falls off away from there, per the
+  /// manual's intensity formula (scale 131 m). Both 0 = not known, then intensities are taken as measured.
+  double focal_distance_m = 0.0;
+  double focal_slope = 0.0;
+  /// Limits of the corrected intensity.
+  std::uint8_t min_intensity = 0;
+  std::uint8_t max_intensity = 255;
+  /// False where the calibration file says that the laser is switched off.
+  bool enabled = true;
+
+  friend bool operator==(const LaserCalibration&, const LaserCalibration&) = default;
 };
 
 /// Where an entry of a block comes from and when it was fired.
@@ -141,10 +158,12 @@ std::optional<VelodyneModel> parse_velodyne_model(std::string_view name);
 std::array<VelodyneModel, kVelodyneModelCount> velodyne_models();
 std::string_view return_mode_name(ReturnMode mode);
 
-/// Replaces the per-laser geometry by a calibration file in the YAML form of the ROS Velodyne driver
-/// (radians, metres). The file's near-range, focus and intensity values are accepted and not used; its
-/// distance_resolution neither, since packets of a model have one resolution whatever a file says. Errors
-/// name file, line and key.
+/// Replaces the lasers by those of a calibration file: the YAML form of the ROS Velodyne driver (radians,
+/// metres) or Velodyne's own db.xml (degrees, centimetres), told apart by content. A YAML file's
+/// distance_resolution is not used, since packets of a model have one resolution whatever a file says; a
+/// db.xml with another resolution than the model's is refused. Values out of their plausible range are
+/// refused with a word on units. Errors name file, line, laser and key. Lasers that the file switches off
+/// keep their geometry and have `enabled` false (see disabled_lasers()).
 core::Result<VelodyneSensor> with_calibration_file(VelodyneSensor sensor, const std::string& path);
 
 }  // namespace nilio::drivers
