@@ -116,15 +116,26 @@ TEST_CASE("a calibration loses half a step of the stream at most") {
   CHECK(again->calibration() == writer.calibration());
 }
 
-TEST_CASE("a CRC over the bytes as they are sent is accepted") {
+TEST_CASE(
+    "the CRC covers the lasers with high bytes first; one over the bytes as they are sent is accepted") {
   auto stream = one_pass(make_writer());
-  std::vector<std::uint8_t> sent;
+  std::vector<std::uint8_t> as_sent;
+  std::vector<std::uint8_t> high_first;
   for (std::size_t laser = 0; laser < kHdl64eLasers; ++laser) {
-    for (std::size_t i = 1; i < 21; ++i) sent.push_back(stream[packet_of_laser(laser, i)].value);
+    const auto byte = [&](std::size_t i) { return stream[packet_of_laser(laser, i)].value; };
+    for (std::size_t i = 1; i < 21; ++i) {
+      as_sent.push_back(byte(i));
+      // Nine words, then two single bytes.
+      high_first.push_back(byte(i > 18 ? i : i % 2 == 1 ? i + 1 : i - 1));
+    }
   }
-  const std::uint16_t crc = hdl64e_crc(sent);
-  stream[packet_of(259, 5)].value = static_cast<std::uint8_t>(crc & 0xFF);
-  stream[packet_of(259, 6)].value = static_cast<std::uint8_t>(crc >> 8);
+  std::uint8_t& low = stream[packet_of(259, 5)].value;
+  std::uint8_t& high = stream[packet_of(259, 6)].value;
+  CHECK(low + 256 * high == hdl64e_crc(high_first));
+  const std::uint16_t crc = hdl64e_crc(as_sent);
+  REQUIRE(crc != hdl64e_crc(high_first));
+  low = static_cast<std::uint8_t>(crc & 0xFF);
+  high = static_cast<std::uint8_t>(crc >> 8);
   Hdl64eStatusReader reader;
   feed(reader, stream);
   REQUIRE(reader.calibration().has_value());
