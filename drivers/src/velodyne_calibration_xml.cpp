@@ -4,8 +4,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <pugixml.hpp>
 #include <vector>
+
+#include <pugixml.hpp>
 
 namespace nilio::drivers {
 namespace {
