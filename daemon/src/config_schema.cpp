@@ -1,5 +1,7 @@
 #include "nilio/daemon/config_schema.hpp"
 
+#include "nilio/drivers/velodyne_model.hpp"
+
 namespace nilio::daemon {
 
 namespace {
@@ -21,14 +23,16 @@ void add_extrinsic(std::vector<ConfigKey>& keys, const std::string& sensor, Extr
                   {}});
 }
 
+std::vector<std::string> lidar_models() {
+  std::vector<std::string> names{"auto"};
+  for (const drivers::VelodyneModel model : drivers::velodyne_models())
+    names.emplace_back(drivers::velodyne_model_name(model));
+  return names;
+}
+
 void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
-  keys.push_back({"lidar.model",
-                  &c.model,
-                  "sensor model; auto = from the packets",
-                  "",
-                  0,
-                  0,
-                  {"auto", "VLP-16", "HDL-64E-S2"}});
+  keys.push_back(
+      {"lidar.model", &c.model, "sensor model; auto = from the packets", "", 0, 0, lidar_models()});
   keys.push_back({"lidar.calibration",
                   &c.calibration,
                   "calibration file in place of the built-in geometry",
@@ -55,6 +59,27 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   0,
                   0,
                   {"auto", "sensor", "host"}});
+  keys.push_back({"lidar.stamp_offset_us",
+                  &c.stamp_offset_us,
+                  "added to every firing's time; -553 for HDL-32E firmware that stamps a packet's end",
+                  "us",
+                  -100000,
+                  100000,
+                  {}});
+  keys.push_back({"lidar.return_mode",
+                  &c.return_mode,
+                  "returns in each packet as set at the sensor; auto = from the packets",
+                  "",
+                  0,
+                  0,
+                  {"auto", "single", "dual", "dual_confidence"}});
+  keys.push_back({"lidar.returns",
+                  &c.returns,
+                  "which of two returns become points",
+                  "",
+                  0,
+                  0,
+                  {"all", "strongest", "last"}});
   keys.push_back({"lidar.cut_azimuth_deg",
                   &c.cut_azimuth_deg,
                   "azimuth at which scans are cut; 0 = forward, clockwise",
@@ -64,12 +89,12 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   {}});
   keys.push_back({"lidar.min_range_m", &c.min_range_m, "nearer returns are left out", "m", 0.1, 50, {}});
   keys.push_back({"lidar.max_range_m", &c.max_range_m, "farther returns are left out", "m", 5, 300, {}});
-  keys.push_back({"lidar.min_coverage_deg",
-                  &c.min_coverage_deg,
-                  "scans that cover less are dropped and counted",
-                  "deg",
-                  10,
-                  360,
+  keys.push_back({"lidar.min_coverage",
+                  &c.min_coverage,
+                  "scans that cover a smaller share of the sensor's field of view are dropped and counted",
+                  "",
+                  0.05,
+                  1.0,
                   {}});
   keys.push_back({"lidar.elevation_correction_deg",
                   &c.elevation_correction_deg,

@@ -4,7 +4,9 @@
 #include "nilio/drivers/candump.hpp"
 #include "nilio/drivers/pcap.hpp"
 #include "nilio/drivers/udp.hpp"
+#include "nilio/drivers/velodyne_detect.hpp"
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <numbers>
@@ -89,9 +91,9 @@ drivers::PcapSourceConfig pcap_config(const Config& config) {
   return result;
 }
 
-/// Reads the capture's first packets: what they say of the model, and the first stamp.
+/// Reads the capture's first packets: what they say of the sensor, and the first stamp.
 struct CaptureHead {
-  std::optional<drivers::VelodyneModel> model;
+  drivers::VelodyneDetection detection;
   core::Time first_stamp;
 };
 
@@ -107,22 +109,40 @@ Result<CaptureHead> look_at_capture(const std::string& path, const Config& confi
   }
   if (count == 0) return Error{(*source)->status()};
   packets.resize(count);
-  return CaptureHead{drivers::detect_velodyne_model(packets), packets.front().stamp};
+  return CaptureHead{drivers::detect_velodyne(packets), packets.front().stamp};
 }
 
-Result<drivers::VelodyneSensor> make_sensor(const Config& config,
-                                            std::optional<drivers::VelodyneModel> detected,
-                                            std::vector<std::string>& notes) {
-  std::optional<drivers::VelodyneModel> model = detected;
-  if (config.lidar.model != "auto") {
-    model = drivers::parse_velodyne_model(config.lidar.model);
-    if (detected && detected != model) {
-      return Error{"lidar.model is " + config.lidar.model + ", but the packets are of a " +
-                   std::string(drivers::velodyne_model_name(*detected)) +
-                   ": correct it, or set lidar.model to auto"};
-    }
+std::string candidate_names(const drivers::VelodyneDetection& detection) {
+  std::string names;
+  for (const drivers::VelodyneModel model : detection.candidates)
+    names += (names.empty() ? "" : " or ") + std::string(drivers::velodyne_model_name(model));
+  return names;
+}
+
+/// `detection` is null when there are no packets to look at.
+Result<drivers::VelodyneModel> choose_model(const Config& config,
+                                            const drivers::VelodyneDetection* detection) {
+  if (config.lidar.model == "auto") {
+    if (detection != nullptr && detection->model) return *detection->model;
+    const std::string seen = detection == nullptr ? std::string() : " (" + detection->evidence + ")";
+    if (detection != nullptr && !detection->candidates.empty())
+      return Error{"the sensor is a " + candidate_names(*detection) + seen + ": say which with lidar.model"};
+    return Error{"the packets do not tell the sensor model" + seen + ": set lidar.model"};
   }
-  if (!model) return Error{"the packets do not tell the sensor model: set lidar.model"};
+  const std::optional<drivers::VelodyneModel> wanted = drivers::parse_velodyne_model(config.lidar.model);
+  if (!wanted) return Error{"lidar.model '" + config.lidar.model + "' is no known model"};
+  if (detection != nullptr && !detection->candidates.empty() && !detection->agrees_with(*wanted)) {
+    return Error{"lidar.model is " + config.lidar.model + ", but the packets are of a " +
+                 candidate_names(*detection) + " (" + detection->evidence +
+                 "): correct it, or set lidar.model to auto"};
+  }
+  return *wanted;
+}
+
+Result<drivers::VelodyneSensor> make_sensor(const Config& config, const drivers::VelodyneDetection* detection,
+                                            std::vector<std::string>& notes) {
+  const Result<drivers::VelodyneModel> model = choose_model(config, detection);
+  if (!model) return model.error();
   drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(*model);
   notes.push_back("LiDAR " + sensor.name + (config.lidar.model == "auto" ? " (from the packets)" : ""));
   if (config.lidar.calibration.empty()) return sensor;
@@ -208,7 +228,7 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
   }
   Result<CaptureHead> head = look_at_capture(files.capture, config);
   if (!head) return head.error();
-  Result<drivers::VelodyneSensor> sensor = make_sensor(config, head->model, input.notes);
+  Result<drivers::VelodyneSensor> sensor = make_sensor(config, &head->detection, input.notes);
   if (!sensor) return Error{files.capture + ": " + sensor.error().message};
   Result<std::unique_ptr<drivers::PacketSource>> packets =
       drivers::open_pcap(files.capture, pcap_config(config));
@@ -229,7 +249,7 @@ Result<Input> open_live(const Config& config) {
     return Error{
         "lidar.model is auto, which needs a recording to look at: set it to the sensor's model for live use"};
   }
-  Result<drivers::VelodyneSensor> sensor = make_sensor(config, std::nullopt, input.notes);
+  Result<drivers::VelodyneSensor> sensor = make_sensor(config, nullptr, input.notes);
   if (!sensor) return sensor.error();
   drivers::UdpSourceConfig udp;
   udp.bind_address = config.lidar.bind_address;
@@ -244,6 +264,17 @@ Result<Input> open_live(const Config& config) {
   input.warnings.emplace_back(std::string("this version reads CAN from recordings only; ") + kNoImu);
   return input;
 }
+
+namespace {
+
+std::optional<drivers::ReturnMode> return_mode(const std::string& name) {
+  if (name == "single") return drivers::ReturnMode::kSingle;
+  if (name == "dual") return drivers::ReturnMode::kDual;
+  if (name == "dual_confidence") return drivers::ReturnMode::kDualConfidence;
+  return std::nullopt;
+}
+
+}  // namespace
 
 core::OdometryConfig odometry_config(const Config& config) {
   core::OdometryConfig result;
@@ -277,7 +308,12 @@ drivers::ScanAssemblerConfig assembler_config(const Config& config) {
   result.cut_azimuth_deg = config.lidar.cut_azimuth_deg;
   result.min_range_m = config.lidar.min_range_m;
   result.max_range_m = config.lidar.max_range_m;
-  result.min_coverage_deg = config.lidar.min_coverage_deg;
+  result.min_coverage = config.lidar.min_coverage;
+  result.stamp_offset_ns = std::llround(config.lidar.stamp_offset_us * 1e3);
+  result.return_mode = return_mode(config.lidar.return_mode);
+  result.returns = config.lidar.returns == "strongest" ? drivers::ReturnChoice::kStrongest
+                   : config.lidar.returns == "last"    ? drivers::ReturnChoice::kLast
+                                                       : drivers::ReturnChoice::kAll;
   return result;
 }
 

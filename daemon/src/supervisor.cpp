@@ -207,7 +207,8 @@ std::string Supervisor::explain_no_poses() const {
   const drivers::ScanAssemblerStats stats = pipeline_->scan_stats();
   std::string text = "no scan was completed: " + std::to_string(stats.packets) + " packets, " +
                      std::to_string(stats.bad_length) + " of another length, " +
-                     std::to_string(stats.partial_scans) + " scans covered less than lidar.min_coverage_deg";
+                     std::to_string(stats.partial_scans) +
+                     " scans covered less than lidar.min_coverage of the field of view";
   if (pipeline_->input().packets) text += "; " + pipeline_->input().packets->status();
   return text;
 }
@@ -222,10 +223,17 @@ nlohmann::json Supervisor::summary() const {
       {"packets", scans.packets},
       {"packets_lost", scans.lost_packets},
       {"packets_duplicate", scans.duplicate_packets},
-      {"packets_reordered", scans.reordered_packets},
+      {"packets_late", scans.late_packets},
       {"packets_bad_length", scans.bad_length},
       {"packets_dropped_ring", pipeline_->packets_dropped()},
       {"time_jumps", scans.time_jumps},
+      {"host_clock_jumps", scans.host_clock_jumps},
+      {"return_mode_changes", scans.mode_changes},
+      {"firings", scans.firings},
+      {"firings_in_scans", scans.firings_in_scans},
+      {"firings_discarded", scans.firings_discarded},
+      {"firings_bad", scans.firings_bad},
+      {"firings_late", scans.firings_late},
       {"scans", scans.scans},
       {"scans_partial", scans.partial_scans},
       {"scans_superseded", counters.superseded.load()},

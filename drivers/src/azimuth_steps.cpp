@@ -43,13 +43,14 @@ void AzimuthReader::set_period(std::int64_t azimuth_period_ns) {
   largest_rate_ = static_cast<float>(kLargestRatePerSecond * 1e-9 * static_cast<double>(azimuth_period_ns));
 }
 
-PacketAzimuths AzimuthReader::read(std::span<const std::uint8_t> payload, std::int64_t since_previous_ns) {
+PacketAzimuths AzimuthReader::read(std::span<const std::uint8_t> payload, std::int64_t since_previous_ns,
+                                   const BlindSector& blind) {
   PacketAzimuths out;
   out.count = layout_.azimuth_steps();
   read_steps(payload, out);
   update_rate(advance_per_step(out, since_previous_ns));
   out.rate = rate_;
-  drop_outliers(out);
+  drop_outliers(out, blind);
   find_pauses(out);
   has_last_azimuth_ = out.steps[out.count - 1].usable;
   last_azimuth_ = out.steps[out.count - 1].azimuth;
@@ -61,13 +62,16 @@ void AzimuthReader::read_steps(std::span<const std::uint8_t> payload, PacketAzim
   for (std::size_t s = 0; s < out.count; ++s) {
     AzimuthStep& step = out.steps[s];
     step.azimuth = load_u16(payload.data() + s * blocks * kBlockSize + kAzimuthOffset);
-    step.usable = step.azimuth < kAzimuthModulus;
+    step.usable = step.azimuth <= kAzimuthModulus;
     for (std::size_t b = s * blocks; b < (s + 1) * blocks; ++b) {
-      if (layout_.contents[b] == BlockContent::kPadding || layout_.contents[b] == BlockContent::kConfidence) continue;
+      if (layout_.contents[b] == BlockContent::kPadding || layout_.contents[b] == BlockContent::kConfidence)
+        continue;
       const std::uint8_t* block = payload.data() + b * kBlockSize;
       if (load_u16(block) != layout_.block_flags[b] || load_u16(block + kAzimuthOffset) != step.azimuth)
         step.usable = false;
     }
+    // Sensors do send 36000 now and then.
+    if (step.azimuth == kAzimuthModulus) step.azimuth = 0;
   }
 }
 
@@ -114,13 +118,19 @@ void AzimuthReader::update_rate(float advance) {
 }
 
 /// A step that continues neither the step before nor into the step after is an outlier.
-void AzimuthReader::drop_outliers(PacketAzimuths& out) const {
+void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind) const {
   if (out.count == 1) {
     out.bad_steps = out.steps[0].usable ? 0 : 1;
     return;
   }
   const int largest = largest_regular_advance(out.rate);
   std::array<bool, kBlocksPerPacket> connected{};
+  // At a packet's ends the neighbour is in another packet, or behind the blind sector.
+  const AzimuthStep& first = out.steps[0];
+  connected[0] =
+      first.usable && has_last_azimuth_ && azimuth_advance(last_azimuth_, first.azimuth) <= largest;
+  const AzimuthStep& last = out.steps[out.count - 1];
+  connected[out.count - 1] = last.usable && blind.ends_at(last.azimuth);
   for (std::size_t s = 1; s < out.count; ++s) {
     if (!out.steps[s - 1].usable || !out.steps[s].usable) continue;
     if (azimuth_advance(out.steps[s - 1].azimuth, out.steps[s].azimuth) > largest) continue;

@@ -2,6 +2,8 @@
 
 #include "nilio/drivers/velodyne_model.hpp"
 
+#include "blind_sector.hpp"
+
 #include <array>
 #include <cstdint>
 #include <span>
@@ -43,13 +45,14 @@ class AzimuthReader {
 
   /// `payload` has kDataPacketSize bytes. `since_previous_ns` is the time from the previous packet's stamp to
   /// this one's, for packets that hold a single step; 0 when unknown.
-  PacketAzimuths read(std::span<const std::uint8_t> payload, std::int64_t since_previous_ns);
+  PacketAzimuths read(std::span<const std::uint8_t> payload, std::int64_t since_previous_ns,
+                      const BlindSector& blind);
 
  private:
   void read_steps(std::span<const std::uint8_t> payload, PacketAzimuths& out) const;
   float advance_per_step(const PacketAzimuths& azimuths, std::int64_t since_previous_ns) const;
   void update_rate(float advance);
-  void drop_outliers(PacketAzimuths& out) const;
+  void drop_outliers(PacketAzimuths& out, const BlindSector& blind) const;
   void find_pauses(PacketAzimuths& out) const;
 
   PacketLayout layout_;

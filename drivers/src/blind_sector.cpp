@@ -52,6 +52,8 @@ bool BlindSector::explains(std::uint16_t from, std::uint16_t to, std::uint32_t p
   return false;
 }
 
+bool BlindSector::ends_at(std::uint16_t azimuth) const { return known_ && near(azimuth, sector_.to); }
+
 void BlindSector::see_firing(std::uint16_t azimuth) {
   if (!known_) return;
   const int inside = modulo(static_cast<int>(azimuth) - static_cast<int>(sector_.from));

@@ -26,15 +26,16 @@ std::uint32_t intensity_of(std::uint32_t word) { return (word >> 16) & 0xFFU; }
 
 }  // namespace
 
-AzimuthTable::AzimuthTable() : values_(kAzimuthModulus) {
+AzimuthTable::AzimuthTable() : values_(kAzimuthModulus + 1) {
   for (std::size_t i = 0; i < values_.size(); ++i) {
     const double angle = static_cast<double>(i) * kRadiansPerAzimuth;
     values_[i] = {static_cast<float>(std::sin(angle)), static_cast<float>(std::cos(angle))};
   }
 }
 
-FiringDecoder::FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& layout, const AzimuthTable& azimuths,
-                             double min_range_m, double max_range_m, ReturnChoice returns)
+FiringDecoder::FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& layout,
+                             const AzimuthTable& azimuths, double min_range_m, double max_range_m,
+                             ReturnChoice returns)
     : resolution_(static_cast<float>(sensor.distance_resolution_m)),
       returns_(returns),
       blocks_per_step_(layout.blocks_per_azimuth),
@@ -50,8 +51,10 @@ void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& 
   lane.content = layout.contents[block];
   lane.partner = block;
   for (std::size_t other = 0; other < lanes_.size(); ++other) {
-    const bool other_return = layout.contents[other] == BlockContent::kLast || layout.contents[other] == BlockContent::kStrongest;
-    if (other != block && other_return && layout.block_flags[other] == layout.block_flags[block]) lane.partner = other;
+    const bool other_return =
+        layout.contents[other] == BlockContent::kLast || layout.contents[other] == BlockContent::kStrongest;
+    if (other != block && other_return && layout.block_flags[other] == layout.block_flags[block])
+      lane.partner = other;
   }
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const PacketEntry& entry = layout.entries[block][c];
@@ -74,12 +77,16 @@ void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& 
     lane.fraction[c] = entry.azimuth_fraction;
     lane.ring[c] = laser.ring;
     if (laser.near_distance_correction_x_m != 0.0 || laser.near_distance_correction_y_m != 0.0) {
-      const double slope_x = (far - laser.near_distance_correction_x_m) / (kFarCalibration - kNearCalibrationX);
-      const double slope_y = (far - laser.near_distance_correction_y_m) / (kFarCalibration - kNearCalibrationY);
+      const double slope_x =
+          (far - laser.near_distance_correction_x_m) / (kFarCalibration - kNearCalibrationX);
+      const double slope_y =
+          (far - laser.near_distance_correction_y_m) / (kFarCalibration - kNearCalibrationY);
       lane.near_slope_x[c] = static_cast<float>(slope_x);
       lane.near_slope_y[c] = static_cast<float>(slope_y);
-      lane.near_x[c] = static_cast<float>(laser.near_distance_correction_x_m - far - slope_x * kNearCalibrationX);
-      lane.near_y[c] = static_cast<float>(laser.near_distance_correction_y_m - far - slope_y * kNearCalibrationY);
+      lane.near_x[c] =
+          static_cast<float>(laser.near_distance_correction_x_m - far - slope_x * kNearCalibrationX);
+      lane.near_y[c] =
+          static_cast<float>(laser.near_distance_correction_y_m - far - slope_y * kNearCalibrationY);
       near_corrected_ = true;
     }
     const double focus = 1.0 - laser.focal_distance_m / kFocalRange;
@@ -92,6 +99,7 @@ void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& 
     const double high = (max_range_m - far) / sensor.distance_resolution_m;
     lane.min_raw[c] = static_cast<std::int32_t>(std::clamp(std::ceil(low - kRounding), 1.0, 65536.0));
     lane.max_raw[c] = static_cast<std::int32_t>(std::clamp(std::floor(high + kRounding), 0.0, 65535.0));
+    if (!laser.enabled) lane.max_raw[c] = 0;
     lane.time_ns[c] = entry.time_offset_ns;
     interpolated_ = interpolated_ || entry.azimuth_fraction != 0.0F;
   }
@@ -183,7 +191,8 @@ void FiringDecoder::correct_near_range(const Lane& lane, SinCos azimuth, const W
     points.z[c] += 0.5F * (along_x + along_y) * lane.sin_elevation[c];
     const float nearness = 1.0F - raw / 65535.0F;
     const float corrected =
-        points.intensity[c] + lane.focal_slope[c] * std::abs(lane.focal_offset[c] - 256.0F * nearness * nearness);
+        points.intensity[c] +
+        lane.focal_slope[c] * std::abs(lane.focal_offset[c] - 256.0F * nearness * nearness);
     points.intensity[c] = std::min(std::max(corrected, lane.min_intensity[c]), lane.max_intensity[c]);
   }
 }
@@ -201,7 +210,8 @@ FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> p
     // Distance and intensity of an entry together; the last entry of a packet's last block is followed by the
     // time stamp.
     Words words;
-    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
+    for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
+      words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
     Mask keep;
     keep.fill(1);
     if (lane.partner != b) choose_returns(lane, words, blocks + lane.partner * kBlockSize, keep);
@@ -211,7 +221,8 @@ FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> p
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
       returns += static_cast<std::int32_t>(raw != 0) & keep[c];
-      keep[c] &= static_cast<std::int32_t>(raw >= lane.min_raw[c]) & static_cast<std::int32_t>(raw <= lane.max_raw[c]);
+      keep[c] &= static_cast<std::int32_t>(raw >= lane.min_raw[c]) &
+                 static_cast<std::int32_t>(raw <= lane.max_raw[c]);
     }
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       // Written always, kept only when it counts: no branch to mispredict. There is always room for one more.

@@ -16,7 +16,7 @@ struct SinCos {
   float cos = 1.0F;
 };
 
-/// Sine and cosine of every azimuth a packet can hold.
+/// Sine and cosine of every azimuth a packet can hold, 0 to 36000.
 class AzimuthTable {
  public:
   AzimuthTable();
@@ -26,8 +26,8 @@ class AzimuthTable {
   std::vector<SinCos> values_;
 };
 
-/// Turns the blocks of one packet layout into points. All that depends on the laser only is in tables, so that
-/// a point costs a few nanoseconds.
+/// Turns the blocks of one packet layout into points. All that depends on the laser only is in tables, so
+/// that a point costs a few nanoseconds.
 class FiringDecoder {
  public:
   /// `azimuths` must outlive the decoder.
@@ -43,7 +43,7 @@ class FiringDecoder {
   };
   /// Decodes azimuth step `step` of a packet (kDataPacketSize bytes) into `points`, which have room for
   /// kEntriesPerBlock more than all its entries. `time_ns` is the time of the step's azimuth relative to the
-  /// scan's start. The step's azimuth must be below kAzimuthModulus.
+  /// scan's start. The step's azimuth must not exceed kAzimuthModulus.
   Counts decode_step(std::span<const std::uint8_t> payload, std::size_t step, std::int32_t time_ns,
                      std::span<core::Point> points) const;
 
@@ -93,8 +93,8 @@ class FiringDecoder {
     Row intensity;
   };
 
-  void fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m, double max_range_m,
-                 std::size_t block);
+  void fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
+                 double max_range_m, std::size_t block);
   void fill_times();
   void choose_returns(const Lane& lane, const Words& words, const std::uint8_t* partner, Mask& keep) const;
   void place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;

@@ -43,7 +43,8 @@ ScanAssembler::State::State(VelodyneSensor sensor, const ScanAssemblerConfig& co
       cutter_(cut_azimuth(config.cut_azimuth_deg), kLongestScanNs),
       capacity_(scan_capacity(sensor_)) {
   for (const PacketLayout& layout : sensor_.layouts)
-    decoders_.emplace_back(sensor_, layout, azimuth_table_, config.min_range_m, config.max_range_m, config.returns);
+    decoders_.emplace_back(sensor_, layout, azimuth_table_, config.min_range_m, config.max_range_m,
+                           config.returns);
   std::size_t index = 0;
   for (std::size_t i = 0; i < sensor_.layouts.size(); ++i) {
     if (config.return_mode == sensor_.layouts[i].mode) index = i;
@@ -133,7 +134,7 @@ bool ScanAssembler::State::add(const Packet& packet) {
     measure_period(arrival);
     account_gap(arrival, first_azimuth);
   }
-  current.azimuths = azimuths_.read(current.payload, arrival.since_previous_ns);
+  current.azimuths = azimuths_.read(current.payload, arrival.since_previous_ns, blind_);
   add_in_order(current);
   return has_completed_;
 }
@@ -156,7 +157,8 @@ void ScanAssembler::State::account_gap(const PacketArrival& arrival, std::uint16
   if (arrival.gap_packets == 0) return;
   std::uint32_t wrongly_counted = 0;
   const bool known_place = cutter_.has_azimuth() && first_azimuth < kAzimuthModulus;
-  if (known_place && blind_.explains(cutter_.last_azimuth(), first_azimuth, arrival.gap_packets, wrongly_counted)) {
+  if (known_place &&
+      blind_.explains(cutter_.last_azimuth(), first_azimuth, arrival.gap_packets, wrongly_counted)) {
     stats_.lost_packets -= std::min<std::uint64_t>(stats_.lost_packets, wrongly_counted);
     return;
   }
@@ -188,7 +190,8 @@ void ScanAssembler::State::add_in_order(Current& current) {
 }
 
 std::int64_t ScanAssembler::State::step_time_ns(const Current& current, std::size_t step) const {
-  return current.line_ns + current.azimuths.steps[step].pause_ns + static_cast<std::int64_t>(step) * azimuth_period_ns_;
+  return current.line_ns + current.azimuths.steps[step].pause_ns +
+         static_cast<std::int64_t>(step) * azimuth_period_ns_;
 }
 
 bool ScanAssembler::State::has_room() const {
@@ -202,7 +205,7 @@ void ScanAssembler::State::add_step(const Current& current, std::size_t step) {
   // Only one scan can be handed out per packet: a second cut waits for the next packet.
   const ScanCutter::Action action =
       cutter_.judge(current.azimuths.steps[step].azimuth, step_ns + decoder().first_firing_ns(), rate_,
-                   azimuth_period_ns_, has_room(), !has_completed_);
+                    azimuth_period_ns_, has_room(), !has_completed_);
   if (action != ScanCutter::Action::kAppend) {
     if (action != ScanCutter::Action::kOpen) close_scan();
     cutter_.open();
@@ -232,7 +235,7 @@ void ScanAssembler::State::add_late(Current& current) {
   ++stats_.late_packets;
   stats_.lost_packets -= std::min<std::uint64_t>(stats_.lost_packets, 1);
   AzimuthReader reader = azimuths_;
-  current.azimuths = reader.read(current.payload, 0);
+  current.azimuths = reader.read(current.payload, 0, blind_);
   const bool open = cutter_.state() == ScanCutter::State::kFilling;
   bool belongs = false;
   for (std::size_t step = 0; step < current.azimuths.count; ++step) {
@@ -246,7 +249,8 @@ void ScanAssembler::State::add_late(Current& current) {
     } else {
       decode_step(current, step, step_ns);
       cutter_.add_covered(rate_);
-      current_.missing_firings -= std::min<std::uint32_t>(current_.missing_firings, layout().firings_per_azimuth);
+      current_.missing_firings -=
+          std::min<std::uint32_t>(current_.missing_firings, layout().firings_per_azimuth);
       belongs = true;
     }
   }

@@ -44,14 +44,17 @@ PacketArrival SensorClock::arrive(std::uint32_t timestamp_us, std::uint16_t firs
     if (step_ns <= 0 && step_ns > -kReorderWindowNs && std::abs(host_step_ns) < kClockSetNs)
       return out_of_order(timestamp_us, first_azimuth, step_ns);
     const bool disagree = std::abs(step_ns - host_step_ns) > kClockSetNs;
-    arrival.host_jump = disagree && step_ns > 0 && step_ns < kPlausibleStepNs && std::abs(host_step_ns) < kHourNs / 2;
+    arrival.host_jump =
+        disagree && step_ns > 0 && step_ns < kPlausibleStepNs && std::abs(host_step_ns) < kHourNs / 2;
     if (step_ns <= 0 || (disagree && !arrival.host_jump)) {
       arrival.order = PacketOrder::kJump;
       return arrival;
     }
     line_ns_ += step_ns;
     arrival.since_previous_ns = step_ns;
-    const std::int64_t periods = (step_ns - previous_pause_ns + packet_period_ns_ / 2) / packet_period_ns_;
+    // A pause is known from the azimuth, to a few per cent.
+    const std::int64_t unexplained_ns = step_ns - previous_pause_ns - previous_pause_ns / 20;
+    const std::int64_t periods = (unexplained_ns + packet_period_ns_ / 2) / packet_period_ns_;
     arrival.gap_packets = static_cast<std::uint32_t>(std::max<std::int64_t>(periods - 1, 0));
     if (arrival.host_jump) fit_.restart();
     observe(stamp);
@@ -81,7 +84,8 @@ PacketArrival SensorClock::arrive_without_clock(core::Time stamp) {
   } else {
     const std::int64_t predicted_ns = line_ns_ + packet_period_ns_;
     const std::int64_t error_ns = observed_ns - predicted_ns;
-    const std::int64_t next_ns = std::abs(error_ns) < kLockNs ? predicted_ns + error_ns / kSmoothing : observed_ns;
+    const std::int64_t next_ns =
+        std::abs(error_ns) < kLockNs ? predicted_ns + error_ns / kSmoothing : observed_ns;
     if (error_ns < -kClockSetNs || error_ns > kPlausibleStepNs) {
       arrival.host_jump = true;
       // Not backwards.
@@ -101,7 +105,8 @@ PacketArrival SensorClock::out_of_order(std::uint32_t timestamp_us, std::uint16_
   arrival.order = PacketOrder::kLate;
   arrival.line_ns = line_ns_ + step_ns;
   for (std::size_t i = 0; i < std::min(seen_count_, kSeen); ++i) {
-    if (seen_[i].timestamp_us == timestamp_us && seen_[i].azimuth == azimuth) arrival.order = PacketOrder::kDuplicate;
+    if (seen_[i].timestamp_us == timestamp_us && seen_[i].azimuth == azimuth)
+      arrival.order = PacketOrder::kDuplicate;
   }
   return arrival;
 }
@@ -113,7 +118,8 @@ void SensorClock::remember(std::uint32_t timestamp_us, std::uint16_t azimuth, co
 }
 
 void SensorClock::anchor(std::uint32_t timestamp_us, core::Time stamp) {
-  const bool gps_knows = gps_ && gps_->pulse_locked && gps_->utc && std::abs((stamp - gps_heard_).ns) < kReportLifetimeNs;
+  const bool gps_knows =
+      gps_ && gps_->pulse_locked && gps_->utc && std::abs((stamp - gps_heard_).ns) < kReportLifetimeNs;
   const core::Time about = gps_knows && source_ == TimeSource::kSensor ? *gps_->utc : stamp;
   // Values just beyond the hour do occur at the rollover.
   const std::int64_t past_hour_ns = static_cast<std::int64_t>(timestamp_us) % kHourUs * 1000;

@@ -1,4 +1,5 @@
 #include "nilio/drivers/pcap.hpp"
+#include "nilio/drivers/velodyne_detect.hpp"
 
 #include "../unit/drivers_support.hpp"
 #include "../unit/test_data.hpp"
@@ -41,23 +42,7 @@ TEST_CASE("a short VLP-16 capture is read whole and recognised") {
   CHECK((*source)->stats().delivered == 100);
   CHECK((*source)->stats().malformed == 0);
   // Its product byte says HDL-32E; its packet period does not.
-  CHECK(detect_velodyne_model(packets) == VelodyneModel::kVlp16);
-}
-
-TEST_CASE("sensors that are not supported are not taken for one that is") {
-  for (const char* name : {"velodyne/hdl32e_monterey_stationary.pcap", "velodyne/golden/vlp32.pcap",
-                           "velodyne/golden/vls128.pcap"}) {
-    const auto path = nilio::tests::find_data(name);
-    if (!path) {
-      WARN("skipped: no data");
-      return;
-    }
-    auto source = open_pcap(path->string(), {});
-    REQUIRE(source.ok());
-    const std::vector<Packet> packets = read_all(**source);
-    REQUIRE(packets.size() > 300);
-    CHECK_FALSE(detect_velodyne_model(packets).has_value());
-  }
+  CHECK(detect_velodyne(packets).model == VelodyneModel::kVlp16);
 }
 
 TEST_CASE("a VLP-16 capture gives whole revolutions of plausible points") {
@@ -69,9 +54,9 @@ TEST_CASE("a VLP-16 capture gives whole revolutions of plausible points") {
   CHECK(count_port(packets, 8308, kPositionPacketSize) == 57);
   ScanAssembler assembler(make_velodyne_sensor(VelodyneModel::kVlp16), {});
   const std::vector<core::Scan> scans = nilio::tests::assemble(assembler, packets);
-  CHECK(detect_velodyne_model(packets) == VelodyneModel::kVlp16);
+  CHECK(detect_velodyne(packets).model == VelodyneModel::kVlp16);
   CHECK(assembler.stats().packets == 293);
-  CHECK(assembler.stats().bad_block == 0);
+  CHECK(assembler.stats().firings_bad == 0);
   CHECK(assembler.stats().lost_packets == 0);
   CHECK(assembler.stats().time_jumps == 0);
   REQUIRE(scans.size() >= 2);
@@ -100,11 +85,44 @@ TEST_CASE("a capture whose IP lengths are wrong is read by its UDP lengths") {
   CHECK(scans.size() >= 48);
 }
 
-TEST_CASE("dual-return packets of a real sensor are counted and not decoded") {
-  NILIO_REQUIRE_DATA(path, "velodyne/golden/vlp16.pcap");
-  auto source = open_pcap(path.string(), {});
-  REQUIRE(source.ok());
-  ScanAssembler assembler(make_velodyne_sensor(VelodyneModel::kVlp16), {});
-  CHECK(nilio::tests::assemble(assembler, read_all(**source)).empty());
-  CHECK(assembler.stats().dual_return == 603);
+TEST_CASE("every real capture is recognised and decoded without loss") {
+  struct Fact {
+    const char* file;
+    VelodyneModel model;
+    ReturnMode mode;
+    std::size_t data_packets;
+    double revolutions_per_minute;
+  };
+  const std::array<Fact, 8> facts{{
+      {"hdl32e_highway_moving.pcap", VelodyneModel::kHdl32e, ReturnMode::kSingle, 876, 700.0},
+      {"hdl32e_monterey_stationary.pcap", VelodyneModel::kHdl32e, ReturnMode::kSingle, 2702, 720.0},
+      {"vlp16_gps_stationary.pcap", VelodyneModel::kVlp16, ReturnMode::kSingle, 293, 600.0},
+      {"vlp16_preproduction_20hz_50rev.pcap", VelodyneModel::kVlp16, ReturnMode::kSingle, 1902, 1200.0},
+      {"vlp16_short.pcap", VelodyneModel::kVlp16, ReturnMode::kSingle, 84, 600.0},
+      {"golden/vlp16.pcap", VelodyneModel::kVlp16, ReturnMode::kDual, 603, 600.0},
+      {"golden/vlp32.pcap", VelodyneModel::kVlp32c, ReturnMode::kSingle, 379, 600.0},
+      {"golden/vls128.pcap", VelodyneModel::kVls128, ReturnMode::kSingle, 2193, 600.0},
+  }};
+  for (const Fact& fact : facts) {
+    NILIO_REQUIRE_DATA(path, std::string("velodyne/") + fact.file);
+    INFO(fact.file);
+    auto source = open_pcap(path.string(), {});
+    REQUIRE(source.ok());
+    const std::vector<Packet> packets = read_all(**source);
+    const VelodyneDetection detection = detect_velodyne(packets);
+    INFO(detection.evidence);
+    CHECK(detection.model == fact.model);
+    CHECK(detection.mode == fact.mode);
+    ScanAssembler assembler(make_velodyne_sensor(fact.model), {.min_coverage = 0.0});
+    nilio::tests::assemble(assembler, packets);
+    assembler.finish();
+    const ScanAssemblerStats& stats = assembler.stats();
+    CHECK(stats.packets == fact.data_packets);
+    CHECK(stats.lost_packets == 0);
+    CHECK(stats.firings_bad == 0);
+    CHECK(stats.time_jumps + stats.host_clock_jumps + stats.duplicate_packets + stats.late_packets == 0);
+    CHECK(stats.firings == stats.firings_in_scans + stats.firings_discarded);
+    CHECK(assembler.status().mode == fact.mode);
+    CHECK(assembler.status().revolutions_per_minute == Approx(fact.revolutions_per_minute).epsilon(0.03));
+  }
 }

@@ -15,7 +15,7 @@ namespace {
 
 /// Everything the packet holds, in one partial scan.
 core::Scan decode_one(const VelodyneSensor& sensor, const VelodyneDataPacket& data) {
-  ScanAssembler assembler(sensor, {.min_coverage_deg = 0.0});
+  ScanAssembler assembler(sensor, {.min_coverage = 0.0});
   Packet packet = TurningSensor::wrap(data);
   packet.stamp.ns = nilio::tests::kEpochNs;
   REQUIRE_FALSE(assembler.add(packet));
@@ -35,9 +35,9 @@ void require_point(const core::Point& point, double x, double y, double z, int t
 VelodyneDataPacket empty_packet(const VelodyneSensor& sensor, int first_azimuth, int step) {
   VelodyneDataPacket data;
   for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
-    data.blocks[b].flag = sensor.block_flags[b];
-    data.blocks[b].azimuth =
-        static_cast<std::uint16_t>(first_azimuth + step * static_cast<int>(b / sensor.blocks_per_azimuth));
+    data.blocks[b].flag = sensor.single().block_flags[b];
+    data.blocks[b].azimuth = static_cast<std::uint16_t>(
+        first_azimuth + step * static_cast<int>(b / sensor.single().blocks_per_azimuth));
   }
   return data;
 }
@@ -72,11 +72,11 @@ TEST_CASE("VLP-16 firings have the points of the manual's formulas") {
 
 TEST_CASE("VLP-16 firing times are those of the manual") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
-  CHECK(sensor.entries[3][17].time_offset_ns == 389376);
-  CHECK(sensor.entries[11][31].time_offset_ns == 1306368);
-  CHECK(sensor.packet_period_ns == 1327104);
-  CHECK(sensor.entries[5][31].azimuth_fraction == Approx((55.296 + 2.304 * 15) / 110.592));
-  CHECK(sensor.entries[5][31].laser == 15);
+  CHECK(sensor.single().entries[3][17].time_offset_ns == 389376);
+  CHECK(sensor.single().entries[11][31].time_offset_ns == 1306368);
+  CHECK(sensor.single().packet_period_ns == 1327104);
+  CHECK(sensor.single().entries[5][31].azimuth_fraction == Approx((55.296 + 2.304 * 15) / 110.592));
+  CHECK(sensor.single().entries[5][31].laser == 15);
 }
 
 TEST_CASE("HDL-64E firings have the points of KITTI's geometry") {
@@ -98,12 +98,12 @@ TEST_CASE("HDL-64E firings have the points of KITTI's geometry") {
 
 TEST_CASE("HDL-64E banks fire together and its azimuth is not interpolated") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
-  CHECK(sensor.packet_period_ns == 288000);
+  CHECK(sensor.single().packet_period_ns == 288000);
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-    CHECK(sensor.entries[10][c].laser == c);
-    CHECK(sensor.entries[11][c].laser == c + 32);
-    CHECK(sensor.entries[10][c].time_offset_ns == sensor.entries[11][c].time_offset_ns);
-    CHECK(sensor.entries[10][c].azimuth_fraction == 0.0F);
+    CHECK(sensor.single().entries[10][c].laser == c);
+    CHECK(sensor.single().entries[11][c].laser == c + 32);
+    CHECK(sensor.single().entries[10][c].time_offset_ns == sensor.single().entries[11][c].time_offset_ns);
+    CHECK(sensor.single().entries[10][c].azimuth_fraction == 0.0F);
   }
-  CHECK(sensor.entries[11][31].time_offset_ns == 5 * 48000 + 7 * 6000 + 3660);
+  CHECK(sensor.single().entries[11][31].time_offset_ns == 5 * 48000 + 7 * 6000 + 3660);
 }

@@ -113,7 +113,9 @@ TEST_CASE("model names are understood however they are written") {
   CHECK(parse_velodyne_model("vlp16") == VelodyneModel::kVlp16);
   CHECK(parse_velodyne_model("VLP-16") == VelodyneModel::kVlp16);
   CHECK(parse_velodyne_model("hdl_64e_s2") == VelodyneModel::kHdl64eS2);
-  CHECK_FALSE(parse_velodyne_model("VLP-32C").has_value());
+  CHECK(parse_velodyne_model("vlp 32c") == VelodyneModel::kVlp32c);
+  CHECK(parse_velodyne_model("Alpha Prime") == VelodyneModel::kVls128);
+  CHECK_FALSE(parse_velodyne_model("OS1-64").has_value());
   for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
     CHECK(parse_velodyne_model(velodyne_model_name(model)) == model);
   }

@@ -45,17 +45,19 @@ inline drivers::VelodyneDataPacket room_packet(const Room& room, const PoseFunct
                                                std::int64_t packet_ns) {
   drivers::VelodyneDataPacket packet;
   packet.timestamp_us = static_cast<std::uint32_t>((kDriveStartNs + packet_ns) / 1000 % 3'600'000'000);
-  packet.factory_byte_1 = sensor.return_mode_byte;
+  packet.factory_byte_1 = sensor.single().return_mode_byte;
   packet.factory_byte_2 = sensor.product_byte;
-  const double step_deg = 360.0 * static_cast<double>(sensor.azimuth_period_ns) * 1e-9 / kRevolutionSeconds;
+  const double step_deg =
+      360.0 * static_cast<double>(sensor.single().azimuth_period_ns) * 1e-9 / kRevolutionSeconds;
   for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
     auto& block = packet.blocks[b];
     const double block_s =
-        static_cast<double>(packet_ns + static_cast<std::int64_t>(b) * sensor.azimuth_period_ns) * 1e-9;
+        static_cast<double>(packet_ns + static_cast<std::int64_t>(b) * sensor.single().azimuth_period_ns) *
+        1e-9;
     const double azimuth_deg = std::fmod(180.0 + 360.0 * block_s / kRevolutionSeconds, 360.0);
     block.azimuth = static_cast<std::uint16_t>(std::lround(azimuth_deg * 100.0) % drivers::kAzimuthModulus);
     for (std::size_t c = 0; c < drivers::kEntriesPerBlock; ++c) {
-      const drivers::PacketEntry& entry = sensor.entries[b][c];
+      const drivers::PacketEntry& entry = sensor.single().entries[b][c];
       const drivers::LaserCalibration& laser = sensor.lasers[entry.laser];
       const core::SE3 pose = T_world_base(static_cast<double>(packet_ns + entry.time_offset_ns) * 1e-9);
       const double azimuth = (block.azimuth * 0.01 + static_cast<double>(entry.azimuth_fraction) * step_deg) *
@@ -79,9 +81,9 @@ inline void write_room_drive(const std::filesystem::path& folder, const PoseFunc
   const Room room = Room::with_pillars();
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
   core::Result<drivers::PcapWriter> writer = drivers::PcapWriter::create((folder / "lidar.pcap").string());
-  for (std::int64_t t = 0; static_cast<double>(t) * 1e-9 < seconds; t += sensor.packet_period_ns) {
+  for (std::int64_t t = 0; static_cast<double>(t) * 1e-9 < seconds; t += sensor.single().packet_period_ns) {
     const auto bytes = drivers::encode(room_packet(room, T_world_base, sensor, t));
-    writer->write(core::Time{kDriveStartNs + t + sensor.packet_period_ns + 100'000}, 2368, bytes);
+    writer->write(core::Time{kDriveStartNs + t + sensor.single().packet_period_ns + 100'000}, 2368, bytes);
   }
   writer->close();
   if (!with_imu) return;

@@ -25,10 +25,10 @@ inline std::optional<std::filesystem::path> find_data(const std::string& relativ
 }  // namespace nilio::tests
 
 /// Leaves the test case, saying so, where the recordings are not there.
-#define NILIO_REQUIRE_DATA(variable, relative)                     \
-  const auto variable##_found = nilio::tests::find_data(relative); \
-  if (!variable##_found) {                                         \
-    WARN("skipped: no data (" relative ")");                       \
-    return;                                                        \
-  }                                                                \
+#define NILIO_REQUIRE_DATA(variable, relative)                       \
+  const auto variable##_found = nilio::tests::find_data((relative)); \
+  if (!variable##_found) {                                           \
+    WARN("skipped: no data (" << (relative) << ")");                 \
+    return;                                                          \
+  }                                                                  \
   const std::filesystem::path variable = *variable##_found

@@ -47,7 +47,7 @@ std::vector<core::Scan> decode(const LidarModel& model, const drivers::VelodyneS
     if (assembler.add(packet)) assembler.take_scan(scans.emplace_back());
   }
   CHECK(assembler.stats().lost_packets == 0);
-  CHECK(assembler.stats().bad_block == 0);
+  CHECK(assembler.stats().firings_bad == 0);
   CHECK(assembler.stats().time_jumps == 0);
   return scans;
 }

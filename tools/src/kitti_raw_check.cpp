@@ -181,7 +181,7 @@ core::Result<ConversionCheck> check_conversion(const std::string& pcap_path,
   config.time_source = drivers::TimeSource::kSensor;
   config.min_range_m = 0.0;
   config.max_range_m = 1000.0;
-  config.min_coverage_deg = 0.0;
+  config.min_coverage = 0.0;
   drivers::ScanAssembler assembler(sensor, config);
   Comparison comparison(scans);
   core::Scan decoded;

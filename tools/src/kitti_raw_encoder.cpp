@@ -252,24 +252,25 @@ bool HdlPacketStream::write_packet() {
   const core::Time first = pending_.front().stamp;
   while (pending_.size() < kColumnsPerPacket) {
     HdlColumn empty;
-    empty.stamp = pending_.back().stamp + core::Duration{sensor_.azimuth_period_ns};
+    empty.stamp = pending_.back().stamp + core::Duration{sensor_.single().azimuth_period_ns};
     empty.azimuth_centidegrees = static_cast<std::uint16_t>(
         (pending_.back().azimuth_centidegrees + 2 * kEncoderStepCentidegrees) % drivers::kAzimuthModulus);
     pending_.push_back(empty);
   }
   drivers::VelodyneDataPacket packet;
   for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
-    const HdlColumn& column = pending_[b / sensor_.blocks_per_azimuth];
-    packet.blocks[b].flag = sensor_.block_flags[b];
+    const HdlColumn& column = pending_[b / sensor_.single().blocks_per_azimuth];
+    packet.blocks[b].flag = sensor_.single().block_flags[b];
     packet.blocks[b].azimuth = column.azimuth_centidegrees;
     for (std::size_t e = 0; e < drivers::kEntriesPerBlock; ++e) {
-      packet.blocks[b].entries[e] = column.returns[sensor_.entries[b][e].laser];
+      packet.blocks[b].entries[e] = column.returns[sensor_.single().entries[b][e].laser];
     }
   }
   constexpr std::int64_t nanoseconds_per_hour = 3'600'000'000'000;
   packet.timestamp_us = static_cast<std::uint32_t>(first.ns % nanoseconds_per_hour / 1000);
   set_status_bytes(packet);
-  const core::Time sent = pending_.back().stamp + core::Duration{sensor_.azimuth_period_ns} + kTransmission;
+  const core::Time sent =
+      pending_.back().stamp + core::Duration{sensor_.single().azimuth_period_ns} + kTransmission;
   pending_.clear();
   ++packets_;
   return writer_.write(sent, 2368, drivers::encode(packet));

@@ -88,12 +88,12 @@ LidarModel::LidarModel(drivers::VelodyneSensor sensor, const LidarModelConfig& c
                       {cosine, 0.0, sine}});
   }
   std::int32_t last = 0;
-  for (const auto& block : sensor_.entries) {
+  for (const auto& block : sensor_.single().entries) {
     for (const drivers::PacketEntry& entry : block) last = std::max(last, entry.time_offset_ns);
   }
   duration_of_packet_s_ = last * 1e-9;
   const double usable = trajectory.duration_s() - duration_of_packet_s_;
-  const double period = static_cast<double>(sensor_.packet_period_ns) * 1e-9;
+  const double period = static_cast<double>(sensor_.single().packet_period_ns) * 1e-9;
   packet_count_ = usable > 0.0 ? static_cast<std::uint64_t>(usable / period) + 1 : 0;
 }
 
@@ -117,13 +117,13 @@ std::uint16_t LidarModel::block_azimuth(double time_s) const {
 
 SimulatedPacket LidarModel::make_packet(std::uint64_t index) const {
   // The packet's clock counts whole microseconds; firings are cast at the times that it says.
-  const std::int64_t time_us = static_cast<std::int64_t>(index) * sensor_.packet_period_ns / 1000;
+  const std::int64_t time_us = static_cast<std::int64_t>(index) * sensor_.single().packet_period_ns / 1000;
   const core::Time time = config_.start + core::Duration{time_us * 1000};
   const Motion motion = motion_during(static_cast<double>(time_us) * 1e-6);
 
   VelodyneDataPacket packet;
   packet.timestamp_us = static_cast<std::uint32_t>(time.ns / 1000 % kHourUs);
-  packet.factory_byte_1 = sensor_.return_mode_byte;
+  packet.factory_byte_1 = sensor_.single().return_mode_byte;
   packet.factory_byte_2 = sensor_.product_byte;
   if (sensor_.model == drivers::VelodyneModel::kHdl64eS2) set_status_bytes(time, index, packet);
   for (std::size_t block = 0; block < drivers::kBlocksPerPacket; ++block)
@@ -141,18 +141,18 @@ SimulatedPacket LidarModel::make_packet(std::uint64_t index) const {
 
 void LidarModel::cast_block(const Motion& motion, std::uint64_t index, std::size_t block,
                             VelodyneDataPacket& packet) const {
-  const double step_s = static_cast<double>(sensor_.azimuth_period_ns) * 1e-9;
-  const std::size_t azimuth_step = block / sensor_.blocks_per_azimuth;
+  const double step_s = static_cast<double>(sensor_.single().azimuth_period_ns) * 1e-9;
+  const std::size_t azimuth_step = block / sensor_.single().blocks_per_azimuth;
   const double block_offset_s = static_cast<double>(azimuth_step) * step_s;
   VelodyneDataPacket::Block& out = packet.blocks[block];
-  out.flag = sensor_.block_flags[block];
+  out.flag = sensor_.single().block_flags[block];
   out.azimuth = block_azimuth(motion.start_s + block_offset_s);
   const double advance_rad = 2.0 * kPi * config_.revolutions_per_minute / 60.0 * step_s;
 
   for (std::size_t first = 0; first < drivers::kEntriesPerBlock; first += kRayGroup) {
     RayGroup rays;
     for (std::size_t i = 0; i < kRayGroup; ++i) {
-      const drivers::PacketEntry& entry = sensor_.entries[block][first + i];
+      const drivers::PacketEntry& entry = sensor_.single().entries[block][first + i];
       const Beam& beam = beams_[entry.laser];
       const double azimuth = out.azimuth * (kPi / 18000.0) + entry.azimuth_fraction * advance_rad -
                              sensor_.lasers[entry.laser].azimuth_correction_rad;
@@ -170,7 +170,8 @@ void LidarModel::cast_block(const Motion& motion, std::uint64_t index, std::size
     std::array<RayHit, kRayGroup> hits;
     scene_.cast(rays, static_cast<float>(max_range_m_), motion.cars, hits);
     for (std::size_t i = 0; i < kRayGroup; ++i) {
-      const double correction = sensor_.lasers[sensor_.entries[block][first + i].laser].distance_correction_m;
+      const double correction =
+          sensor_.lasers[sensor_.single().entries[block][first + i].laser].distance_correction_m;
       out.entries[first + i] =
           measure(hits[i], correction, index, block * drivers::kEntriesPerBlock + first + i);
     }

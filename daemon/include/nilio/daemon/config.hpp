@@ -22,10 +22,13 @@ struct LidarConfig {
   std::string sender_address;
   int receive_buffer_bytes = 8 * 1024 * 1024;
   std::string time_source = "auto";
+  double stamp_offset_us = 0.0;
+  std::string return_mode = "auto";
+  std::string returns = "all";
   double cut_azimuth_deg = 180.0;
   double min_range_m = 2.0;
   double max_range_m = 100.0;
-  double min_coverage_deg = 300.0;
+  double min_coverage = 0.8;
   double elevation_correction_deg = 0.0;
   ExtrinsicConfig extrinsic;
 };

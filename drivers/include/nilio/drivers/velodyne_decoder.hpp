@@ -24,7 +24,7 @@ struct ScanAssemblerConfig {
   /// Added to every firing's time: for firmware that stamps the end of a packet instead of its first firing.
   std::int64_t stamp_offset_ns = 0;
   /// Empty: told from each packet.
-  std::optional<ReturnMode> return_mode;
+  std::optional<ReturnMode> return_mode = std::nullopt;
   ReturnChoice returns = ReturnChoice::kAll;
   /// Azimuth at which one scan ends and the next begins, degrees in the sensor's own sense (0 = +y of the
   /// Velodyne frame = forward in the ROS frame, clockwise). 180 cuts behind the vehicle.
@@ -37,7 +37,8 @@ struct ScanAssemblerConfig {
 };
 
 /// Every firing (shot of one laser) is in exactly one scan or counted here:
-/// firings == firings_in_scans + firings_discarded + firings_bad + firings_late + ScanAssembler::open_firings().
+/// firings == firings_in_scans + firings_discarded + firings_bad + firings_late +
+/// ScanAssembler::open_firings().
 struct ScanAssemblerStats {
   std::uint64_t packets = 0;           ///< data packets, good or bad
   std::uint64_t position_packets = 0;  ///< telemetry

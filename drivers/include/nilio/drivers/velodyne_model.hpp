@@ -56,16 +56,6 @@ struct LaserCalibration {
   double distance_correction_m = 0.0;
   double vertical_offset_m = 0.0;
   double horizontal_offset_m = 0.0;
-  /// The distance correction close to the sensor, at 2.40 m along the Velodyne frame's x and at 1.93 m along y;
-  /// between there and 25.04 m it is interpolated (HDL-64E manual, "two-point calibration"). Both 0 = not known:
-  /// one correction for all distances.
-  double near_distance_correction_x_m = 0.0;
-  double near_distance_correction_y_m = 0.0;
-  /// Intensity is corrected for focus with these (HDL-64E manual); slope 0 = as measured.
-  double focal_distance_m = 0.0;
-  double focal_slope = 0.0;
-  std::uint8_t min_intensity = 0;
-  std::uint8_t max_intensity = 255;
   /// Rank by elevation, 0 = lowest.
   std::uint16_t ring = 0;
   /// Distance corrections near the sensor, found at 2.40 m along x and at 1.93 m along y; between there and
@@ -145,13 +135,14 @@ struct VelodyneSensor {
   [[nodiscard]] const PacketLayout& single() const { return layouts.front(); }
 };
 
-/// Built-in sensor with its factory geometry (manuals 63-9243, 63-9325, 63-9483, HDL-32E). Every HDL-64E has a
-/// geometry of its own, and a real one needs with_calibration_file() or its status stream: S2 gets that of
+/// Built-in sensor with its factory geometry (manuals 63-9243, 63-9325, 63-9483, HDL-32E). Every HDL-64E has
+/// a geometry of its own, and a real one needs with_calibration_file() or its status stream: S2 gets that of
 /// KITTI's scanner, recovered from KITTI's clouds, whose distance corrections are known modulo the 2 mm
 /// resolution only, which is what re-encoding KITTI needs; S1, S2.1 and S3 get that of one published unit.
 VelodyneSensor make_velodyne_sensor(VelodyneModel model);
 
-/// "VLP-16", "HDL-64E-S2", as used in configuration and messages; parsing ignores case, ' ', '-', '.' and '_'.
+/// "VLP-16", "HDL-64E-S2", as used in configuration and messages; parsing ignores case, ' ', '-', '.' and
+/// '_'.
 std::string_view velodyne_model_name(VelodyneModel model);
 std::optional<VelodyneModel> parse_velodyne_model(std::string_view name);
 /// All models in the order of the enumeration.
