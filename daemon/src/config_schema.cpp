@@ -80,6 +80,14 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   0,
                   0,
                   {"all", "strongest", "last"}});
+  keys.push_back(
+      {"lidar.azimuth_interpolation",
+       &c.azimuth_interpolation,
+       "whether the azimuth moves on from firing to firing in a block; auto = on, but off for HDL-64E",
+       "",
+       0,
+       0,
+       {"auto", "on", "off"}});
   keys.push_back({"lidar.cut_azimuth_deg",
                   &c.cut_azimuth_deg,
                   "azimuth at which scans are cut; 0 = forward, clockwise",

@@ -145,6 +145,8 @@ Result<drivers::VelodyneSensor> make_sensor(const Config& config, const drivers:
   if (!model) return model.error();
   drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(*model);
   notes.push_back("LiDAR " + sensor.name + (config.lidar.model == "auto" ? " (from the packets)" : ""));
+  if (config.lidar.azimuth_interpolation != "auto")
+    drivers::set_azimuth_interpolation(sensor, config.lidar.azimuth_interpolation == "on");
   if (config.lidar.calibration.empty()) return sensor;
   return drivers::with_calibration_file(std::move(sensor), config.lidar.calibration);
 }

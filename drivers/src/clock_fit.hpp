@@ -10,8 +10,8 @@ namespace nilio::drivers {
 ///
 /// A packet can only be received late, so the true offset is the lower envelope of host minus sensor time
 /// (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM
-/// 1999). The least difference of every second is kept for about a minute; the line under those points that is
-/// nearest to them on average is the fit. All in ns of the sensor's time line.
+/// 1999). The least difference of every second is kept for about a minute; the line under those points that
+/// is nearest to them on average is the fit. All in ns of the sensor's time line.
 class ClockFit {
  public:
   void restart() { *this = ClockFit(); }

@@ -24,6 +24,15 @@ constexpr double kFocalRange = 131.0;
 std::uint32_t distance_of(std::uint32_t word) { return word & 0xFFFFU; }
 std::uint32_t intensity_of(std::uint32_t word) { return (word >> 16) & 0xFFU; }
 
+/// Distance and intensity of an entry together; the last entry of a packet's last block is followed by the
+/// time stamp.
+std::array<std::uint32_t, kEntriesPerBlock> load_entries(const std::uint8_t* block) {
+  std::array<std::uint32_t, kEntriesPerBlock> words;
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
+    words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
+  return words;
+}
+
 }  // namespace
 
 AzimuthTable::AzimuthTable() : values_(kAzimuthModulus + 1) {
@@ -87,6 +96,7 @@ void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& 
           static_cast<float>(laser.near_distance_correction_x_m - far - slope_x * kNearCalibrationX);
       lane.near_y[c] =
           static_cast<float>(laser.near_distance_correction_y_m - far - slope_y * kNearCalibrationY);
+      lane.far_raw[c] = static_cast<std::int32_t>((kFarCalibration - far) / sensor.distance_resolution_m);
       near_corrected_ = true;
     }
     const double focus = 1.0 - laser.focal_distance_m / kFocalRange;
@@ -134,29 +144,26 @@ void FiringDecoder::set_rate(float rate) {
   }
 }
 
-/// Of two returns that are the same one is kept: the last when both are wanted.
-void FiringDecoder::choose_returns(const Lane& lane, const Words& words, const std::uint8_t* partner,
+/// Of two returns that are the same one is kept: the last when both are wanted. Without branches, so that it
+/// vectorises.
+void FiringDecoder::choose_returns(const Lane& lane, const Words& words, const Words& others,
                                    Mask& keep) const {
-  const bool is_last = lane.content == BlockContent::kLast;
+  const auto is_last = static_cast<std::int32_t>(lane.content == BlockContent::kLast);
+  const auto want_all = static_cast<std::int32_t>(returns_ == ReturnChoice::kAll);
+  const auto want_last = static_cast<std::int32_t>(returns_ == ReturnChoice::kLast);
+  const auto want_strongest = static_cast<std::int32_t>(returns_ == ReturnChoice::kStrongest);
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-    const std::uint32_t other = load_u32(partner + kEntriesOffset + kEntrySize * c);
-    // A return that is not there is weaker than any.
-    const auto strength = [](std::uint32_t word) {
-      return distance_of(word) == 0 ? -1 : static_cast<int>(intensity_of(word));
-    };
-    bool chosen = true;
-    switch (returns_) {
-      case ReturnChoice::kAll:
-        chosen = is_last || distance_of(words[c]) != distance_of(other);
-        break;
-      case ReturnChoice::kLast:
-        chosen = is_last || distance_of(other) == 0;
-        break;
-      case ReturnChoice::kStrongest:
-        chosen = is_last ? strength(words[c]) > strength(other) : strength(words[c]) >= strength(other);
-        break;
-    }
-    keep[c] = static_cast<std::int32_t>(chosen);
+    const auto distance = static_cast<std::int32_t>(distance_of(words[c]));
+    const auto other_distance = static_cast<std::int32_t>(distance_of(others[c]));
+    const auto differs = static_cast<std::int32_t>(distance != other_distance);
+    const auto alone = static_cast<std::int32_t>(other_distance == 0);
+    // A return that is not there is weaker than any; of two as strong, the one that is not the last is taken.
+    const std::int32_t strength = 2 * static_cast<std::int32_t>(intensity_of(words[c])) + 1 - is_last;
+    const std::int32_t other_strength = 2 * static_cast<std::int32_t>(intensity_of(others[c])) + is_last;
+    const auto stronger = static_cast<std::int32_t>(strength > other_strength);
+    const auto there = static_cast<std::int32_t>(distance != 0);
+    keep[c] = (want_all & (is_last | differs)) | (want_last & (is_last | alone)) |
+              (want_strongest & (alone | (there & stronger)));
   }
 }
 
@@ -175,25 +182,32 @@ void FiringDecoder::place(const Lane& lane, SinCos azimuth, const Words& words, 
 }
 
 /// HDL-64E manual: below 25 m the distance correction depends on |x| and |y| (of the Velodyne frame, here -y
-/// and x), and the intensity is made independent of the distance to the focus.
+/// and x).
 void FiringDecoder::correct_near_range(const Lane& lane, SinCos azimuth, const Words& words,
                                        Points& points) const {
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-    const auto raw = static_cast<float>(static_cast<std::int32_t>(distance_of(words[c])));
+    const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
+    // A factor, since a condition on floating-point numbers would keep the loop from being vectorised.
+    const auto is_near = static_cast<float>(static_cast<std::int32_t>(raw < lane.far_raw[c]));
     const float sin = azimuth.sin * lane.cos_shift[c] + azimuth.cos * lane.sin_shift[c];
     const float cos = azimuth.cos * lane.cos_shift[c] - azimuth.sin * lane.sin_shift[c];
-    const float distance = raw * resolution_ + lane.distance_correction[c];
-    const float share = distance < static_cast<float>(kFarCalibration) ? 1.0F : 0.0F;
-    const float along_x = share * (lane.near_slope_x[c] * std::abs(points.y[c]) + lane.near_x[c]);
-    const float along_y = share * (lane.near_slope_y[c] * std::abs(points.x[c]) + lane.near_y[c]);
-    points.x[c] += along_y * lane.cos_elevation[c] * cos;
-    points.y[c] -= along_x * lane.cos_elevation[c] * sin;
-    points.z[c] += 0.5F * (along_x + along_y) * lane.sin_elevation[c];
-    const float nearness = 1.0F - raw / 65535.0F;
-    const float corrected =
-        points.intensity[c] +
-        lane.focal_slope[c] * std::abs(lane.focal_offset[c] - 256.0F * nearness * nearness);
-    points.intensity[c] = std::min(std::max(corrected, lane.min_intensity[c]), lane.max_intensity[c]);
+    const float near_x = is_near * (lane.near_slope_x[c] * std::abs(points.y[c]) + lane.near_x[c]);
+    const float near_y = is_near * (lane.near_slope_y[c] * std::abs(points.x[c]) + lane.near_y[c]);
+    points.x[c] += near_y * lane.cos_elevation[c] * cos;
+    points.y[c] -= near_x * lane.cos_elevation[c] * sin;
+    points.z[c] += 0.5F * (near_x + near_y) * lane.sin_elevation[c];
+  }
+}
+
+/// HDL-64E manual: the intensity is made independent of the distance to the focus.
+void FiringDecoder::correct_intensity(const Lane& lane, const Words& words, Points& points) const {
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    const auto raw = static_cast<float>(static_cast<std::int32_t>(distance_of(words[c])));
+    const float nearness = 1.0F - raw * (1.0F / 65535.0F);
+    const float blur = std::abs(lane.focal_offset[c] - 256.0F * nearness * nearness);
+    const float corrected = points.intensity[c] + lane.focal_slope[c] * blur;
+    const float at_least = corrected < lane.min_intensity[c] ? lane.min_intensity[c] : corrected;
+    points.intensity[c] = at_least > lane.max_intensity[c] ? lane.max_intensity[c] : at_least;
   }
 }
 
@@ -207,17 +221,17 @@ FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> p
     const Lane& lane = lanes_[b];
     if (lane.content == BlockContent::kPadding || lane.content == BlockContent::kConfidence) continue;
     const std::uint8_t* const block = blocks + b * kBlockSize;
-    // Distance and intensity of an entry together; the last entry of a packet's last block is followed by the
-    // time stamp.
-    Words words;
-    for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
-      words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
+    const Words words = load_entries(block);
     Mask keep;
     keep.fill(1);
-    if (lane.partner != b) choose_returns(lane, words, blocks + lane.partner * kBlockSize, keep);
+    if (lane.partner != b)
+      choose_returns(lane, words, load_entries(blocks + lane.partner * kBlockSize), keep);
     Points decoded;
     place(lane, azimuth, words, decoded);
-    if (near_corrected_) correct_near_range(lane, azimuth, words, decoded);
+    if (near_corrected_) {
+      correct_near_range(lane, azimuth, words, decoded);
+      correct_intensity(lane, words, decoded);
+    }
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
       returns += static_cast<std::int32_t>(raw != 0) & keep[c];

@@ -78,6 +78,7 @@ class FiringDecoder {
     Row focal_offset{};
     Row min_intensity{};
     Row max_intensity{};
+    Mask far_raw{};
     Mask min_raw{};
     Mask max_raw{};
     std::array<std::int32_t, kEntriesPerBlock> time_ns{};
@@ -96,9 +97,10 @@ class FiringDecoder {
   void fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
                  double max_range_m, std::size_t block);
   void fill_times();
-  void choose_returns(const Lane& lane, const Words& words, const std::uint8_t* partner, Mask& keep) const;
+  void choose_returns(const Lane& lane, const Words& words, const Words& others, Mask& keep) const;
   void place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
   void correct_near_range(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
+  void correct_intensity(const Lane& lane, const Words& words, Points& points) const;
 
   float resolution_;
   ReturnChoice returns_;

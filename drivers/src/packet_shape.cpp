@@ -69,7 +69,8 @@ std::optional<bool> azimuths_in_pairs(std::span<const std::uint8_t> payload, std
   return paired;
 }
 
-std::optional<ReturnMode> return_mode_of(std::span<const std::uint8_t> payload, const VelodyneSensor& sensor) {
+std::optional<ReturnMode> return_mode_of(std::span<const std::uint8_t> payload,
+                                         const VelodyneSensor& sensor) {
   const std::size_t banks = (sensor.lasers.size() + kEntriesPerBlock - 1) / kEntriesPerBlock;
   if (banks == 4) {
     const PacketShape shape = packet_shape(payload);

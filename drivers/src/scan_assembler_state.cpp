@@ -172,7 +172,10 @@ void ScanAssembler::State::add_in_order(Current& current) {
   const PacketAzimuths& azimuths = current.azimuths;
   rate_ = azimuths.rate;
   pause_ns_ = azimuths.pause_ns;
-  decoders_[layout_index_].set_rate(azimuths.rate);
+  // The decoder's shares of an azimuth step are of the nominal period.
+  const auto measured = static_cast<float>(static_cast<double>(layout().azimuth_period_ns) /
+                                           static_cast<double>(azimuth_period_ns_));
+  decoders_[layout_index_].set_rate(azimuths.rate * measured);
   if (azimuths.gap_from_step > 0) {
     blind_.see_inside_packet(azimuths.steps[azimuths.gap_from_step - 1].azimuth,
                              azimuths.steps[azimuths.gap_from_step].azimuth);
@@ -218,13 +221,11 @@ void ScanAssembler::State::add_step(const Current& current, std::size_t step) {
 }
 
 void ScanAssembler::State::decode_step(const Current& current, std::size_t step, std::int64_t step_ns) {
-  std::vector<core::Point>& points = current_.points;
-  const std::size_t count = points.size();
-  points.resize(count + (layout().blocks_per_azimuth + 1) * kEntriesPerBlock);
-  const FiringDecoder::Counts decoded =
-      decoder().decode_step(current.payload, step, static_cast<std::int32_t>(step_ns - cutter_.start_ns()),
-                            std::span(points).subspan(count));
-  points.resize(count + decoded.points);
+  const FiringDecoder::Counts decoded = decoder().decode_step(
+      current.payload, step, static_cast<std::int32_t>(step_ns - cutter_.start_ns()), scratch_);
+  // Through a buffer that stays in the cache: growing the scan first would write every point twice.
+  const auto first = scratch_.begin();
+  current_.points.insert(current_.points.end(), first, first + static_cast<std::ptrdiff_t>(decoded.points));
   open_firings_ += layout().firings_per_azimuth;
   stats_.points += decoded.points;
   stats_.points_out_of_range += decoded.out_of_range;

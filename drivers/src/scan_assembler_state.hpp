@@ -8,6 +8,7 @@
 #include "scan_cutter.hpp"
 #include "sensor_clock.hpp"
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -74,6 +75,8 @@ class ScanAssembler::State {
   float rate_ = 0.0F;
   std::int64_t pause_ns_ = 0;
 
+  /// Points of one azimuth step.
+  std::array<core::Point, (kBlocksPerPacket + 1) * kEntriesPerBlock> scratch_;
   core::Scan current_;
   core::Scan completed_;
   /// A scan became complete in the packet at hand.

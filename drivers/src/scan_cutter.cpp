@@ -33,15 +33,17 @@ void ScanCutter::restart() {
   has_azimuth_ = false;
 }
 
-/// Continues the azimuth over all revolutions. Where packets are missing, the rate and the time tell how far it
-/// went.
-void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate, std::int64_t azimuth_period_ns) {
+/// Continues the azimuth over all revolutions. Where packets are missing, the rate and the time tell how far
+/// it went.
+void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate,
+                       std::int64_t azimuth_period_ns) {
   if (!has_azimuth_) {
     has_azimuth_ = true;
     unwrapped_ = (static_cast<int>(azimuth) - cut_ + kAzimuthModulus) % kAzimuthModulus;
     advance_ = rate;
   } else {
-    const double periods = static_cast<double>(time_ns - last_step_ns_) / static_cast<double>(azimuth_period_ns);
+    const double periods =
+        static_cast<double>(time_ns - last_step_ns_) / static_cast<double>(azimuth_period_ns);
     const int difference = static_cast<int>(azimuth) - static_cast<int>(last_azimuth_);
     const double turns = std::round((periods * static_cast<double>(rate) - difference) / kAzimuthModulus);
     const std::int64_t advance = difference + static_cast<std::int64_t>(turns) * kAzimuthModulus;

@@ -38,7 +38,8 @@ struct GpsReport {
   std::optional<core::Time> utc;
 };
 
-/// Makes a continuous time line of the sensor's microseconds past the hour, and fits it onto the host's clock.
+/// Makes a continuous time line of the sensor's microseconds past the hour, and fits it onto the host's
+/// clock.
 ///
 /// The counter is continued by differences modulo one hour. Which hour it is, GPS says, or else the host's
 /// stamp, once, at the first packet. What goes out never goes back: forward jumps of the sensor's clock are

@@ -29,9 +29,9 @@ struct Evidence {
 
 template <class Key>
 Key most_frequent(const std::map<Key, std::size_t>& counts) {
-  return std::max_element(counts.begin(), counts.end(), [](const auto& a, const auto& b) {
-           return a.second < b.second;
-         })->first;
+  return std::max_element(counts.begin(), counts.end(),
+                          [](const auto& a, const auto& b) { return a.second < b.second; })
+      ->first;
 }
 
 Evidence gather(std::span<const Packet> packets) {
@@ -65,7 +65,8 @@ double period_of(Evidence& evidence) {
   const auto alike = std::count_if(steps.begin(), steps.end(), [&](std::uint32_t step) {
     return std::abs(step - median) <= 2.0 + 0.1 * median;
   });
-  const bool regular = static_cast<double>(alike) >= kRegularShare * static_cast<double>(evidence.packets - 1);
+  const bool regular =
+      static_cast<double>(alike) >= kRegularShare * static_cast<double>(evidence.packets - 1);
   return regular ? median : 0.0;
 }
 
@@ -141,8 +142,9 @@ std::string describe(const Evidence& evidence, const VelodyneDetection& result, 
   std::array<char, 128> text{};
   const int length = std::snprintf(text.data(), text.size(), "factory bytes 0x%02X 0x%02X, ",
                                    most_frequent(evidence.modes), most_frequent(evidence.products));
-  std::string out = shape == PacketShape::kAlternating ? "a status stream in the factory bytes, "
-                                                       : std::string(text.data(), static_cast<std::size_t>(length));
+  std::string out = shape == PacketShape::kAlternating
+                        ? "a status stream in the factory bytes, "
+                        : std::string(text.data(), static_cast<std::size_t>(length));
   out += shape == PacketShape::kUpperOnly     ? "one bank of lasers"
          : shape == PacketShape::kAlternating ? "two banks of lasers"
          : shape == PacketShape::kOther       ? "block flags of no known model"

@@ -97,14 +97,10 @@ PacketLayout make_layout(const ModelTable& table, ReturnMode mode) {
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       PacketEntry& entry = layout.entries[b][c];
       entry.laser = static_cast<std::uint16_t>((place.bank * kEntriesPerBlock + c) % lasers);
-      const std::int64_t since_azimuth_ns =
-          firing_period_ns * static_cast<std::int64_t>(c / lasers) + table.firing_offset_ns(entry.laser, mode);
-      entry.time_offset_ns = static_cast<std::int32_t>(table.first_firing_ns + step * layout.azimuth_period_ns +
-                                                       since_azimuth_ns);
-      if (table.azimuth_interpolated) {
-        entry.azimuth_fraction = static_cast<float>(static_cast<double>(since_azimuth_ns) /
-                                                    static_cast<double>(layout.azimuth_period_ns));
-      }
+      const std::int64_t since_azimuth_ns = firing_period_ns * static_cast<std::int64_t>(c / lasers) +
+                                            table.firing_offset_ns(entry.laser, mode);
+      entry.time_offset_ns = static_cast<std::int32_t>(table.first_firing_ns +
+                                                       step * layout.azimuth_period_ns + since_azimuth_ns);
     }
   }
   return layout;
@@ -146,11 +142,28 @@ VelodyneSensor make_velodyne_sensor(VelodyneModel model) {
   sensor.vertical_offset_across_beam = table.vertical_offset_across_beam;
   sensor.lasers = make_lasers(table);
   for (const ReturnMode mode : table.modes) sensor.layouts.push_back(make_layout(table, mode));
+  set_azimuth_interpolation(sensor, table.azimuth_interpolated);
   sensor.measured_period = table.measured_period;
   sensor.has_clock = table.has_clock;
   sensor.product_byte = table.product_byte;
   finish_geometry(sensor);
   return sensor;
+}
+
+void set_azimuth_interpolation(VelodyneSensor& sensor, bool on) {
+  for (PacketLayout& layout : sensor.layouts) {
+    for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
+      const std::size_t first_block = b - b % layout.blocks_per_azimuth;
+      for (PacketEntry& entry : layout.entries[b]) {
+        const std::int32_t since_azimuth_ns =
+            entry.time_offset_ns - layout.entries[first_block][0].time_offset_ns;
+        const bool moves = on && layout.contents[b] != BlockContent::kPadding;
+        entry.azimuth_fraction = moves ? static_cast<float>(static_cast<double>(since_azimuth_ns) /
+                                                            static_cast<double>(layout.azimuth_period_ns))
+                                       : 0.0F;
+      }
+    }
+  }
 }
 
 std::array<VelodyneModel, kVelodyneModelCount> velodyne_models() {

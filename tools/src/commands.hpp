@@ -11,5 +11,7 @@ void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
+/// `nilio bench ...`: measurements.
+void add_bench_command(CLI::App& app);
 
 }  // namespace nilio::tools

@@ -25,6 +25,7 @@ struct LidarConfig {
   double stamp_offset_us = 0.0;
   std::string return_mode = "auto";
   std::string returns = "all";
+  std::string azimuth_interpolation = "auto";
   double cut_azimuth_deg = 180.0;
   double min_range_m = 2.0;
   double max_range_m = 100.0;
