@@ -117,7 +117,7 @@ void AzimuthReader::update_rate(float advance) {
   rate_ = limited;
 }
 
-/// A step that continues neither the step before nor into the step after is an outlier.
+/// A step that fits no other step of the packet is an outlier.
 void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind) const {
   if (out.count == 1) {
     out.bad_steps = out.steps[0].usable ? 0 : 1;
@@ -132,10 +132,15 @@ void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind)
   const AzimuthStep& last = out.steps[out.count - 1];
   connected[out.count - 1] = last.usable && blind.ends_at(last.azimuth);
   for (std::size_t s = 1; s < out.count; ++s) {
-    if (!out.steps[s - 1].usable || !out.steps[s].usable) continue;
-    if (azimuth_advance(out.steps[s - 1].azimuth, out.steps[s].azimuth) > largest) continue;
-    connected[s - 1] = true;
-    connected[s] = true;
+    if (!out.steps[s].usable) continue;
+    // Nearly always the step before; behind a damaged one, one before that.
+    for (std::size_t p = s; p-- > 0 && !connected[s];) {
+      const bool continues =
+          out.steps[p].usable &&
+          azimuth_advance(out.steps[p].azimuth, out.steps[s].azimuth) <= largest * static_cast<int>(s - p);
+      connected[p] = connected[p] || continues;
+      connected[s] = continues;
+    }
   }
   for (std::size_t s = 0; s < out.count; ++s) {
     out.steps[s].usable = connected[s];

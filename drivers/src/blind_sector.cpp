@@ -11,6 +11,7 @@ namespace {
 constexpr int kTolerance = 300;
 /// A smaller gap could be lost packets that happen to fall at the same place twice.
 constexpr int kSmallest = 1000;
+constexpr int kTimesToBelieve = 3;
 
 int modulo(int azimuth) { return (azimuth % kAzimuthModulus + kAzimuthModulus) % kAzimuthModulus; }
 
@@ -34,22 +35,28 @@ void BlindSector::see_inside_packet(std::uint16_t from, std::uint16_t to) {
   known_ = true;
 }
 
-bool BlindSector::explains(std::uint16_t from, std::uint16_t to, std::uint32_t packets,
-                           std::uint32_t& wrongly_counted) {
+bool BlindSector::explains(const Gap& gap, std::uint32_t& wrongly_counted) {
   wrongly_counted = 0;
-  const Sector gap{from, to};
-  if (gap.width() < kSmallest) return false;
-  if (known_ && sector_.is_like(gap)) return true;
-  if (candidate_packets_ > 0 && candidate_.is_like(gap)) {
-    wrongly_counted = candidate_packets_;
+  const Sector sector{gap.from, gap.to};
+  if (sector.width() < kSmallest) return false;
+  if (known_ && sector_.is_like(sector)) return true;
+  const std::int64_t since_ns = gap.time_ns - candidate_time_ns_;
+  const bool next_revolution = std::abs(since_ns - gap.revolution_ns) < gap.revolution_ns / 8;
+  if (candidate_seen_ == 0 || !next_revolution || !candidate_.is_like(sector)) {
+    candidate_ = sector;
+    candidate_seen_ = 0;
     candidate_packets_ = 0;
-    sector_ = gap;
-    known_ = true;
-    return true;
   }
-  candidate_ = gap;
-  candidate_packets_ = packets;
-  return false;
+  candidate_time_ns_ = gap.time_ns;
+  if (++candidate_seen_ < kTimesToBelieve) {
+    candidate_packets_ += gap.packets;
+    return false;
+  }
+  wrongly_counted = candidate_packets_;
+  candidate_seen_ = 0;
+  sector_ = sector;
+  known_ = true;
+  return true;
 }
 
 bool BlindSector::ends_at(std::uint16_t azimuth) const { return known_ && near(azimuth, sector_.to); }

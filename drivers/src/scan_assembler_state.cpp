@@ -19,6 +19,7 @@ constexpr std::int64_t kLongestScanNs = 300'000'000;
 /// Firmwares differ by less in their firing period.
 constexpr double kPeriodTolerance = 0.3;
 constexpr std::uint32_t kPeriodsAveraged = 64;
+constexpr int kPacketsToChangeMode = 3;
 
 int cut_azimuth(double degrees) {
   if (!std::isfinite(degrees)) return 0;
@@ -93,10 +94,15 @@ void ScanAssembler::State::hear_position(const Packet& packet) {
 void ScanAssembler::State::follow_mode(std::span<const std::uint8_t> payload) {
   if (config_.return_mode || sensor_.layouts.size() == 1) return;
   const std::optional<ReturnMode> mode = return_mode_of(payload, sensor_);
-  if (!mode || *mode == layout().mode) return;
+  if (!mode || *mode == layout().mode) {
+    other_mode_packets_ = 0;
+    return;
+  }
+  // One packet may be damaged; but the first one tells what the mode has been all along.
+  if (stats_.firings > 0 && ++other_mode_packets_ < kPacketsToChangeMode) return;
+  other_mode_packets_ = 0;
   for (std::size_t i = 0; i < sensor_.layouts.size(); ++i) {
     if (sensor_.layouts[i].mode != *mode) continue;
-    // The first packet only tells what the mode has been all along.
     if (stats_.firings > 0) ++stats_.mode_changes;
     use_layout(i);
   }
@@ -156,9 +162,16 @@ void ScanAssembler::State::measure_period(const PacketArrival& arrival) {
 void ScanAssembler::State::account_gap(const PacketArrival& arrival, std::uint16_t first_azimuth) {
   if (arrival.gap_packets == 0) return;
   std::uint32_t wrongly_counted = 0;
-  const bool known_place = cutter_.has_azimuth() && first_azimuth < kAzimuthModulus;
-  if (known_place &&
-      blind_.explains(cutter_.last_azimuth(), first_azimuth, arrival.gap_packets, wrongly_counted)) {
+  const bool known_place = cutter_.has_azimuth() && first_azimuth < kAzimuthModulus && rate_ > 0.0F;
+  BlindSector::Gap gap;
+  gap.from = cutter_.last_azimuth();
+  gap.to = first_azimuth;
+  gap.packets = arrival.gap_packets;
+  gap.time_ns = arrival.line_ns;
+  gap.revolution_ns = rate_ > 0.0F ? std::llround(kAzimuthModulus / static_cast<double>(rate_) *
+                                                  static_cast<double>(azimuth_period_ns_))
+                                   : 0;
+  if (known_place && blind_.explains(gap, wrongly_counted)) {
     stats_.lost_packets -= std::min<std::uint64_t>(stats_.lost_packets, wrongly_counted);
     return;
   }
@@ -279,7 +292,7 @@ void ScanAssembler::State::close_scan() {
     stats_.firings_discarded += firings;
     return;
   }
-  clock_.update_shift(end_ns_);
+  clock_.update_shift(cutter_.start_ns(), end_ns_);
   core::Scan& scan = current_;
   stats_.firings_in_scans += firings;
   scan.sequence = stats_.scans++;

@@ -71,6 +71,7 @@ class ScanAssembler::State {
   double packet_period_ns_ = 0.0;
   std::int64_t azimuth_period_ns_ = 0;
   std::uint32_t periods_measured_ = 0;
+  int other_mode_packets_ = 0;
   /// Of the last packet in order.
   float rate_ = 0.0F;
   std::int64_t pause_ns_ = 0;

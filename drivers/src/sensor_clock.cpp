@@ -143,22 +143,23 @@ void SensorClock::hear(const GpsReport& report, core::Time stamp) {
   gps_heard_ = stamp;
 }
 
-void SensorClock::update_shift(std::int64_t line_ns) {
-  const std::int64_t wanted_ns = fitted() ? fit_.offset_at(line_ns) : 0;
+void SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns) {
+  const std::int64_t wanted_ns = fitted() ? fit_.offset_at(scan_end_ns) : 0;
   if (shift_free_) {
     shift_ns_ = has_clock_ ? wanted_ns : shift_ns_;
-    // After a backward jump time continues from where it was.
-    if (emitted_ns_ != INT64_MIN) shift_ns_ = std::max(shift_ns_, emitted_ns_ - line_ns);
     shift_free_ = false;
   } else if (fitted()) {
-    const auto limit = static_cast<std::int64_t>(kSlew * static_cast<double>(line_ns - shift_updated_ns_));
+    const auto limit =
+        static_cast<std::int64_t>(kSlew * static_cast<double>(scan_end_ns - shift_updated_ns_));
     const std::int64_t change_ns = wanted_ns - shift_ns_;
     // The host's clock was set forward: no slewing would ever get there.
     const bool step = change_ns > kClockSetNs;
     shift_ns_ += step ? change_ns : std::clamp(change_ns, -limit, limit);
   }
-  shift_updated_ns_ = line_ns;
-  emitted_ns_ = std::max(emitted_ns_, line_ns + shift_ns_);
+  // After a backward jump time continues from where it was.
+  if (emitted_ns_ != INT64_MIN) shift_ns_ = std::max(shift_ns_, emitted_ns_ + 1 - scan_start_ns);
+  shift_updated_ns_ = scan_end_ns;
+  emitted_ns_ = scan_end_ns + shift_ns_;
 }
 
 core::ClockSource SensorClock::source() const {

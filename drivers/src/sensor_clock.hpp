@@ -59,7 +59,7 @@ class SensorClock {
   /// The same shift applies until the next update_shift(), so that a scan is not torn.
   [[nodiscard]] core::Time to_time(std::int64_t line_ns) const { return {line_ns + shift_ns_}; }
   /// Between two scans: follows the fit, slowly enough for time never to go back.
-  void update_shift(std::int64_t line_ns);
+  void update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns);
 
   [[nodiscard]] core::ClockSource source() const;
   [[nodiscard]] std::int64_t shift_ns() const { return shift_ns_; }

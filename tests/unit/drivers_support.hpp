@@ -55,17 +55,20 @@ struct TurningSensor {
   std::int64_t start_ns = kEpochNs;
   /// Sensor clock minus host clock.
   std::int64_t sensor_ahead_ns = 0;
+  drivers::ReturnMode mode = drivers::ReturnMode::kSingle;
+
+  [[nodiscard]] const drivers::PacketLayout& layout() const { return *sensor.layout(mode); }
 
   [[nodiscard]] std::uint16_t azimuth(std::size_t packet, std::size_t step) const {
     const auto steps =
-        static_cast<double>(packet * drivers::kBlocksPerPacket / sensor.single().blocks_per_azimuth + step);
+        static_cast<double>(packet * drivers::kBlocksPerPacket / layout().blocks_per_azimuth + step);
     const double turns =
-        steps * static_cast<double>(sensor.single().azimuth_period_ns) * 1e-9 * revolutions_per_second;
+        steps * static_cast<double>(layout().azimuth_period_ns) * 1e-9 * revolutions_per_second;
     return static_cast<std::uint16_t>(std::llround(start_azimuth_deg * 100.0 + turns * 36000.0) % 36000);
   }
 
   [[nodiscard]] std::int64_t packet_time_ns(std::size_t packet) const {
-    return start_ns + static_cast<std::int64_t>(packet) * sensor.single().packet_period_ns;
+    return start_ns + static_cast<std::int64_t>(packet) * layout().packet_period_ns;
   }
 
   /// Unique per firing of entry 0 within some seconds, 20 m to 100 m.
@@ -76,13 +79,15 @@ struct TurningSensor {
   [[nodiscard]] drivers::VelodyneDataPacket data(std::size_t packet) const {
     drivers::VelodyneDataPacket data;
     for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
-      data.blocks[b].flag = sensor.single().block_flags[b];
-      data.blocks[b].azimuth = azimuth(packet, b / sensor.single().blocks_per_azimuth);
-      for (auto& entry : data.blocks[b].entries) entry = {distance(packet, b), 7};
+      data.blocks[b].flag = layout().block_flags[b];
+      data.blocks[b].azimuth = azimuth(packet, b / layout().blocks_per_azimuth);
+      // Both returns of a dual packet are the same.
+      const std::size_t block = mode == drivers::ReturnMode::kSingle ? b : b - b % layout().blocks_per_azimuth;
+      for (auto& entry : data.blocks[b].entries) entry = {distance(packet, block), 7};
     }
     const std::int64_t sensor_ns = packet_time_ns(packet) + sensor_ahead_ns;
     data.timestamp_us = static_cast<std::uint32_t>(sensor_ns / 1000 % 3'600'000'000);
-    data.factory_byte_1 = sensor.single().return_mode_byte;
+    data.factory_byte_1 = layout().return_mode_byte;
     data.factory_byte_2 = sensor.product_byte;
     return data;
   }
@@ -90,7 +95,7 @@ struct TurningSensor {
   /// Received `delay_ns` after its last firing.
   [[nodiscard]] drivers::Packet packet(std::size_t index, std::int64_t delay_ns = 0) const {
     drivers::Packet packet = wrap(data(index));
-    packet.stamp.ns = packet_time_ns(index) + sensor.single().packet_period_ns + delay_ns;
+    packet.stamp.ns = packet_time_ns(index) + layout().packet_period_ns + delay_ns;
     packet.received_ns = static_cast<std::int64_t>(index) + 1;
     return packet;
   }
