@@ -375,3 +375,101 @@ TEST_CASE("models are told by their packets and by nothing else") {
   CHECK(detect_velodyne(std::vector<Packet>{TurningSensor::wrap(other)}).model == VelodyneModel::kHdl32e);
   CHECK_FALSE(detect_velodyne({}).model.has_value());
 }
+
+TEST_CASE("a return mode that is changed at the sensor is followed") {
+  TurningSensor single = vlp16();
+  TurningSensor dual = single;
+  dual.mode = ReturnMode::kDual;
+  dual.start_ns = single.packet_time_ns(200);
+  std::vector<Packet> packets = packets_of(single, 0, 200);
+  for (const Packet& packet : packets_of(dual, 0, 400)) packets.push_back(packet);
+  ScanAssembler assembler(single.sensor, {});
+  const auto scans = assemble(assembler, packets);
+  CHECK(assembler.stats().mode_changes == 1);
+  CHECK(assembler.status().mode == ReturnMode::kDual);
+  REQUIRE(scans.size() >= 4);
+  CHECK((scans.back().end - scans.back().start).seconds() == Approx(0.1).margin(3e-4));
+  CHECK(scans.back().points.size() == Approx(28'900).margin(200));
+}
+
+TEST_CASE("of two returns the wanted ones become points, and two that are the same become one") {
+  const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
+  TurningSensor source{.sensor = sensor};
+  source.mode = ReturnMode::kDual;
+  VelodyneDataPacket data = source.data(0);
+  for (auto& block : data.blocks) block.entries.fill({});
+  // Last and strongest differ; the same; only a last; only a strongest; the last is the strongest.
+  data.blocks[0].entries[0] = {6000, 10};
+  data.blocks[1].entries[0] = {5000, 90};
+  data.blocks[0].entries[1] = data.blocks[1].entries[1] = {5000, 50};
+  data.blocks[0].entries[2] = {5000, 50};
+  data.blocks[1].entries[3] = {5000, 50};
+  data.blocks[0].entries[4] = {6000, 90};
+  data.blocks[1].entries[4] = {5000, 10};
+  const auto ranges = [&](ReturnChoice returns) {
+    ScanAssembler assembler(sensor, {.returns = returns, .min_coverage = 0.0});
+    assembler.add(TurningSensor::wrap(data));
+    REQUIRE(assembler.finish());
+    core::Scan scan;
+    assembler.take_scan(scan);
+    std::multiset<std::pair<int, int>> result;
+    for (const core::Point& p : scan.points)
+      result.emplace(p.ring, static_cast<int>(std::lround(std::hypot(p.x, p.y, p.z))));
+    return result;
+  };
+  // Entries 0 to 4 are rings 0, 8, 1, 9, 2.
+  using Ranges = std::multiset<std::pair<int, int>>;
+  CHECK(ranges(ReturnChoice::kAll) == Ranges{{0, 12}, {0, 10}, {8, 10}, {1, 10}, {9, 10}, {2, 12}, {2, 10}});
+  CHECK(ranges(ReturnChoice::kLast) == Ranges{{0, 12}, {8, 10}, {1, 10}, {9, 10}, {2, 12}});
+  CHECK(ranges(ReturnChoice::kStrongest) == Ranges{{0, 10}, {8, 10}, {1, 10}, {9, 10}, {2, 12}});
+}
+
+TEST_CASE("a sector in which the sensor does not fire is no loss and leaves scans whole") {
+  // Packets that end where the field of view ends: the silence is between packets.
+  TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp32c)};
+  source.start_azimuth_deg = 180.0;
+  std::vector<Packet> packets;
+  std::size_t skipped = 0;
+  for (std::size_t i = 0; i < 3000; ++i) {
+    const int azimuth = source.azimuth(i, 0);
+    // A sector of 120 degrees, to packets.
+    const bool blind = azimuth > 12'000 && azimuth <= 24'000;
+    skipped += static_cast<std::size_t>(blind);
+    if (!blind) packets.push_back(source.packet(i));
+  }
+  REQUIRE(skipped > 900);
+  ScanAssembler assembler(source.sensor, {.max_range_m = 1000.0});
+  const auto scans = assemble(assembler, packets);
+  CHECK(assembler.stats().lost_packets == 0);
+  CHECK(assembler.status().blind_sector_deg == Approx(120.0).margin(5.0));
+  REQUIRE(scans.size() >= 15);
+  CHECK(scans.back().coverage_deg == Approx(240.0).margin(5.0));
+  CHECK(scans.back().lost_packets == 0);
+  CHECK(scans.back().missing_firings == 0);
+}
+
+TEST_CASE("a change of speed neither loses firings nor moves the cut") {
+  TurningSensor source = vlp16();
+  ScanAssembler assembler(source.sensor, {.max_range_m = 1000.0, .min_coverage = 0.0});
+  double turns = 0.5;
+  std::vector<core::Scan> scans;
+  constexpr std::size_t kPackets = 4000;
+  for (std::size_t i = 0; i < kPackets; ++i) {
+    VelodyneDataPacket data = source.data(i);
+    for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
+      data.blocks[b].azimuth = static_cast<std::uint16_t>(std::llround(turns * 36'000.0) % 36'000);
+      // From 5 to 20 revolutions a second.
+      const double speed = 5.0 + 15.0 * static_cast<double>(i) / kPackets;
+      turns += speed * static_cast<double>(source.layout().azimuth_period_ns) * 1e-9;
+    }
+    Packet packet = TurningSensor::wrap(data);
+    packet.stamp = source.packet(i).stamp;
+    if (assembler.add(packet)) assembler.take_scan(scans.emplace_back());
+  }
+  if (assembler.finish()) assembler.take_scan(scans.emplace_back());
+  CHECK(scans.size() == static_cast<std::size_t>(turns - 0.5) + 1);
+  CHECK(assembler.stats().firings_in_scans == kPackets * 384);
+  CHECK(assembler.stats().firings_bad == 0);
+  for (std::size_t i = 1; i + 1 < scans.size(); ++i)
+    CHECK(scans[i].coverage_deg == Approx(360.0).margin(1.0));
+}
