@@ -34,4 +34,20 @@ const char* name_of(StopReason reason) {
   return "unknown";
 }
 
+const char* name_of(ClockSource source) {
+  switch (source) {
+    case ClockSource::kHost:
+      return "host";
+    case ClockSource::kFreeRunning:
+      return "free_running";
+    case ClockSource::kNmeaOnly:
+      return "nmea_only";
+    case ClockSource::kPpsLocked:
+      return "pps_locked";
+    case ClockSource::kPtp:
+      return "ptp";
+  }
+  return "?";
+}
+
 }  // namespace nilio::core

@@ -57,7 +57,10 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.correspondences = result.correspondences;
   record.map_voxels = result.map_voxels;
   record.lost_packets = scan.lost_packets;
+  record.missing_firings = scan.missing_firings;
   record.coverage_deg = scan.coverage_deg;
+  record.clock_source = scan.clock_source;
+  record.after_time_jump = scan.after_time_jump;
   stage_of(record, ipc::Stage::kReceived) = scan.received_ns;
   stage_of(record, ipc::Stage::kPopped) = scan.popped_ns;
   stage_of(record, ipc::Stage::kCompleted) = scan.completed_ns;

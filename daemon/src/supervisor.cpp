@@ -38,6 +38,7 @@ class Supervisor {
   Result<std::monostate> open_publisher();
   Result<std::monostate> open_output(const Input& input);
   void drain();
+  void report_clock(const ipc::PoseRecord& record);
   void watch_publisher();
   void report_status();
   void report_silence(std::int64_t now);
@@ -126,6 +127,7 @@ void Supervisor::drain() {
                    core::name_of(record->state), core::name_of(record->stop_reason));
       reported_state_ = record->state;
     }
+    report_clock(*record);
     last_ = record;
   }
   for (auto slots = pipeline_->clouds().begin_read(); !slots.empty();
@@ -133,6 +135,14 @@ void Supervisor::drain() {
     if (output_) output_->add(slots.front());
     pipeline_->clouds().consume(1);
   }
+}
+
+/// What the times rest on: at the first scan and whenever it changes.
+void Supervisor::report_clock(const ipc::PoseRecord& record) {
+  if (last_ && last_->clock_source == record.clock_source && !record.after_time_jump) return;
+  if (record.after_time_jump)
+    spdlog::warn("scan {}: the LiDAR's clock was set; its time line begins anew", record.sequence);
+  spdlog::info("scan {}: LiDAR time is {}", record.sequence, core::name_of(record.clock_source));
 }
 
 void Supervisor::watch_publisher() {
@@ -254,6 +264,7 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
   };
+  if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;
 }

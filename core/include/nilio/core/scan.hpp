@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/time.hpp"
+#include "nilio/core/tracking.hpp"
 
 #include <array>
 #include <cstdint>
@@ -20,15 +21,6 @@ struct Point {
   /// Rank of the beam, 0 = lowest elevation.
   std::uint16_t ring = 0;
   std::uint16_t reserved = 0;
-};
-
-/// What the time of a scan rests on.
-enum class ClockSource : std::uint8_t {
-  kHost,         ///< receive times: the sensor has no clock, or the configuration says so
-  kFreeRunning,  ///< the sensor's own oscillator, fitted onto the host's clock
-  kNmeaOnly,     ///< the sensor knows the time of a GPS receiver but not its pulse
-  kPpsLocked,    ///< locked to the pulse of a GPS receiver
-  kPtp,          ///< no pulse, yet in step with the host's clock, as PTP makes it
 };
 
 /// One revolution of the sensor (or what of it was received).

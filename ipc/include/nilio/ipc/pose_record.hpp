@@ -41,6 +41,8 @@ struct PoseRecord {
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
   bool imu_used = false;
+  core::ClockSource clock_source = core::ClockSource::kHost;
+  bool after_time_jump = false;
   bool predicted = false;            ///< no registration: the pose is the prediction
   std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
   std::uint16_t coarse_iterations = 0;
@@ -50,6 +52,7 @@ struct PoseRecord {
   std::uint32_t correspondences = 0;
   std::uint32_t map_voxels = 0;
   std::uint32_t lost_packets = 0;
+  std::uint32_t missing_firings = 0;
   float coverage_deg = 0.0F;
   /// CLOCK_MONOTONIC, ns; 0 = unknown.
   std::array<std::int64_t, kStageCount> stage_ns{};
