@@ -11,5 +11,7 @@ void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
+void add_record_command(CLI::App& app, int& status);
+void add_play_command(CLI::App& app, int& status);
 
 }  // namespace nilio::tools
