@@ -121,11 +121,14 @@ Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool 
 }
 
 Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
-  if (!fs::exists(path)) return Error{path + ": does not exist"};
-  if (!fs::is_directory(path)) return sort_file(path, files, true);
+  std::error_code error;
+  if (!fs::exists(path, error)) return Error{path + ": does not exist"};
+  if (!fs::is_directory(path, error)) return sort_file(path, files, true);
   if (is_kitti_sequence(path)) return put(files.kitti_sequence, path, "KITTI sequence");
   std::set<fs::path> entries;
-  for (const auto& entry : fs::directory_iterator(path)) entries.insert(entry.path());
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
+    entries.insert(entry->path());
+  if (error) return Error{path + ": cannot be read (" + error.message() + "); check its permissions"};
   for (const fs::path& entry : entries) {
     Result<std::monostate> sorted = sort_file(entry, files, false);
     if (!sorted) return sorted;

@@ -8,6 +8,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;
   nilio::tools::add_record_command(app, status);
+  nilio::tools::add_play_command(app, status);
   nilio::tools::add_simulate_command(app, status);
   nilio::tools::add_convert_command(app, status);
   nilio::tools::add_evaluate_command(app, status);
