@@ -83,7 +83,7 @@ TEST_CASE("frames that do not exist are neither taken from the kernel nor given 
 }
 
 TEST_CASE("a CAN interface that cannot be had is named with the command that helps") {
-  const auto source = open_socketcan({.interface_name = "nilio_none0", .filters = {}});
+  const auto source = open_socketcan({.interface_name = "nilio_none0"});
   const auto sender = CanSender::open("nilio_none0");
   REQUIRE_FALSE(source.ok());
   REQUIRE_FALSE(sender.ok());
@@ -96,7 +96,7 @@ TEST_CASE("a CAN interface that cannot be had is named with the command that hel
     }
   }
   for (const char* name : {"", "a-name-that-is-too-long"}) {
-    const auto broken = open_socketcan({.interface_name = name, .filters = {}});
+    const auto broken = open_socketcan({.interface_name = name});
     REQUIRE_FALSE(broken.ok());
     CHECK_THAT(broken.error().message, Contains("is no interface name"));
   }
@@ -107,7 +107,7 @@ TEST_CASE("what is no CAN interface is refused, since it could be taken down by 
     WARN("skipped: this kernel has no CAN sockets");
     return;
   }
-  const auto source = open_socketcan({.interface_name = "lo", .filters = {}});
+  const auto source = open_socketcan({.interface_name = "lo"});
   REQUIRE_FALSE(source.ok());
   CHECK_THAT(source.error().message, Contains("lo: is no CAN interface"));
 }

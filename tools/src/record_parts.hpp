@@ -23,7 +23,7 @@ struct RecordLimits {
   /// A part is closed before it would grow beyond this; bytes of both files.
   std::uint64_t rotate_bytes = 1'000'000'000;
   /// A part is closed at this age; zero = never.
-  core::Duration rotate_after;
+  core::Duration rotate_after{};
   /// Newest parts kept in the folder, those of earlier recordings among them; zero = all.
   std::uint64_t keep = 0;
 };

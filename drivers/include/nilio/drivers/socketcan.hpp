@@ -20,7 +20,7 @@ struct CanFilter {
 struct SocketCanConfig {
   std::string interface_name = "can0";
   /// Empty = all frames; the kernel takes at most 512. Error frames come in any case.
-  std::vector<CanFilter> filters;
+  std::vector<CanFilter> filters{};
   /// The kernel books 768 bytes per frame: 2731 frames, 0.9 s of a full bus.
   int receive_buffer_bytes = 1024 * 1024;
 };
