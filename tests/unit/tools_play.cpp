@@ -190,6 +190,35 @@ TEST_CASE("a loop sends the recording so many times, and restamped packets count
   }
 }
 
+TEST_CASE("broadcast and multicast reach those who listen to them") {
+  const RecordingFolder folder;
+  const auto packets = tests::sensor_packets(20, 2368, 8308);
+  tests::write_capture(folder.path() / "lidar.pcap", packets);
+  const int listener = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  socklen_t length = sizeof(address);
+  REQUIRE(bind(listener, reinterpret_cast<const sockaddr*>(&address), length) == 0);
+  REQUIRE(getsockname(listener, reinterpret_cast<sockaddr*>(&address), &length) == 0);
+  ip_mreq group{};
+  inet_pton(AF_INET, "239.255.23.68", &group.imr_multiaddr);
+  inet_pton(AF_INET, "127.0.0.1", &group.imr_interface);
+  REQUIRE(setsockopt(listener, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof(group)) == 0);
+  for (const char* destination : {"127.255.255.255", "239.255.23.68"}) {
+    PlayConfig config = config_for(folder, ntohs(address.sin_port), ntohs(address.sin_port));
+    config.sender = {.destination_address = destination, .local_address = "127.0.0.1"};
+    config.fast = true;
+    auto session = PlaySession::open(config, [](const std::string& line) { FAIL(line); });
+    REQUIRE(session.ok());
+    CHECK((*session)->run(never_stop).packets == packets.size());
+    std::array<std::uint8_t, 2000> bytes;
+    std::size_t received = 0;
+    while (recv(listener, bytes.data(), bytes.size(), MSG_DONTWAIT) > 0) ++received;
+    CHECK(received == packets.size());
+  }
+  close(listener);
+}
+
 TEST_CASE("jumps in the stamps of a recording are told with where they are") {
   const RecordingFolder folder;
   std::vector<drivers::Packet> packets(3);

@@ -100,7 +100,8 @@ Result<std::size_t> PlaySession::open_sources() {
         {.data_port = config_.recorded_port, .position_port = config_.recorded_position_port});
     if (!source) return source.error();
     packets_.source = std::move(source).value();
-    if (packets_.front() == nullptr) return Error{packets_.source->status()};
+    if (packets_.front() == nullptr)
+      return Error{packets_.source->status() + " (--recorded-port, --recorded-position-port)"};
   }
   if (can_sender_) {
     auto source = drivers::chain_can_logs(config_.can_logs, "");

@@ -6,9 +6,9 @@
 
 namespace nilio::tools {
 
-/// Makes of SIGINT, SIGTERM and SIGHUP a wish to stop, for commands that have something to finish. Make it
-/// before other threads, which inherit what is blocked. A closed terminal and a file at its size limit are
-/// then errors of the call that meets them instead of the end of the program.
+/// Makes of SIGINT, SIGTERM and (except under nohup) SIGHUP a wish to stop, for commands that have something
+/// to finish. Make it before other threads, which inherit what is blocked. A closed terminal and a file at
+/// its size limit are then errors of the call that meets them instead of the end of the program.
 class StopSignals {
  public:
   StopSignals();
