@@ -1,9 +1,11 @@
 #include "nilio/daemon/input.hpp"
 
 #include "commands.hpp"
+#include "number_between.hpp"
 #include "play_session.hpp"
 #include "stop_signals.hpp"
 
+#include <array>
 #include <cstdio>
 #include <ctime>
 #include <memory>
@@ -113,7 +115,7 @@ void add_destination_options(CLI::App& command, PlayConfig& config) {
 
 void add_pace_options(CLI::App& command, PlayArguments& a) {
   CLI::Option* speed = command.add_option("--speed", a.config.speed, "times the recording's own pace")
-                           ->check(CLI::Range(0.001, 1000.0))
+                           ->check(number_between(0.001, 1000.0))
                            ->capture_default_str();
   command.add_flag("--fast", a.config.fast, "send as fast as possible; receivers may not keep up")
       ->excludes(speed);
@@ -122,7 +124,7 @@ void add_pace_options(CLI::App& command, PlayArguments& a) {
   command
       .add_option("--longest-gap", a.longest_gap_s,
                   "skip gaps in the recording that are longer, seconds of its time")
-      ->check(CLI::Range(1.0, 1e6))
+      ->check(number_between(1.0, 1e6))
       ->capture_default_str();
   command.add_flag("--restamp", a.config.restamp,
                    "move the microseconds past the hour in data and position packets to the present");

@@ -1,7 +1,9 @@
 #include "commands.hpp"
+#include "number_between.hpp"
 #include "record_session.hpp"
 #include "stop_signals.hpp"
 
+#include <array>
 #include <cstdio>
 #include <ctime>
 #include <memory>
@@ -145,10 +147,10 @@ void add_file_options(CLI::App& command, RecordArguments& a) {
   command
       .add_option("--rotate-mb", a.rotate_mb,
                   "begin the next part before one grows beyond this, MB = 10^6 bytes")
-      ->check(CLI::Range(0.01, 1e9))
+      ->check(number_between(0.01, 1e9))
       ->capture_default_str();
   command.add_option("--rotate-s", a.rotate_s, "begin the next part after so many seconds; 0 = never")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_between(0.0, 1e9))
       ->capture_default_str();
   command
       .add_option("--keep", a.config.limits.keep,
@@ -156,7 +158,7 @@ void add_file_options(CLI::App& command, RecordArguments& a) {
                   "delete older ones; 0 = keep all")
       ->capture_default_str();
   command.add_option("--duration", a.duration_s, "end after so many seconds; 0 = at Ctrl-C or SIGTERM")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_between(0.0, 1e9))
       ->capture_default_str();
 }
 
@@ -164,12 +166,12 @@ void add_resource_options(CLI::App& command, RecordArguments& a) {
   command
       .add_option("--buffer-mb", a.buffer_mb,
                   "memory in which data packets wait for the disk, MB; a VLS-128 in dual mode fills 24 MB/s")
-      ->check(CLI::Range(1.0, 100000.0))
+      ->check(number_between(1.0, 100000.0))
       ->capture_default_str();
   command
       .add_option("--receive-buffer-mb", a.receive_buffer_mb,
                   "receive buffer of each socket, MiB; more than net.core.rmem_max needs CAP_NET_ADMIN")
-      ->check(CLI::Range(0.01, 1000.0))
+      ->check(number_between(0.01, 1000.0))
       ->capture_default_str();
   command
       .add_option("--priority", a.config.priority,

@@ -23,6 +23,8 @@ using core::Error;
 constexpr std::size_t kWriteBytes = std::size_t{1} << 20;
 /// Pending bytes held while the disk takes nothing.
 constexpr std::size_t kHeldBytes = std::size_t{4} << 20;
+/// Files with larger numbers are not ours.
+constexpr std::uint64_t kLargestNumber = 999'999'999;
 constexpr std::int64_t kRetryPeriodNs = 500'000'000;
 
 std::string_view prefix_of(RecordStream stream) { return stream == RecordStream::kLidar ? "lidar_" : "can_"; }
@@ -39,7 +41,7 @@ std::optional<std::uint64_t> part_number(const std::string& name, RecordStream s
   const char* const end = name.data() + name.size() - extension.size();
   std::uint64_t number = 0;
   const auto parsed = std::from_chars(name.data() + prefix.size(), end, number);
-  if (parsed.ec != std::errc{} || parsed.ptr != end) return std::nullopt;
+  if (parsed.ec != std::errc{} || parsed.ptr != end || number > kLargestNumber) return std::nullopt;
   return number;
 }
 
@@ -133,8 +135,8 @@ void RecordParts::flush(std::int64_t now_ns) {
   for (std::size_t i = 0; i < kRecordStreams; ++i) {
     int error = write_pending(i);
     // A file at the largest size that the file system or a limit allows is full, not the disk.
-    const bool full_file = (error == EFBIG || files_[i].is_spoiled()) && files_[i].bytes() > 0;
-    if (full_file || error == EEXIST) {
+    const bool full_file = error == EFBIG && files_[i].bytes() > 0;
+    if (full_file || files_[i].is_spoiled() || error == EEXIST) {
       next_part(now_ns);
       error = write_pending(i);
     }
