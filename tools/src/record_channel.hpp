@@ -51,6 +51,13 @@ void receive_into_ring(RecordChannel<Slot>& channel, const std::atomic<bool>& st
   }
 }
 
+/// Which slots may be handed on: those stamped so long ago that no older one can still be on its way, and,
+/// should the host's clock have been set meanwhile, those received a good while ago.
+struct RingHorizon {
+  core::Time stamp;
+  std::int64_t received_ns = 0;  ///< CLOCK_MONOTONIC
+};
+
 /// Empties rings into one stream in the order of the stamps, which each ring has in itself.
 template <class Slot>
 class RingMerger {
@@ -59,15 +66,16 @@ class RingMerger {
     for (const auto& channel : channels) inputs_.push_back({&channel->ring, {}, 0});
   }
 
-  /// Hands on every slot received until `horizon_ns` (CLOCK_MONOTONIC), with the number of its channel.
+  /// Hands on every slot within the horizon, with the number of its channel.
   template <class Consumer>
-  void drain(std::int64_t horizon_ns, Consumer consume) {
+  void drain(const RingHorizon& horizon, Consumer consume) {
     for (;;) {
       const Slot* first = nullptr;
       std::size_t channel = 0;
       for (std::size_t i = 0; i < inputs_.size(); ++i) {
         const Slot* slot = front(inputs_[i]);
-        if (slot == nullptr || slot->received_ns > horizon_ns) continue;
+        if (slot == nullptr || (slot->stamp > horizon.stamp && slot->received_ns > horizon.received_ns))
+          continue;
         if (first != nullptr && slot->stamp >= first->stamp) continue;
         first = slot;
         channel = i;

@@ -27,14 +27,18 @@ constexpr std::size_t kCanSlots = 16384;
 constexpr std::int64_t kWritePeriodNs = 20'000'000;
 constexpr std::int64_t kFlushPeriodNs = 200'000'000;
 constexpr std::int64_t kSyncPeriodNs = 1'000'000'000;
-/// Slots wait so long for older ones of other sockets.
-constexpr std::int64_t kMergeNs = 50'000'000;
+/// Slots wait so long for older ones of other sockets, whose threads may be late; the second after the clock
+/// was set.
+constexpr std::int64_t kMergeNs = 100'000'000;
+constexpr std::int64_t kLongestMergeNs = 250'000'000;
 
-std::int64_t monotonic_ns() {
+std::int64_t clock_ns(clockid_t clock) {
   timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
+  clock_gettime(clock, &now);
   return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
 }
+
+std::int64_t monotonic_ns() { return clock_ns(CLOCK_MONOTONIC); }
 
 template <class Channels>
 void add_channels(const Channels& channels, RecordProgress& progress, bool& any_alive) {
@@ -156,7 +160,7 @@ void RecordSession::write_until_finished() {
   while (!stop_writing_.load()) {
     const timespec pause{0, kWritePeriodNs};
     nanosleep(&pause, nullptr);
-    drain(monotonic_ns() - kMergeNs);
+    drain({.stamp = {clock_ns(CLOCK_REALTIME) - kMergeNs}, .received_ns = monotonic_ns() - kLongestMergeNs});
     const std::int64_t now = monotonic_ns();
     if (now - flushed_ns >= kFlushPeriodNs) {
       parts_->flush(now);
@@ -167,13 +171,14 @@ void RecordSession::write_until_finished() {
       synced_ns = now;
     }
   }
-  drain(std::numeric_limits<std::int64_t>::max());
+  constexpr std::int64_t kForEver = std::numeric_limits<std::int64_t>::max();
+  drain({.stamp = {kForEver}, .received_ns = kForEver});
   parts_->close(monotonic_ns());
 }
 
-void RecordSession::drain(std::int64_t horizon_ns) {
+void RecordSession::drain(const RingHorizon& horizon) {
   const std::int64_t now = monotonic_ns();
-  lidar_merger_->drain(horizon_ns, [&](const Packet& packet, std::size_t /*channel*/) {
+  lidar_merger_->drain(horizon, [&](const Packet& packet, std::size_t /*channel*/) {
     record_.clear();
     // Only a host clock before 1970 or after 2106 gives stamps that a capture cannot hold.
     if (drivers::append_pcap_record(record_, packet)) {
@@ -182,7 +187,7 @@ void RecordSession::drain(std::int64_t horizon_ns) {
       unrecordable_.fetch_add(1);
     }
   });
-  can_merger_->drain(horizon_ns, [&](const CanFrame& frame, std::size_t channel) {
+  can_merger_->drain(horizon, [&](const CanFrame& frame, std::size_t channel) {
     const std::string line = drivers::format_candump_line(frame, config_.can_interfaces[channel]) + "\n";
     record_.assign(line.begin(), line.end());
     parts_->append(RecordStream::kCan, record_, now);

@@ -74,7 +74,7 @@ class RecordSession {
   core::Result<std::size_t> add_can(const std::string& interface_name);
   void set_priority(const char* thread_name);
   void write_until_finished();
-  void drain(std::int64_t horizon_ns);
+  void drain(const RingHorizon& horizon);
 
   const RecordConfig config_;
   const RecordParts::Report report_;
