@@ -2,15 +2,20 @@
 
 #include "nilio/daemon/kitti_sequence.hpp"
 #include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/chained_source.hpp"
 #include "nilio/drivers/pcap.hpp"
 #include "nilio/drivers/udp.hpp"
 #include "nilio/drivers/velodyne_detect.hpp"
 
+#include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <numbers>
+#include <optional>
 #include <set>
+#include <string_view>
 #include <utility>
 
 namespace nilio::daemon {
@@ -45,6 +50,52 @@ Result<std::monostate> put(std::string& slot, const std::string& path, const std
   return std::monostate{};
 }
 
+/// The number of a file that `nilio record` wrote, such as 12 of lidar_0012.pcap.
+std::optional<std::uint64_t> part_number(const fs::path& path) {
+  const std::string name = path.stem().string();
+  const std::string extension = path.extension().string();
+  const std::string_view prefix = extension == ".pcap" ? "lidar_" : extension == ".log" ? "can_" : "";
+  if (prefix.empty() || !name.starts_with(prefix)) return std::nullopt;
+  const char* const end = name.data() + name.size();
+  std::uint64_t number = 0;
+  const auto parsed = std::from_chars(name.data() + prefix.size(), end, number);
+  if (parsed.ec != std::errc{} || parsed.ptr != end) return std::nullopt;
+  return number;
+}
+
+/// Adds `path` to the parts of one recording; an error when it is no part of the one that is there.
+Result<std::monostate> put_part(std::vector<std::string>& parts, const fs::path& path,
+                                const std::string& kind) {
+  if (!parts.empty()) {
+    const fs::path first = parts.front();
+    const auto number = part_number(path);
+    const bool together = number && path.parent_path() == first.parent_path() &&
+                          std::all_of(parts.begin(), parts.end(), [&](const std::string& part) {
+                            const auto other = part_number(part);
+                            return other && other != number;
+                          });
+    if (!together)
+      return Error{path.string() + ": a second " + kind + " beside " + first.string() +
+                   ": name the one to replay"};
+  }
+  parts.push_back(path.string());
+  std::stable_sort(parts.begin(), parts.end(), [](const std::string& a, const std::string& b) {
+    return part_number(a) < part_number(b);
+  });
+  return std::monostate{};
+}
+
+/// A part that is missing between others was lost, not left out on purpose: --keep takes the oldest.
+void warn_of_missing_parts(const std::vector<std::string>& parts, std::vector<std::string>& warnings) {
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const std::uint64_t before = *part_number(parts[i - 1]);
+    const std::uint64_t next = *part_number(parts[i]);
+    if (next > before + 1)
+      warnings.push_back(parts[i - 1] + ": " + std::to_string(next - before - 1) +
+                         " parts of the recording are missing after it");
+  }
+}
+
 /// True when one of the file's first lines is a CAN frame: other programs write *.log files, too.
 bool looks_like_can_log(const fs::path& path) {
   constexpr int kLinesToLookAt = 20;
@@ -60,9 +111,9 @@ Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool 
   static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
   static const std::set<std::string> kCanLogs = {".log", ".candump"};
   const std::string extension = path.extension().string();
-  if (kCaptures.contains(extension)) return put(files.capture, path.string(), "capture");
-  if (kCanLogs.contains(extension) && (named_by_user || looks_like_can_log(path))) {
-    return put(files.can_log, path.string(), "CAN log");
+  if (kCaptures.contains(extension)) return put_part(files.captures, path, "capture");
+  if (kCanLogs.contains(extension) && (named_by_user || part_number(path) || looks_like_can_log(path))) {
+    return put_part(files.can_logs, path, "CAN log");
   }
   if (path.filename() == "nilio.yaml") return put(files.configuration, path.string(), "configuration");
   if (!named_by_user) return std::monostate{};
@@ -72,11 +123,14 @@ Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool 
 }
 
 Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
-  if (!fs::exists(path)) return Error{path + ": does not exist"};
-  if (!fs::is_directory(path)) return sort_file(path, files, true);
+  std::error_code error;
+  if (!fs::exists(path, error)) return Error{path + ": does not exist"};
+  if (!fs::is_directory(path, error)) return sort_file(path, files, true);
   if (is_kitti_sequence(path)) return put(files.kitti_sequence, path, "KITTI sequence");
   std::set<fs::path> entries;
-  for (const auto& entry : fs::directory_iterator(path)) entries.insert(entry.path());
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
+    entries.insert(entry->path());
+  if (error) return Error{path + ": cannot be read (" + error.message() + "); check its permissions"};
   for (const fs::path& entry : entries) {
     Result<std::monostate> sorted = sort_file(entry, files, false);
     if (!sorted) return sorted;
@@ -97,8 +151,8 @@ struct CaptureHead {
   core::Time first_stamp;
 };
 
-Result<CaptureHead> look_at_capture(const std::string& path, const Config& config) {
-  Result<std::unique_ptr<drivers::PacketSource>> source = drivers::open_pcap(path, pcap_config(config));
+Result<CaptureHead> look_at_capture(const std::vector<std::string>& paths, const Config& config) {
+  Result<std::unique_ptr<drivers::PacketSource>> source = drivers::chain_captures(paths, pcap_config(config));
   if (!source) return source.error();
   std::vector<drivers::Packet> packets(kDetectionPackets);
   std::size_t count = 0;
@@ -171,43 +225,54 @@ Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
   return drivers::ImuDecoder::create(mapping, *database);
 }
 
+std::string describe(const std::vector<std::string>& parts) {
+  if (parts.size() == 1) return parts.front();
+  return parts.front() + " to " + parts.back() + " (" + std::to_string(parts.size()) + " files)";
+}
+
 Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
   if (!config.imu.enabled) {
     input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
     return std::monostate{};
   }
-  if (files.can_log.empty()) {
+  if (files.can_logs.empty()) {
     input.warnings.emplace_back(std::string("no CAN log beside the recording: ") + kNoImu);
     return std::monostate{};
   }
   Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu);
   if (!decoder) return decoder.error();
   Result<std::unique_ptr<drivers::FrameSource>> frames =
-      drivers::open_candump(files.can_log, config.imu.interface_name);
+      drivers::chain_can_logs(files.can_logs, config.imu.interface_name);
   if (!frames) return frames.error();
   input.frames = std::move(frames).value();
   input.imu_decoder.emplace(std::move(decoder).value());
   input.notes.push_back("IMU " + (config.imu.dbc.empty() ? config.imu.preset : config.imu.dbc) + " from " +
-                        files.can_log);
+                        describe(files.can_logs));
+  warn_of_missing_parts(files.can_logs, input.warnings);
   return std::monostate{};
 }
 
 }  // namespace
 
-Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
+Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths) {
   ReplayFiles files;
   for (const std::string& path : paths) {
     Result<std::monostate> sorted = sort_path(path, files);
     if (!sorted) return sorted.error();
   }
-  if (files.capture.empty() && files.kitti_sequence.empty()) {
+  if (!files.captures.empty() && !files.kitti_sequence.empty()) {
+    return Error{files.captures.front() + ": beside the KITTI sequence " + files.kitti_sequence +
+                 ": replay one of them"};
+  }
+  return files;
+}
+
+Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
+  Result<ReplayFiles> files = sort_replay_files(paths);
+  if (files && files->captures.empty() && files->kitti_sequence.empty()) {
     return Error{
         paths.front() +
         ": nothing to replay: expected a capture (.pcap, .pcapng) or a KITTI sequence (velodyne/*.bin)"};
-  }
-  if (!files.capture.empty() && !files.kitti_sequence.empty()) {
-    return Error{files.capture + ": beside the KITTI sequence " + files.kitti_sequence +
-                 ": replay one of them"};
   }
   return files;
 }
@@ -228,14 +293,15 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
     input.T_camera_lidar = sequence->T_camera_lidar;
     return input;
   }
-  Result<CaptureHead> head = look_at_capture(files.capture, config);
+  Result<CaptureHead> head = look_at_capture(files.captures, config);
   if (!head) return head.error();
   Result<drivers::VelodyneSensor> sensor = make_sensor(config, &head->detection, input.notes);
-  if (!sensor) return Error{files.capture + ": " + sensor.error().message};
+  if (!sensor) return Error{files.captures.front() + ": " + sensor.error().message};
   Result<std::unique_ptr<drivers::PacketSource>> packets =
-      drivers::open_pcap(files.capture, pcap_config(config));
+      drivers::chain_captures(files.captures, pcap_config(config));
   if (!packets) return packets.error();
-  input.notes.push_back("packets from " + files.capture);
+  input.notes.push_back("packets from " + describe(files.captures));
+  warn_of_missing_parts(files.captures, input.warnings);
   input.packets = std::move(packets).value();
   input.sensor = std::move(sensor).value();
   input.first_stamp = head->first_stamp;

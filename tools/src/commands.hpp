@@ -13,5 +13,7 @@ void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
 /// `nilio bench ...`: measurements.
 void add_bench_command(CLI::App& app);
+void add_record_command(CLI::App& app, int& status);
+void add_play_command(CLI::App& app, int& status);
 
 }  // namespace nilio::tools

@@ -1,6 +1,7 @@
 #include "nilio/drivers/velodyne_model.hpp"
 
 #include "commands.hpp"
+#include "number_between.hpp"
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
 #include "simulation/ray_scene.hpp"
@@ -17,7 +18,6 @@
 #include <memory>
 #include <numbers>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -209,18 +209,6 @@ int run_simulate(const SimulateArguments& arguments) {
   if (done) return 0;
   std::cerr << "nilio simulate: " << done.error().message << '\n';
   return 1;
-}
-
-/// Unlike CLI::Range it does not let "nan" through.
-CLI::Validator number_between(double low, double high) {
-  std::ostringstream range;
-  range << low << " to " << high;
-  const auto check = [low, high, text = range.str()](std::string& given) {
-    double value = 0.0;
-    const bool good = CLI::detail::lexical_cast(given, value) && value >= low && value <= high;
-    return good ? std::string() : "'" + given + "' is not a number from " + text;
-  };
-  return {check, range.str()};
 }
 
 void add_drive_options(CLI::App& command, SimulateArguments& a) {

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <sstream>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+namespace nilio::tools {
+
+/// Checks an option's value. Unlike CLI::Range it lets no "nan" through.
+inline CLI::Validator number_between(double low, double high) {
+  std::ostringstream range;
+  range << low << " to " << high;
+  const auto check = [low, high, text = range.str()](std::string& given) {
+    double value = 0.0;
+    const bool good = CLI::detail::lexical_cast(given, value) && value >= low && value <= high;
+    return good ? std::string() : "'" + given + "' is not a number from " + text;
+  };
+  return {check, range.str()};
+}
+
+}  // namespace nilio::tools
