@@ -11,5 +11,7 @@ void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
+/// A group of measurements; one that fails ends the parsing with CLI::RuntimeError.
+void add_bench_command(CLI::App& app);
 
 }  // namespace nilio::tools

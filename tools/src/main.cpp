@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
   nilio::tools::add_evaluate_command(app, status);
   nilio::tools::add_plot_command(app, status);
   nilio::tools::add_watch_command(app, status);
+  nilio::tools::add_bench_command(app);
   CLI11_PARSE(app, argc, argv);
   return status;
 }

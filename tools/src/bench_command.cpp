@@ -1,0 +1,12 @@
+#include "bench_receive.hpp"
+#include "commands.hpp"
+
+namespace nilio::tools {
+
+void add_bench_command(CLI::App& app) {
+  CLI::App* const bench = app.add_subcommand("bench", "Measure parts of nilio on this machine");
+  bench->require_subcommand(1);
+  add_bench_receive(*bench);
+}
+
+}  // namespace nilio::tools
