@@ -86,6 +86,7 @@ drivers::PcapSourceConfig pcap_config(const Config& config) {
   drivers::PcapSourceConfig result;
   result.data_port = static_cast<std::uint16_t>(config.lidar.port);
   result.position_port = static_cast<std::uint16_t>(config.lidar.position_port);
+  result.sender_address = config.lidar.sender_address;
   return result;
 }
 

@@ -17,6 +17,10 @@ namespace {
 constexpr std::size_t kFiringsPerPacket = drivers::kBlocksPerPacket * drivers::kEntriesPerBlock;
 /// Keeps one input from taking seconds.
 constexpr std::uint64_t kMostPackets = 4000;
+/// Azimuth of a step at 20 revolutions a second, 0.01 degree; what goes faster looks like missing steps.
+constexpr std::uint16_t kFastestAdvance = 40;
+/// The decoder's limit.
+constexpr std::int64_t kLongestPauseNs = 250'000'000;
 
 class PacketFuzz {
  public:
@@ -55,6 +59,7 @@ class PacketFuzz {
   void feed_raw() {
     host_ns_ += std::int64_t{input_.u16()} * 1000;
     const auto bytes = input_.take(input_.u16() % 2048);
+    contradictory_ = true;
     packet_.truncated = bytes.size() > packet_.data.size();
     packet_.size = static_cast<std::uint16_t>(std::min(bytes.size(), packet_.data.size()));
     std::copy_n(bytes.begin(), packet_.size, packet_.data.begin());
@@ -65,6 +70,7 @@ class PacketFuzz {
     const std::size_t count = input_.u8();
     const std::uint16_t advance = input_.u16();
     const auto clock_error = static_cast<std::int16_t>(input_.u16());
+    contradictory_ = contradictory_ || clock_error < 0 || advance > kFastestAdvance;
     for (std::size_t i = 0; i < count; ++i) {
       drivers::VelodyneDataPacket data;
       for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
@@ -91,6 +97,7 @@ class PacketFuzz {
   }
 
   void feed_again() {
+    contradictory_ = true;
     packet_.data[input_.u16() % packet_.data.size()] = input_.u8();
     feed();
   }
@@ -113,11 +120,14 @@ class PacketFuzz {
     // What is swapped in has grown to its size by the third scan.
     if (taken_ > 2) require(scan_.points.capacity() == point_capacity_, "point buffers do not grow");
     point_capacity_ = scan_.points.capacity();
+    // Firings of packets that contradict each other overlap by at most the pause that azimuths can feign.
+    const std::int64_t slack_ns = contradictory_ ? kLongestPauseNs + sensor_.packet_period_ns : 0;
     const std::int64_t length_ns = (scan_.end - scan_.start).ns;
     for (const core::Point& point : scan_.points) {
       require(std::isfinite(point.x) && std::isfinite(point.y) && std::isfinite(point.z),
               "points are finite");
-      require(point.time_offset_ns >= 0 && point.time_offset_ns <= length_ns, "points lie within their scan");
+      require(point.time_offset_ns >= -slack_ns && point.time_offset_ns <= length_ns + slack_ns,
+              "points lie within their scan");
       require(point.ring < sensor_.lasers.size(), "rings are those of the sensor");
     }
     points_taken_ += scan_.points.size();
@@ -152,6 +162,8 @@ class PacketFuzz {
   std::uint64_t fed_ = 0;
   std::uint64_t position_packets_ = 0;
   std::uint64_t taken_ = 0;
+  /// Some packet's azimuths or time stamp do not fit those before it.
+  bool contradictory_ = false;
   std::uint64_t points_taken_ = 0;
   /// Time jumps counted when the last scan was complete, and the one before.
   std::uint64_t jumps_at_last_ = 0;
