@@ -19,6 +19,8 @@ target_compile_options(
             -Woverloaded-virtual
             ${NILIO_NULL_DEREFERENCE}
             # GCC 12 reports overlaps in std::string concatenation that cannot happen (GCC bug 105651).
-            -Wno-restrict
+            $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>
+            # Part of -Wconversion for Clang, not for GCC.
+            $<$<CXX_COMPILER_ID:Clang>:-Wno-sign-conversion>
             # Contracted multiply-adds would make results differ between machines.
             -ffp-contract=off)

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Configures and builds one preset: build.sh [release|debug|asan|tsan] [target ...]
+# Configures and builds one preset: build.sh [release|debug|asan|tsan|fuzz] [target ...]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 preset=${1:-release}

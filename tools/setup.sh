@@ -10,7 +10,8 @@ packages=(
   libembree-dev libcairo2-dev
 )
 if [[ ${1:-} == --tests ]]; then
-  packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy xz-utils procps clang-format-14 clang-tidy-14)
+  packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy xz-utils procps clang-format-14 clang-tidy-14
+    clang-14 libclang-rt-14-dev)
 fi
 
 missing=()

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sets up, builds and passes the tests.
-#   test.sh            release build, all tests, and the sanitizer runs
+#   test.sh            release build, all tests, the sanitizer runs, and a short run of every fuzz target
 #   test.sh --quick    release build and its tests only
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -14,4 +14,6 @@ if [[ ${1:-} != --quick ]]; then
   ctest --preset asan
   tools/build.sh tsan test_ipc test_daemon
   ctest --preset tsan --tests-regex '^(ipc|daemon)$'
+  tools/build.sh fuzz
+  ctest --preset fuzz
 fi

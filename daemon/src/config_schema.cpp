@@ -42,9 +42,24 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   {}});
   keys.push_back({"lidar.bind_address", &c.bind_address, "local IPv4 address to receive on", "", 0, 0, {}});
   keys.push_back({"lidar.port", &c.port, "UDP port of data packets", "", 1, 65535, {}});
-  keys.push_back({"lidar.position_port", &c.position_port, "UDP port of position packets", "", 1, 65535, {}});
+  keys.push_back(
+      {"lidar.position_port", &c.position_port, "UDP port of position packets; 0 = none", "", 0, 65535, {}});
   keys.push_back(
       {"lidar.sender_address", &c.sender_address, "only packets of this sender; empty = any", "", 0, 0, {}});
+  keys.push_back({"lidar.multicast_group",
+                  &c.multicast_group,
+                  "group that the sensor sends to; empty = none",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"lidar.multicast_interface",
+                  &c.multicast_interface,
+                  "address or name of the interface to join the group on; empty = the one of bind_address",
+                  "",
+                  0,
+                  0,
+                  {}});
   keys.push_back({"lidar.receive_buffer_bytes",
                   &c.receive_buffer_bytes,
                   "socket receive buffer to ask for",

@@ -142,6 +142,7 @@ drivers::PcapSourceConfig pcap_config(const Config& config) {
   drivers::PcapSourceConfig result;
   result.data_port = static_cast<std::uint16_t>(config.lidar.port);
   result.position_port = static_cast<std::uint16_t>(config.lidar.position_port);
+  result.sender_address = config.lidar.sender_address;
   return result;
 }
 
@@ -322,7 +323,10 @@ Result<Input> open_live(const Config& config) {
   drivers::UdpSourceConfig udp;
   udp.bind_address = config.lidar.bind_address;
   udp.port = static_cast<std::uint16_t>(config.lidar.port);
+  udp.position_port = static_cast<std::uint16_t>(config.lidar.position_port);
   udp.sender_address = config.lidar.sender_address;
+  udp.multicast_group = config.lidar.multicast_group;
+  udp.multicast_interface = config.lidar.multicast_interface;
   udp.receive_buffer_bytes = config.lidar.receive_buffer_bytes;
   Result<std::unique_ptr<drivers::PacketSource>> packets = drivers::open_udp(udp);
   if (!packets) return packets.error();

@@ -1,92 +1,58 @@
 #include "nilio/drivers/pcap.hpp"
 
+#include "capture_reader.hpp"
+#include "ipv4_address.hpp"
+#include "key_counter.hpp"
 #include "source_support.hpp"
 #include "udp_in_frame.hpp"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <memory>
 #include <mutex>
 #include <optional>
 
-#include <pcap/pcap.h>
-
 namespace nilio::drivers {
 namespace {
 
 using core::Error;
 
-struct PcapCloser {
-  void operator()(pcap_t* capture) const { pcap_close(capture); }
-};
-using PcapHandle = std::unique_ptr<pcap_t, PcapCloser>;
-
-/// How many datagrams went to which other ports; the rarest are not told apart when there are many.
-class PortCounter {
- public:
-  void count(std::uint16_t port) {
-    const std::lock_guard lock(mutex_);
-    for (Entry& entry : entries_) {
-      if (entry.count != 0 && entry.port != port) continue;
-      entry.port = port;
-      ++entry.count;
-      return;
-    }
-    ++further_;
-  }
-
-  [[nodiscard]] std::string describe() const {
-    const std::lock_guard lock(mutex_);
-    std::array<Entry, kPorts> sorted = entries_;
-    std::stable_sort(sorted.begin(), sorted.end(),
-                     [](const Entry& a, const Entry& b) { return a.count > b.count; });
-    std::string text;
-    for (const Entry& entry : sorted) {
-      if (entry.count == 0) break;
-      text +=
-          (text.empty() ? "" : ", ") + std::to_string(entry.count) + " to port " + std::to_string(entry.port);
-    }
-    if (further_ > 0) text += ", " + std::to_string(further_) + " to further ports";
-    return text;
-  }
-
- private:
-  static constexpr std::size_t kPorts = 12;
-  struct Entry {
-    std::uint16_t port = 0;
-    std::uint64_t count = 0;
-  };
-  mutable std::mutex mutex_;
-  std::array<Entry, kPorts> entries_{};
-  std::uint64_t further_ = 0;
-};
-
 class PcapSource final : public PacketSource {
  public:
-  PcapSource(PcapHandle capture, std::string path, const PcapSourceConfig& config)
-      : capture_(std::move(capture)),
+  PcapSource(std::unique_ptr<CaptureReader> reader, std::string path, const PcapSourceConfig& config,
+             std::uint32_t accepted_sender)
+      : reader_(std::move(reader)),
         path_(std::move(path)),
         config_(config),
-        link_type_(pcap_datalink(capture_.get())) {}
+        accepted_sender_(accepted_sender) {}
 
   SourceRead read(std::span<Packet> slots, core::Duration timeout) override;
   [[nodiscard]] SourceStats stats() const override { return counters_.read(); }
   [[nodiscard]] std::string status() const override;
 
  private:
-  bool accept(const pcap_pkthdr& header, const std::uint8_t* bytes, Packet& slot);
-  void end(const char* reason);
+  bool accept(const CapturedFrame& frame, Packet& slot);
+  bool accept_datagram(const CapturedFrame& frame, const CapturedDatagram& datagram, Packet& slot);
+  void end(CaptureRead how);
+  [[nodiscard]] std::string describe_rest(const SourceStats& stats) const;
+  [[nodiscard]] std::string explain_nothing() const;
 
-  PcapHandle capture_;
+  std::unique_ptr<CaptureReader> reader_;
   const std::string path_;
   const PcapSourceConfig config_;
-  const int link_type_;
+  /// 0 = any.
+  const std::uint32_t accepted_sender_;
   SourceCounters counters_;
-  PortCounter other_ports_;
+  KeyCounter<std::uint16_t, 12> other_ports_;
+  /// Of packets to the ports wanted.
+  KeyCounter<std::uint32_t, 16> senders_;
+  KeyCounter<int, 8> unread_link_types_;
+  std::atomic<std::uint64_t> cut_packets_{0};
+  std::atomic<std::uint64_t> fragments_{0};
   std::atomic<SourceState> state_{SourceState::kData};
   /// Why it ended before the end of the file; written once, before `state_`.
   mutable std::mutex end_mutex_;
@@ -96,13 +62,14 @@ class PcapSource final : public PacketSource {
 SourceRead PcapSource::read(std::span<Packet> slots, core::Duration /*timeout*/) {
   std::size_t count = 0;
   while (count < slots.size() && state_.load(std::memory_order_relaxed) == SourceState::kData) {
-    pcap_pkthdr* header = nullptr;
-    const std::uint8_t* bytes = nullptr;
-    const int result = pcap_next_ex(capture_.get(), &header, &bytes);
-    if (result == 1) {
-      if (accept(*header, bytes, slots[count])) ++count;
+    CapturedFrame frame;
+    const CaptureRead result = reader_->next(frame);
+    if (result == CaptureRead::kFrame) {
+      if (accept(frame, slots[count])) ++count;
+    } else if (result == CaptureRead::kSkipped) {
+      counters_.add_malformed(1);
     } else {
-      end(result == PCAP_ERROR_BREAK ? nullptr : pcap_geterr(capture_.get()));
+      end(result);
     }
   }
   counters_.add_delivered(count);
@@ -110,64 +77,124 @@ SourceRead PcapSource::read(std::span<Packet> slots, core::Duration /*timeout*/)
   return {state_.load(std::memory_order_relaxed), 0};
 }
 
-bool PcapSource::accept(const pcap_pkthdr& header, const std::uint8_t* bytes, Packet& slot) {
-  const CapturedDatagram datagram = find_datagram(link_type_, {bytes, header.caplen});
-  if (datagram.kind == CapturedDatagram::Kind::kMalformed) counters_.add_malformed(1);
-  if (datagram.kind == CapturedDatagram::Kind::kOther) counters_.add_other(1);
-  if (datagram.kind != CapturedDatagram::Kind::kUdp) return false;
-  if (datagram.destination_port != config_.data_port && datagram.destination_port != config_.position_port) {
+bool PcapSource::accept(const CapturedFrame& frame, Packet& slot) {
+  const CapturedDatagram datagram = find_datagram(frame.link_type, frame.bytes);
+  switch (datagram.kind) {
+    case CapturedDatagram::Kind::kUdp:
+      return accept_datagram(frame, datagram, slot);
+    case CapturedDatagram::Kind::kFragment:
+      fragments_.fetch_add(1, std::memory_order_relaxed);
+      counters_.add_other(1);
+      return false;
+    case CapturedDatagram::Kind::kOther:
+      if (!is_known_link_type(frame.link_type)) unread_link_types_.count(frame.link_type);
+      counters_.add_other(1);
+      return false;
+    case CapturedDatagram::Kind::kMalformed:
+      break;
+  }
+  if (frame.is_cut) cut_packets_.fetch_add(1, std::memory_order_relaxed);
+  counters_.add_malformed(1);
+  return false;
+}
+
+bool PcapSource::accept_datagram(const CapturedFrame& frame, const CapturedDatagram& datagram, Packet& slot) {
+  const std::uint16_t port = datagram.destination_port;
+  if (port != config_.data_port && (port != config_.position_port || config_.position_port == 0)) {
     counters_.add_other(1);
-    other_ports_.count(datagram.destination_port);
+    other_ports_.count(port);
     return false;
   }
-  // The capture was opened with nanoseconds, so tv_usec counts those.
-  slot.stamp.ns = static_cast<std::int64_t>(header.ts.tv_sec) * 1'000'000'000 + header.ts.tv_usec;
+  senders_.count(datagram.source_address);
+  if (accepted_sender_ != 0 && datagram.source_address != accepted_sender_) {
+    counters_.add_other(1);
+    return false;
+  }
+  if (datagram.payload_is_cut && frame.is_cut) {
+    cut_packets_.fetch_add(1, std::memory_order_relaxed);
+    counters_.add_malformed(1);
+    return false;
+  }
+  slot.stamp.ns = frame.stamp_ns;
   slot.received_ns = clock_ns(CLOCK_MONOTONIC);
   slot.sender_address = datagram.source_address;
   slot.sender_port = datagram.source_port;
-  slot.destination_port = datagram.destination_port;
+  slot.destination_port = port;
   slot.truncated = datagram.payload.size() > slot.data.size();
   slot.size = static_cast<std::uint16_t>(std::min(datagram.payload.size(), slot.data.size()));
   std::copy_n(datagram.payload.begin(), slot.size, slot.data.begin());
   return true;
 }
 
-/// `reason` as libpcap tells it, or null at the regular end.
-void PcapSource::end(const char* reason) {
-  if (reason == nullptr) {
-    state_.store(SourceState::kEnd, std::memory_order_relaxed);
-    return;
-  }
+void PcapSource::end(CaptureRead how) {
   const std::lock_guard lock(end_mutex_);
-  end_reason_ = reason;
-  const bool cut_off = end_reason_.find("truncated") != std::string::npos;
-  if (cut_off) {
+  if (how == CaptureRead::kTruncated) {
     counters_.add_malformed(1);
     end_reason_ =
         "the file ends in the middle of a packet (recording not closed properly, or copied in part); "
         "everything before was read";
+  } else if (how == CaptureRead::kDamaged) {
+    end_reason_ = reader_->problem();
   }
-  state_.store(cut_off ? SourceState::kEnd : SourceState::kFailed, std::memory_order_relaxed);
+  state_.store(how == CaptureRead::kDamaged ? SourceState::kFailed : SourceState::kEnd,
+               std::memory_order_relaxed);
 }
 
 std::string PcapSource::status() const {
   const SourceStats stats = counters_.read();
-  const std::string others = other_ports_.describe();
-  std::string text = path_ + ": " + std::to_string(stats.delivered) + " packets to UDP ports " +
-                     std::to_string(config_.data_port) + " and " + std::to_string(config_.position_port);
-  if (!others.empty()) text += "; also " + others;
-  if (stats.malformed > 0) text += "; " + std::to_string(stats.malformed) + " malformed";
+  std::string text = path_ + ": " + std::to_string(stats.delivered) + " packets to UDP port" +
+                     (config_.position_port == 0 ? " " : "s ") + std::to_string(config_.data_port) +
+                     (config_.position_port == 0 ? "" : " and " + std::to_string(config_.position_port));
+  text += describe_rest(stats);
   const SourceState state = state_.load(std::memory_order_relaxed);
-  if (state == SourceState::kEnd && stats.delivered == 0) {
-    text += others.empty() ? "; it has no UDP packets over IPv4, record with 'tcpdump -w FILE udp port " +
-                                 std::to_string(config_.data_port) + "'"
-                           : "; set the LiDAR's port to the one it was recorded on";
-  }
+  if (state == SourceState::kEnd && stats.delivered == 0) text += "; " + explain_nothing();
   const std::lock_guard lock(end_mutex_);
   return end_reason_.empty() ? text : text + "; " + end_reason_;
 }
 
-/// What is wrong with the file before libpcap sees it, whose messages do not say what to do.
+/// What there was beside the packets delivered; empty or beginning with "; ".
+std::string PcapSource::describe_rest(const SourceStats& stats) const {
+  std::string text;
+  const std::string senders = senders_.describe([](std::uint32_t address, std::uint64_t count) {
+    return std::to_string(count) + " from " + format_ipv4(address);
+  });
+  if (accepted_sender_ != 0 && !senders.empty()) {
+    text += " (" + senders + "), of which only those from " + config_.sender_address + " are taken";
+  } else if (senders_.keys() > 1) {
+    text +=
+        "; packets of several sensors are mixed (" + senders + "): set the sender address to the one wanted";
+  }
+  const std::string ports = other_ports_.describe([](std::uint16_t port, std::uint64_t count) {
+    return std::to_string(count) + " to port " + std::to_string(port);
+  });
+  if (!ports.empty()) text += "; also " + ports;
+  if (const auto fragments = fragments_.load(std::memory_order_relaxed); fragments > 0) {
+    text += "; " + std::to_string(fragments) +
+            " fragments of datagrams, which are left out: the network on the way has an MTU below 1500 bytes";
+  }
+  if (stats.malformed > 0) text += "; " + std::to_string(stats.malformed) + " malformed";
+  if (const auto cut = cut_packets_.load(std::memory_order_relaxed); cut > 0) {
+    text +=
+        ", of which " + std::to_string(cut) + " were cut short by the recording: record with 'tcpdump -s 0'";
+  }
+  return text;
+}
+
+/// What to do when a whole capture had nothing to deliver.
+std::string PcapSource::explain_nothing() const {
+  if (senders_.keys() > 0 && accepted_sender_ != 0)
+    return "set the sender address to one of these, or leave it empty";
+  if (other_ports_.keys() > 0) return "set the LiDAR's port to the one it was recorded on";
+  if (cut_packets_.load(std::memory_order_relaxed) > 0) return "nothing of it can be used";
+  const std::string link_types = unread_link_types_.describe([](int type, std::uint64_t count) {
+    return std::to_string(count) + " of link type " + link_type_name(type);
+  });
+  return (link_types.empty() ? "" : "it has " + link_types + "; ") +
+         "it has no UDP packets over IPv4, record with 'tcpdump -w FILE udp port " +
+         std::to_string(config_.data_port) + "'";
+}
+
+/// What is wrong with the file as such.
 std::optional<Error> check_file(const std::string& path) {
   std::error_code code;
   const std::filesystem::file_status info = std::filesystem::status(path, code);
@@ -184,22 +211,20 @@ std::optional<Error> check_file(const std::string& path) {
 core::Result<std::unique_ptr<PacketSource>> open_pcap(const std::string& path,
                                                       const PcapSourceConfig& config) {
   if (auto problem = check_file(path)) return *problem;
-  std::array<char, PCAP_ERRBUF_SIZE> message{};
-  PcapHandle capture(
-      pcap_open_offline_with_tstamp_precision(path.c_str(), PCAP_TSTAMP_PRECISION_NANO, message.data()));
-  if (!capture) {
-    return Error{path + ": is no capture that can be read (" + message.data() +
-                 "); expected pcap or pcapng as tcpdump or Wireshark write them, uncompressed"};
+  const core::Result<std::uint32_t> sender = parse_optional_ipv4(config.sender_address, "sender");
+  if (!sender) return Error{path + ": " + sender.error().message};
+  FileHandle file(std::fopen(path.c_str(), "rbe"));
+  if (!file) {
+    return Error{path + ": cannot be read (" + std::strerror(errno) + "); check its permissions"};
   }
-  const int link_type = pcap_datalink(capture.get());
-  if (!is_known_link_type(link_type)) {
-    const char* name = pcap_datalink_val_to_name(link_type);
-    return Error{path + ": is a capture of link type " +
-                 (name != nullptr ? name : std::to_string(link_type)) +
-                 ", which carries no Velodyne packets that can be read; record on an Ethernet interface or "
-                 "with '-i any'"};
-  }
-  return std::unique_ptr<PacketSource>(std::make_unique<PcapSource>(std::move(capture), path, config));
+  const int first = std::fgetc(file.get());
+  std::ungetc(first, file.get());
+  core::Result<std::unique_ptr<CaptureReader>> reader = first == kPcapngFirstByte
+                                                            ? open_pcapng_capture(std::move(file))
+                                                            : open_classic_capture(std::move(file));
+  if (!reader) return Error{path + ": " + reader.error().message};
+  return std::unique_ptr<PacketSource>(
+      std::make_unique<PcapSource>(std::move(reader).value(), path, config, *sender));
 }
 
 }  // namespace nilio::drivers

@@ -7,12 +7,19 @@ namespace nilio::drivers {
 
 /// A UDP datagram found in a captured frame.
 struct CapturedDatagram {
-  enum class Kind { kUdp, kOther, kMalformed };
+  enum class Kind {
+    kUdp,
+    kFragment,   ///< part of a UDP datagram
+    kOther,      ///< anything else than UDP over IPv4
+    kMalformed,  ///< headers that contradict themselves or end too early
+  };
   Kind kind = Kind::kOther;
   std::uint32_t source_address = 0;
   std::uint16_t source_port = 0;
   std::uint16_t destination_port = 0;
   std::span<const std::uint8_t> payload;
+  /// The frame ends before the payload does.
+  bool payload_is_cut = false;
 };
 
 /// True for the link types that find_datagram() reads (values of libpcap's DLT_*).

@@ -1,4 +1,5 @@
 #include "bench_decode.hpp"
+#include "bench_receive.hpp"
 #include "commands.hpp"
 
 namespace nilio::tools {
@@ -7,6 +8,7 @@ void add_bench_command(CLI::App& app) {
   CLI::App* const bench = app.add_subcommand("bench", "Measure parts of nilio on this machine");
   bench->require_subcommand(1);
   add_bench_decode(*bench);
+  add_bench_receive(*bench);
 }
 
 }  // namespace nilio::tools

@@ -11,9 +11,9 @@ void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
-/// `nilio bench ...`: measurements.
-void add_bench_command(CLI::App& app);
 void add_record_command(CLI::App& app, int& status);
 void add_play_command(CLI::App& app, int& status);
+/// A group of measurements; one that fails ends the parsing with CLI::RuntimeError.
+void add_bench_command(CLI::App& app);
 
 }  // namespace nilio::tools

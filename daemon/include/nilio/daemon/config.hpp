@@ -20,6 +20,8 @@ struct LidarConfig {
   int port = 2368;
   int position_port = 8308;
   std::string sender_address;
+  std::string multicast_group;
+  std::string multicast_interface;
   int receive_buffer_bytes = 8 * 1024 * 1024;
   std::string time_source = "auto";
   double stamp_offset_us = 0.0;

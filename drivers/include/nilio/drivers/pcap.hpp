@@ -11,15 +11,20 @@
 
 namespace nilio::drivers {
 
-/// Ports to take from a capture; other traffic is counted, and its ports are named in status().
+/// What to take from a capture; other traffic is counted, and its ports and senders are named in status().
 struct PcapSourceConfig {
   std::uint16_t data_port = 2368;
+  /// 0 = none.
   std::uint16_t position_port = 8308;
+  /// Only datagrams of this sender, for captures of several sensors; empty = any.
+  std::string sender_address{};
 };
 
-/// Opens a capture (pcap or pcapng as libpcap reads them; Ethernet with VLAN tags, raw IP, SLL, SLL2). Fails
-/// with what, where and what to do for files that are missing, empty or no capture. A capture that ends in
-/// the middle of a record delivers what is whole, then ends, and status() says so.
+/// Opens a capture: pcap in any byte order and resolution, or pcapng, also with interfaces of different link
+/// types; Ethernet and its VLAN tags, raw IP, loopback, and the cooked headers of 'tcpdump -i any' (SLL,
+/// SLL2). Fails with what, where and what to do for files that are missing, empty or no capture. A capture
+/// that ends in the middle of a record delivers what is whole, then ends, and status() says so. Packets that
+/// the recording cut short are counted as malformed; fragments of datagrams are counted and left out.
 core::Result<std::unique_ptr<PacketSource>> open_pcap(const std::string& path,
                                                       const PcapSourceConfig& config);
 

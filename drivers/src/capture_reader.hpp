@@ -1,0 +1,61 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <memory>
+#include <span>
+#include <string>
+
+namespace nilio::drivers {
+
+/// A record of a capture file.
+struct CapturedFrame {
+  /// Value of libpcap's DLT_*.
+  int link_type = 0;
+  std::int64_t stamp_ns = 0;
+  /// What was kept of the frame; valid until the next record is read.
+  std::span<const std::uint8_t> bytes;
+  /// The frame on the wire was longer.
+  bool is_cut = false;
+};
+
+enum class CaptureRead {
+  kFrame,
+  kSkipped,    ///< a record that makes no sense by itself; the next one may
+  kEnd,        ///< regular end of the file
+  kTruncated,  ///< the file ends in the middle of a record
+  kDamaged,    ///< nothing after this can be found; problem() says why
+};
+
+/// A capture file of one format. One thread. next() does not allocate once the largest frame was seen.
+class CaptureReader {
+ public:
+  CaptureReader() = default;
+  CaptureReader(const CaptureReader&) = delete;
+  CaptureReader& operator=(const CaptureReader&) = delete;
+  virtual ~CaptureReader() = default;
+
+  virtual CaptureRead next(CapturedFrame& frame) = 0;
+  [[nodiscard]] virtual std::string problem() const = 0;
+};
+
+struct FileCloser {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using FileHandle = std::unique_ptr<std::FILE, FileCloser>;
+
+/// Both take a file at its beginning and fail with what is wrong with it, without its name. pcapng is read
+/// here and not by libpcap, which refuses files whose interfaces have different link types.
+core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle file);
+core::Result<std::unique_ptr<CaptureReader>> open_pcapng_capture(FileHandle file);
+
+/// The byte with which pcapng files begin and classic ones do not.
+inline constexpr int kPcapngFirstByte = 0x0A;
+
+/// "EN10MB" or the number.
+std::string link_type_name(int link_type);
+
+}  // namespace nilio::drivers

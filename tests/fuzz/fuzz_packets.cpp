@@ -1,0 +1,181 @@
+// Packets in any order and state to scans.
+
+#include "nilio/drivers/velodyne_decoder.hpp"
+#include "nilio/drivers/velodyne_packet.hpp"
+
+#include "fuzz_support.hpp"
+#include "packet_input.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+namespace nilio::fuzz {
+namespace {
+
+constexpr std::size_t kFiringsPerPacket = drivers::kBlocksPerPacket * drivers::kEntriesPerBlock;
+/// Keeps one input from taking seconds.
+constexpr std::uint64_t kMostPackets = 4000;
+/// Azimuth of a step at 20 revolutions a second, 0.01 degree; what goes faster looks like missing steps.
+constexpr std::uint16_t kFastestAdvance = 40;
+/// The decoder's limit.
+constexpr std::int64_t kLongestPauseNs = 250'000'000;
+
+class PacketFuzz {
+ public:
+  explicit PacketFuzz(ByteReader input)
+      : input_(input), sensor_(drivers::make_velodyne_sensor(kModels[input_.u8() % kModels.size()])) {
+    drivers::ScanAssemblerConfig config;
+    config.time_source = static_cast<drivers::TimeSource>(input_.u8() % 3);
+    config.cut_azimuth_deg = input_.u8() * (360.0 / 256.0);
+    config.min_coverage_deg = input_.u8() * (360.0 / 256.0);
+    assembler_.emplace(sensor_, config);
+  }
+
+  void run() {
+    while (!input_.empty() && fed_ < kMostPackets) {
+      switch (static_cast<PacketRecord>(input_.u8() % 4)) {
+        case PacketRecord::kRaw:
+          feed_raw();
+          break;
+        case PacketRecord::kTurn:
+          feed_turn();
+          break;
+        case PacketRecord::kAgain:
+          feed_again();
+          break;
+        case PacketRecord::kClock:
+          sensor_us_ = input_.u32();
+          host_ns_ += std::int64_t{input_.u32()} * 1000;
+          break;
+      }
+    }
+    if (assembler_->finish()) check_scan();
+    check_counters();
+  }
+
+ private:
+  void feed_raw() {
+    host_ns_ += std::int64_t{input_.u16()} * 1000;
+    const auto bytes = input_.take(input_.u16() % 2048);
+    contradictory_ = true;
+    packet_.truncated = bytes.size() > packet_.data.size();
+    packet_.size = static_cast<std::uint16_t>(std::min(bytes.size(), packet_.data.size()));
+    std::copy_n(bytes.begin(), packet_.size, packet_.data.begin());
+    feed();
+  }
+
+  void feed_turn() {
+    const std::size_t count = input_.u8();
+    const std::uint16_t advance = input_.u16();
+    const auto clock_error = static_cast<std::int16_t>(input_.u16());
+    contradictory_ = contradictory_ || clock_error < 0 || advance > kFastestAdvance;
+    for (std::size_t i = 0; i < count; ++i) {
+      drivers::VelodyneDataPacket data;
+      for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
+        data.blocks[b].flag = sensor_.block_flags[b];
+        data.blocks[b].azimuth = azimuth_;
+        for (auto& entry : data.blocks[b].entries)
+          entry = {static_cast<std::uint16_t>(5000 + azimuth_ / 4), 9};
+        if ((b + 1) % sensor_.blocks_per_azimuth == 0) {
+          azimuth_ = static_cast<std::uint16_t>((azimuth_ + advance) % drivers::kAzimuthModulus);
+        }
+      }
+      data.timestamp_us = sensor_us_;
+      data.factory_byte_1 = sensor_.return_mode_byte;
+      data.factory_byte_2 = sensor_.product_byte;
+      const auto bytes = drivers::encode(data);
+      packet_.truncated = false;
+      packet_.size = static_cast<std::uint16_t>(bytes.size());
+      std::copy(bytes.begin(), bytes.end(), packet_.data.begin());
+      const std::int64_t period_us = sensor_.packet_period_ns / 1000;
+      sensor_us_ = static_cast<std::uint32_t>((sensor_us_ + period_us + clock_error) % 3'600'000'000);
+      host_ns_ += sensor_.packet_period_ns;
+      feed();
+    }
+  }
+
+  void feed_again() {
+    contradictory_ = true;
+    packet_.data[input_.u16() % packet_.data.size()] = input_.u8();
+    feed();
+  }
+
+  void feed() {
+    packet_.stamp.ns = host_ns_;
+    packet_.received_ns = host_ns_;
+    const bool is_position = packet_.size == drivers::kPositionPacketSize && !packet_.truncated;
+    ++(is_position ? position_packets_ : fed_);
+    if (assembler_->add(packet_)) check_scan();
+  }
+
+  void check_scan() {
+    assembler_->take_scan(scan_);
+    const drivers::ScanAssemblerStats& stats = assembler_->stats();
+    require(scan_.sequence + 1 == stats.scans && scan_.sequence == taken_++, "scans are numbered one by one");
+    require(scan_.start <= scan_.end, "a scan does not end before it begins");
+    require(scan_.coverage_deg >= 0.0F && scan_.coverage_deg <= 360.0F, "coverage is 0 to 360 degrees");
+    require(scan_.points.size() <= fed_ * kFiringsPerPacket, "no more points than firings");
+    // What is swapped in has grown to its size by the third scan.
+    if (taken_ > 2) require(scan_.points.capacity() == point_capacity_, "point buffers do not grow");
+    point_capacity_ = scan_.points.capacity();
+    // Firings of packets that contradict each other overlap by at most the pause that azimuths can feign.
+    const std::int64_t slack_ns = contradictory_ ? kLongestPauseNs + sensor_.packet_period_ns : 0;
+    const std::int64_t length_ns = (scan_.end - scan_.start).ns;
+    for (const core::Point& point : scan_.points) {
+      require(std::isfinite(point.x) && std::isfinite(point.y) && std::isfinite(point.z),
+              "points are finite");
+      require(point.time_offset_ns >= -slack_ns && point.time_offset_ns <= length_ns + slack_ns,
+              "points lie within their scan");
+      require(point.ring < sensor_.lasers.size(), "rings are those of the sensor");
+    }
+    points_taken_ += scan_.points.size();
+    // The packet with the jump still ends the scan before it: that one has the time from before.
+    if (stats.time_jumps == jumps_before_last_ && taken_ > 1) {
+      require(scan_.start >= last_start_, "scans follow each other as long as the clock does not jump");
+    }
+    jumps_before_last_ = std::exchange(jumps_at_last_, stats.time_jumps);
+    last_start_ = scan_.start;
+  }
+
+  void check_counters() const {
+    const drivers::ScanAssemblerStats& stats = assembler_->stats();
+    require(stats.packets + stats.bad_length == fed_, "every packet is counted once");
+    const std::uint64_t not_decoded = stats.dual_return + stats.duplicate_packets + stats.reordered_packets;
+    require(not_decoded <= stats.packets, "no packet is dropped for two reasons");
+    require(stats.points + stats.points_out_of_range <= (stats.packets - not_decoded) * kFiringsPerPacket,
+            "no firing is counted twice");
+    require(points_taken_ <= stats.points, "no point is in two scans");
+    require(stats.scans == taken_, "every scan was handed out");
+  }
+
+  ByteReader input_;
+  drivers::VelodyneSensor sensor_;
+  std::optional<drivers::ScanAssembler> assembler_;
+  drivers::Packet packet_;
+  core::Scan scan_;
+  std::int64_t host_ns_ = 1'700'000'000'000'000'000;
+  /// 800 s past the hour, as the host's clock.
+  std::uint32_t sensor_us_ = 800'000'000;
+  std::uint16_t azimuth_ = 0;
+  std::uint64_t fed_ = 0;
+  std::uint64_t position_packets_ = 0;
+  std::uint64_t taken_ = 0;
+  /// Some packet's azimuths or time stamp do not fit those before it.
+  bool contradictory_ = false;
+  std::uint64_t points_taken_ = 0;
+  /// Time jumps counted when the last scan was complete, and the one before.
+  std::uint64_t jumps_at_last_ = 0;
+  std::uint64_t jumps_before_last_ = 0;
+  std::size_t point_capacity_ = 0;
+  core::Time last_start_;
+};
+
+}  // namespace
+}  // namespace nilio::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  nilio::fuzz::PacketFuzz(nilio::fuzz::ByteReader({data, size})).run();
+  return 0;
+}

@@ -1,0 +1,181 @@
+// Writes the inputs that the fuzz targets start from: fuzz_seeds FOLDER SOURCES makes a folder per target.
+
+#include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/imu_decoder.hpp"
+#include "nilio/drivers/pcap.hpp"
+#include "nilio/drivers/velodyne_packet.hpp"
+
+#include "../unit/capture_bytes.hpp"
+#include "packet_input.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <span>
+#include <string>
+
+namespace nilio::fuzz {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kStampNs = 1'700'000'000'000'000'123;
+constexpr std::uint16_t kDataPort = 2368;
+
+/// A target's inputs, and beside the folder their list in the form that -seed_inputs takes.
+class SeedFolder {
+ public:
+  SeedFolder(const fs::path& root, const std::string& target) : folder_(root / target) {
+    fs::create_directories(folder_);
+  }
+  SeedFolder(const SeedFolder&) = delete;
+  SeedFolder& operator=(const SeedFolder&) = delete;
+  void write_list() const {
+    std::string list;
+    for (const auto& entry : fs::directory_iterator(folder_)) {
+      list += (list.empty() ? "" : ",") + entry.path().string();
+    }
+    std::ofstream(folder_.string() + ".list") << list;
+  }
+  void add(const std::string& name, const std::string& content) const {
+    std::ofstream file(folder_ / name, std::ios::binary);
+    file << content;
+    if (!file.flush()) throw fs::filesystem_error("cannot write", folder_ / name, {});
+  }
+  /// Copies of the files in `from`.
+  void add_files(const fs::path& from) const {
+    for (const auto& entry : fs::directory_iterator(from)) {
+      std::ifstream file(entry.path(), std::ios::binary);
+      add(entry.path().filename().string(), {std::istreambuf_iterator<char>(file), {}});
+    }
+  }
+  [[nodiscard]] fs::path path(const std::string& name) const { return folder_ / name; }
+
+ private:
+  fs::path folder_;
+};
+
+/// A data packet with `model`'s flags and all distances the same.
+std::string data_packet(drivers::VelodyneModel model, std::uint16_t azimuth) {
+  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(model);
+  drivers::VelodyneDataPacket packet;
+  for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
+    packet.blocks[b].flag = sensor.block_flags[b];
+    packet.blocks[b].azimuth = static_cast<std::uint16_t>(azimuth + 40 * (b / sensor.blocks_per_azimuth));
+    for (auto& entry : packet.blocks[b].entries) entry = {6000, 50};
+  }
+  packet.timestamp_us = 800'000'000;
+  packet.factory_byte_1 = sensor.return_mode_byte;
+  packet.factory_byte_2 = sensor.product_byte;
+  const auto bytes = drivers::encode(packet);
+  return {bytes.begin(), bytes.end()};
+}
+
+std::string record(PacketRecord kind) { return {static_cast<char>(kind)}; }
+
+std::string turn(std::uint8_t count, std::uint16_t advance, std::int16_t clock_error) {
+  return record(PacketRecord::kTurn) + static_cast<char>(count) +
+         tests::ByteText(false).u16(advance).u16(static_cast<std::uint16_t>(clock_error)).bytes();
+}
+
+std::string raw(const std::string& payload) {
+  return record(PacketRecord::kRaw) +
+         tests::ByteText(false).u16(500).u16(payload.size()).text(payload).bytes();
+}
+
+void write_packet_seeds(const SeedFolder& folder) {
+  for (std::size_t model = 0; model < kModels.size(); ++model) {
+    for (char time_source = 0; time_source < 3; ++time_source) {
+      const std::string head{static_cast<char>(model), time_source, '\x80', '\x40'};
+      const std::string name = std::to_string(model) + "_" + std::to_string(time_source);
+      const std::string again = record(PacketRecord::kAgain) + std::string("\x02\x00\x07", 3);
+      const std::string clock =
+          record(PacketRecord::kClock) + tests::ByteText(false).u32(3'599'990'000).u32(2'000'000).bytes();
+      folder.add("turn_" + name, head + turn(200, 40, 0) + turn(200, 40, 3));
+      folder.add("fast_" + name, head + turn(90, 700, 0) + again + again + turn(90, 700, -400));
+      folder.add("clock_" + name, head + turn(60, 300, 0) + clock + turn(60, 300, 0));
+      folder.add("raw_" + name, head + raw(data_packet(kModels[model], 100)) + raw(std::string(512, '\0')) +
+                                    raw(data_packet(kModels[model], 35700)) + raw("short"));
+    }
+  }
+}
+
+void write_capture_seeds(const SeedFolder& folder) {
+  const std::string data = data_packet(drivers::VelodyneModel::kVlp16, 0);
+  auto writer = drivers::PcapWriter::create(folder.path("writer").string());
+  if (!writer) throw std::runtime_error(writer.error().message);
+  const std::span bytes(reinterpret_cast<const std::uint8_t*>(data.data()), data.size());
+  for (int i = 0; i < 3; ++i) writer->write({kStampNs + i}, kDataPort, bytes);
+  writer->close();
+
+  const std::string ip = tests::ipv4_udp(kDataPort, "payload");
+  tests::PcapngText mixed;
+  std::uint32_t interfaces = 0;
+  for (const int link : {tests::kLinkNull, tests::kLinkEthernet, tests::kLinkRaw, tests::kLinkLoop,
+                         tests::kLinkCooked, tests::kLinkIpv4, tests::kLinkCooked2}) {
+    const std::string frame = tests::link_frame(link, ip);
+    folder.add("frame_" + std::to_string(link), frame);
+    folder.add("link_" + std::to_string(link), tests::PcapText(link).packet(kStampNs, frame).bytes());
+    mixed.interface(link, interfaces == 0 ? mixed.option(9, "\x09") : std::string());
+    mixed.packet(interfaces++, kStampNs / 1000, frame);
+  }
+  mixed.simple_packet(tests::link_frame(tests::kLinkNull, ip)).block(5, "statistics..");
+  folder.add("mixed_pcapng", mixed.bytes());
+  const std::string frame = tests::link_frame(tests::kLinkEthernet, ip);
+  folder.add("big_endian", tests::PcapText(1, true, false).packet(kStampNs, frame, 1500).bytes());
+  tests::PcapngText big(true);
+  big.interface(1, big.option(9, "\x94")).packet(0, 1U << 30, frame).section(false).interface(1);
+  folder.add("big_endian_pcapng", big.packet(0, 5, frame).bytes());
+}
+
+void write_candump_seeds(const SeedFolder& folder) {
+  for (const std::string& name : drivers::imu_preset_names()) {
+    const auto preset = drivers::imu_preset(name);
+    if (!preset) throw std::runtime_error(preset.error().message);
+    std::string log = "# a comment\n";
+    for (std::int64_t i = 0; i < 3; ++i) {
+      const core::ImuSample sample{{kStampNs + i * 10'000'000}, {0.1, 0.2, -0.3}, {0.0, 0.0, 9.81}};
+      for (const drivers::CanFrame& frame : drivers::encode_imu_sample(sample, *preset)) {
+        log += drivers::format_candump_line(frame, "can0") + "\n";
+      }
+    }
+    folder.add(name, log);
+  }
+  folder.add("forms",
+             "(1700000000.123456) can0 123#0011223344556677\n(1700000000.123456789) vcan1 1234ABCD#R8\n"
+             "(1.000000) can0 7FF##3112233 R\n(2.000000) can1 20000080#0000000000000000\nbroken\n");
+}
+
+template <class Write>
+void write_seed_folder(const fs::path& root, const std::string& target, const Write& write) {
+  const SeedFolder folder(root, target);
+  write(folder);
+  folder.write_list();
+}
+
+void write_seeds(const fs::path& root, const fs::path& sources) {
+  write_seed_folder(root, "packets", write_packet_seeds);
+  write_seed_folder(root, "pcap", write_capture_seeds);
+  write_seed_folder(root, "candump", write_candump_seeds);
+  write_seed_folder(root, "calibration",
+                    [&](const SeedFolder& folder) { folder.add_files(sources / "config/calibration"); });
+  write_seed_folder(root, "dbc", [&](const SeedFolder& folder) { folder.add_files(sources / "config/dbc"); });
+}
+
+}  // namespace
+}  // namespace nilio::fuzz
+
+int main(int argc, char** argv) {
+  if (argc != 3) {
+    std::fprintf(stderr, "usage: fuzz_seeds FOLDER SOURCES\n");
+    return 2;
+  }
+  try {
+    nilio::fuzz::write_seeds(argv[1], argv[2]);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "fuzz_seeds: %s\n", error.what());
+    return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <span>
+#include <string>
+#include <sys/mman.h>
+#include <unistd.h>
+
+namespace nilio::fuzz {
+
+/// A broken invariant ends the run like any other crash, with the input kept.
+inline void require(bool condition, const char* what) {
+  if (condition) return;
+  std::fprintf(stderr, "invariant broken: %s\n", what);
+  std::abort();
+}
+
+/// Takes numbers from the front of the input; zeros when it is used up.
+class ByteReader {
+ public:
+  explicit ByteReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+
+  [[nodiscard]] bool empty() const { return bytes_.empty(); }
+  std::uint8_t u8() {
+    if (bytes_.empty()) return 0;
+    const std::uint8_t value = bytes_.front();
+    bytes_ = bytes_.subspan(1);
+    return value;
+  }
+  std::uint16_t u16() {
+    const std::uint8_t low = u8();
+    return static_cast<std::uint16_t>(low | (u8() << 8));
+  }
+  std::uint32_t u32() {
+    const std::uint16_t low = u16();
+    return low | (static_cast<std::uint32_t>(u16()) << 16);
+  }
+  /// Fewer at the end.
+  std::span<const std::uint8_t> take(std::size_t count) {
+    const auto taken = bytes_.first(count < bytes_.size() ? count : bytes_.size());
+    bytes_ = bytes_.subspan(taken.size());
+    return taken;
+  }
+
+ private:
+  std::span<const std::uint8_t> bytes_;
+};
+
+/// A file in memory with a path, for code that reads files.
+class MemoryFile {
+ public:
+  explicit MemoryFile(std::span<const std::uint8_t> content) : descriptor_(memfd_create("fuzz", 0)) {
+    const auto size = static_cast<ssize_t>(content.size());
+    require(write(descriptor_, content.data(), content.size()) == size, "memory for the input");
+  }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+  ~MemoryFile() { close(descriptor_); }
+  [[nodiscard]] std::string path() const { return "/proc/self/fd/" + std::to_string(descriptor_); }
+
+ private:
+  int descriptor_;
+};
+
+}  // namespace nilio::fuzz

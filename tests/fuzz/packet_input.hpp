@@ -1,0 +1,28 @@
+#pragma once
+
+#include "nilio/drivers/velodyne_model.hpp"
+
+#include <array>
+#include <cstdint>
+
+namespace nilio::fuzz {
+
+/// The form of fuzz_packets' input: model, time source, cut azimuth (in 360/256 degree), least coverage (in
+/// 360/256 degree), one byte each, then records that begin with one of these.
+enum class PacketRecord : std::uint8_t {
+  /// u16 stamp advance (us), u16 length, so many bytes of payload.
+  kRaw = 0,
+  /// u8 count, u16 azimuth advance per step (0.01 degree), i16 clock error per packet (us): so many good
+  /// packets of a turning sensor.
+  kTurn = 1,
+  /// u16 offset, u8 value: the last packet once more with this byte changed.
+  kAgain = 2,
+  /// u32 sensor clock (us past the hour), u32 host clock advance (us).
+  kClock = 3,
+};
+
+/// Models in the order in which the first byte counts them. New ones at the end, so that old inputs mean the
+/// same.
+inline constexpr std::array kModels{drivers::VelodyneModel::kVlp16, drivers::VelodyneModel::kHdl64eS2};
+
+}  // namespace nilio::fuzz
