@@ -19,6 +19,7 @@ void ScanAssembler::take_scan(core::Scan& scan) { state_->take_scan(scan); }
 const ScanAssemblerStats& ScanAssembler::stats() const { return state_->stats(); }
 ScanAssemblerStatus ScanAssembler::status() const { return state_->status(); }
 std::uint64_t ScanAssembler::open_firings() const { return state_->open_firings(); }
+const Hdl64eStatusReader* ScanAssembler::hdl64e_status() const { return state_->hdl64e_status(); }
 const VelodyneSensor& ScanAssembler::sensor() const { return state_->sensor(); }
 
 }  // namespace nilio::drivers

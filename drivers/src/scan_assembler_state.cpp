@@ -42,6 +42,7 @@ ScanAssembler::State::State(VelodyneSensor sensor, const ScanAssemblerConfig& co
       config_(config),
       clock_(config.time_source, sensor_.has_clock),
       cutter_(cut_azimuth(config.cut_azimuth_deg), kLongestScanNs),
+      has_status_stream_(sensor_.lasers.size() == kHdl64eLasers),
       capacity_(scan_capacity(sensor_)) {
   for (const PacketLayout& layout : sensor_.layouts)
     decoders_.emplace_back(sensor_, layout, azimuth_table_, config.min_range_m, config.max_range_m,
@@ -87,6 +88,20 @@ void ScanAssembler::State::hear_position(const Packet& packet) {
   report.pulse_locked = position->pps == PpsState::kLocked;
   const std::optional<NmeaFix> fix = parse_nmea(position->nmea(), packet.stamp);
   if (fix && fix->valid) report.utc = fix->utc;
+  clock_.hear(report, packet.stamp);
+}
+
+/// An HDL-64E tells its clock's state in its data packets.
+void ScanAssembler::State::hear_status(const PacketArrival& arrival, const Packet& packet) {
+  if (arrival.gap_packets > 0 || arrival.order == PacketOrder::kJump) status_stream_.note_loss();
+  status_stream_.add(packet.data[kReturnModeOffset], packet.data[kProductOffset]);
+  const std::optional<Hdl64eReadings>& readings = status_stream_.readings();
+  // Once in a cycle is enough.
+  if (!readings || packet.data[kReturnModeOffset] != 'V') return;
+  GpsReport report;
+  report.pulse_locked = readings->gps == Hdl64eGps::kPulseAndTime || readings->gps == Hdl64eGps::kPulseOnly;
+  const bool has_time = readings->gps == Hdl64eGps::kPulseAndTime || readings->gps == Hdl64eGps::kTimeOnly;
+  if (has_time) report.utc = readings->clock;
   clock_.hear(report, packet.stamp);
 }
 
@@ -140,6 +155,7 @@ bool ScanAssembler::State::add(const Packet& packet) {
     measure_period(arrival);
     account_gap(arrival, first_azimuth);
   }
+  if (has_status_stream_) hear_status(arrival, packet);
   current.azimuths = azimuths_.read(current.payload, arrival.since_previous_ns, blind_);
   add_in_order(current);
   return has_completed_;
@@ -218,6 +234,12 @@ bool ScanAssembler::State::has_room() const {
 
 void ScanAssembler::State::add_step(const Current& current, std::size_t step) {
   const std::int64_t step_ns = step_time_ns(current, step);
+  // Azimuths that contradict each other can feign a blind sector, and put what follows before it.
+  if (cutter_.state() == ScanCutter::State::kFilling &&
+      step_ns + decoder().first_firing_ns() < cutter_.start_ns()) {
+    stats_.firings_late += layout().firings_per_azimuth;
+    return;
+  }
   // Only one scan can be handed out per packet: a second cut waits for the next packet.
   const ScanCutter::Action action =
       cutter_.judge(current.azimuths.steps[step].azimuth, step_ns + decoder().first_firing_ns(), rate_,

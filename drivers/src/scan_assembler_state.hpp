@@ -26,6 +26,9 @@ class ScanAssembler::State {
   [[nodiscard]] const ScanAssemblerStats& stats() const { return stats_; }
   [[nodiscard]] ScanAssemblerStatus status() const;
   [[nodiscard]] std::uint64_t open_firings() const { return open_firings_; }
+  [[nodiscard]] const Hdl64eStatusReader* hdl64e_status() const {
+    return has_status_stream_ ? &status_stream_ : nullptr;
+  }
   [[nodiscard]] const VelodyneSensor& sensor() const { return sensor_; }
 
  private:
@@ -41,6 +44,7 @@ class ScanAssembler::State {
   void follow_mode(std::span<const std::uint8_t> payload);
   void use_layout(std::size_t index);
   void hear_position(const Packet& packet);
+  void hear_status(const PacketArrival& arrival, const Packet& packet);
   void measure_period(const PacketArrival& arrival);
   void account_gap(const PacketArrival& arrival, std::uint16_t first_azimuth);
   void add_in_order(Current& current);
@@ -65,6 +69,8 @@ class ScanAssembler::State {
   AzimuthReader azimuths_;
   ScanCutter cutter_;
   BlindSector blind_;
+  bool has_status_stream_;
+  Hdl64eStatusReader status_stream_;
   std::size_t capacity_;
 
   /// As measured, or nominal.

@@ -3,14 +3,13 @@
 #include "nilio/drivers/velodyne_model.hpp"
 
 #include "fuzz_support.hpp"
-#include "packet_input.hpp"
 
 #include <cmath>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace nilio;
   const fuzz::MemoryFile file({data, size});
-  for (const drivers::VelodyneModel model : fuzz::kModels) {
+  for (const drivers::VelodyneModel model : drivers::velodyne_models()) {
     const drivers::VelodyneSensor built_in = drivers::make_velodyne_sensor(model);
     const auto sensor = drivers::with_calibration_file(built_in, file.path());
     if (!sensor) {
@@ -20,7 +19,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     fuzz::require(sensor->lasers.size() == built_in.lasers.size(), "the model keeps its number of lasers");
     for (const drivers::LaserCalibration& laser : sensor->lasers) {
       const double sum = laser.elevation_rad + laser.azimuth_correction_rad + laser.distance_correction_m +
-                         laser.vertical_offset_m + laser.horizontal_offset_m;
+                         laser.vertical_offset_m + laser.horizontal_offset_m +
+                         laser.near_distance_correction_x_m + laser.near_distance_correction_y_m +
+                         laser.focal_distance_m + laser.focal_slope;
       fuzz::require(std::isfinite(sum), "geometry is finite");
       fuzz::require(laser.ring < sensor->lasers.size(), "rings are ranks");
     }

@@ -1,8 +1,10 @@
 // Writes the inputs that the fuzz targets start from: fuzz_seeds FOLDER SOURCES makes a folder per target.
 
 #include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/hdl64e_status.hpp"
 #include "nilio/drivers/imu_decoder.hpp"
 #include "nilio/drivers/pcap.hpp"
+#include "nilio/drivers/position_packet.hpp"
 #include "nilio/drivers/velodyne_packet.hpp"
 
 #include "../unit/capture_bytes.hpp"
@@ -56,17 +58,17 @@ class SeedFolder {
   fs::path folder_;
 };
 
-/// A data packet with `model`'s flags and all distances the same.
-std::string data_packet(drivers::VelodyneModel model, std::uint16_t azimuth) {
-  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(model);
+/// A data packet of a layout with all distances the same.
+std::string data_packet(const drivers::VelodyneSensor& sensor, const drivers::PacketLayout& layout,
+                        std::uint16_t azimuth) {
   drivers::VelodyneDataPacket packet;
   for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
-    packet.blocks[b].flag = sensor.block_flags[b];
-    packet.blocks[b].azimuth = static_cast<std::uint16_t>(azimuth + 40 * (b / sensor.blocks_per_azimuth));
+    packet.blocks[b].flag = layout.block_flags[b];
+    packet.blocks[b].azimuth = static_cast<std::uint16_t>(azimuth + 40 * (b / layout.blocks_per_azimuth));
     for (auto& entry : packet.blocks[b].entries) entry = {6000, 50};
   }
   packet.timestamp_us = 800'000'000;
-  packet.factory_byte_1 = sensor.return_mode_byte;
+  packet.factory_byte_1 = layout.return_mode_byte;
   packet.factory_byte_2 = sensor.product_byte;
   const auto bytes = drivers::encode(packet);
   return {bytes.begin(), bytes.end()};
@@ -85,24 +87,29 @@ std::string raw(const std::string& payload) {
 }
 
 void write_packet_seeds(const SeedFolder& folder) {
-  for (std::size_t model = 0; model < kModels.size(); ++model) {
-    for (char time_source = 0; time_source < 3; ++time_source) {
-      const std::string head{static_cast<char>(model), time_source, '\x80', '\x40'};
-      const std::string name = std::to_string(model) + "_" + std::to_string(time_source);
+  for (const drivers::VelodyneModel model : drivers::velodyne_models()) {
+    const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(model);
+    for (std::size_t mode = 0; mode < sensor.layouts.size(); ++mode) {
+      const drivers::PacketLayout& layout = sensor.layouts[mode];
+      const auto model_number = static_cast<char>(model);
+      const auto time_source = static_cast<char>((static_cast<std::size_t>(model) + mode) % 3);
+      const std::string head{model_number, time_source, static_cast<char>(mode), '\0', '\x80', '\x80'};
+      const std::string name = std::to_string(model_number) + "_" + std::to_string(mode);
       const std::string again = record(PacketRecord::kAgain) + std::string("\x02\x00\x07", 3);
       const std::string clock =
           record(PacketRecord::kClock) + tests::ByteText(false).u32(3'599'990'000).u32(2'000'000).bytes();
       folder.add("turn_" + name, head + turn(200, 40, 0) + turn(200, 40, 3));
       folder.add("fast_" + name, head + turn(90, 700, 0) + again + again + turn(90, 700, -400));
       folder.add("clock_" + name, head + turn(60, 300, 0) + clock + turn(60, 300, 0));
-      folder.add("raw_" + name, head + raw(data_packet(kModels[model], 100)) + raw(std::string(512, '\0')) +
-                                    raw(data_packet(kModels[model], 35700)) + raw("short"));
+      folder.add("raw_" + name, head + raw(data_packet(sensor, layout, 100)) + raw(std::string(512, '\0')) +
+                                    raw(data_packet(sensor, layout, 35700)) + raw("short"));
     }
   }
 }
 
 void write_capture_seeds(const SeedFolder& folder) {
-  const std::string data = data_packet(drivers::VelodyneModel::kVlp16, 0);
+  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
+  const std::string data = data_packet(sensor, sensor.single(), 0);
   auto writer = drivers::PcapWriter::create(folder.path("writer").string());
   if (!writer) throw std::runtime_error(writer.error().message);
   const std::span bytes(reinterpret_cast<const std::uint8_t*>(data.data()), data.size());
@@ -147,6 +154,34 @@ void write_candump_seeds(const SeedFolder& folder) {
              "(1.000000) can0 7FF##3112233 R\n(2.000000) can1 20000080#0000000000000000\nbroken\n");
 }
 
+void write_telemetry_seeds(const SeedFolder& folder) {
+  drivers::PositionPacket packet;
+  packet.timestamp_us = 800'000'000;
+  packet.pps = drivers::PpsState::kLocked;
+  packet.health.top_board_degc = 40;
+  for (const char* sentence : {"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",
+                               "$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n", ""}) {
+    packet.set_nmea(sentence);
+    const auto bytes = drivers::encode_position_packet(packet);
+    folder.add("position_" + std::to_string(std::string(sentence).size()), {bytes.begin(), bytes.end()});
+  }
+  packet.motion.emplace();
+  const auto bytes = drivers::encode_position_packet(packet);
+  folder.add("motion", {bytes.begin(), bytes.end()});
+}
+
+void write_status_seeds(const SeedFolder& folder) {
+  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
+  auto writer = drivers::Hdl64eStatusWriter::create(sensor.lasers, {});
+  if (!writer) throw std::runtime_error(writer.error().message);
+  std::string stream;
+  for (std::size_t i = 0; i < 2 * drivers::kHdl64eStatusPackets; ++i) {
+    const drivers::Hdl64eStatusByte status = writer->next({});
+    stream += {static_cast<char>(status.type), static_cast<char>(status.value)};
+  }
+  folder.add("stream", stream);
+}
+
 template <class Write>
 void write_seed_folder(const fs::path& root, const std::string& target, const Write& write) {
   const SeedFolder folder(root, target);
@@ -160,6 +195,8 @@ void write_seeds(const fs::path& root, const fs::path& sources) {
   write_seed_folder(root, "candump", write_candump_seeds);
   write_seed_folder(root, "calibration",
                     [&](const SeedFolder& folder) { folder.add_files(sources / "config/calibration"); });
+  write_seed_folder(root, "telemetry", write_telemetry_seeds);
+  write_seed_folder(root, "status", write_status_seeds);
   write_seed_folder(root, "dbc", [&](const SeedFolder& folder) { folder.add_files(sources / "config/dbc"); });
 }
 

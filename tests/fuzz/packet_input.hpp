@@ -1,14 +1,11 @@
 #pragma once
 
-#include "nilio/drivers/velodyne_model.hpp"
-
-#include <array>
 #include <cstdint>
 
 namespace nilio::fuzz {
 
-/// The form of fuzz_packets' input: model, time source, cut azimuth (in 360/256 degree), least coverage (in
-/// 360/256 degree), one byte each, then records that begin with one of these.
+/// The form of fuzz_packets' input: model, time source, return mode, returns, cut azimuth (in 360/256
+/// degree), least coverage (in 1/256), one byte each, then records that begin with one of these.
 enum class PacketRecord : std::uint8_t {
   /// u16 stamp advance (us), u16 length, so many bytes of payload.
   kRaw = 0,
@@ -20,9 +17,5 @@ enum class PacketRecord : std::uint8_t {
   /// u32 sensor clock (us past the hour), u32 host clock advance (us).
   kClock = 3,
 };
-
-/// Models in the order in which the first byte counts them. New ones at the end, so that old inputs mean the
-/// same.
-inline constexpr std::array kModels{drivers::VelodyneModel::kVlp16, drivers::VelodyneModel::kHdl64eS2};
 
 }  // namespace nilio::fuzz

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/scan.hpp"
+#include "nilio/drivers/hdl64e_status.hpp"
 #include "nilio/drivers/packet.hpp"
 #include "nilio/drivers/velodyne_model.hpp"
 
@@ -97,6 +98,8 @@ class ScanAssembler {
   [[nodiscard]] ScanAssemblerStatus status() const;
   /// Firings of the scan under assembly.
   [[nodiscard]] std::uint64_t open_firings() const;
+  /// What an HDL-64E said of itself in its packets; null for other models.
+  [[nodiscard]] const Hdl64eStatusReader* hdl64e_status() const;
   [[nodiscard]] const VelodyneSensor& sensor() const;
 
  private:

@@ -141,8 +141,8 @@ struct VelodyneSensor {
 /// resolution only, which is what re-encoding KITTI needs; S1, S2.1 and S3 get that of one published unit.
 VelodyneSensor make_velodyne_sensor(VelodyneModel model);
 
-/// Lets the azimuth move on from firing to firing within a block, or holds it at the block's. Built in: on, but
-/// off for the HDL-64E, whose factory corrections were found without.
+/// Lets the azimuth move on from firing to firing within a block, or holds it at the block's. Built in: on,
+/// but off for the HDL-64E, whose factory corrections were found without.
 void set_azimuth_interpolation(VelodyneSensor& sensor, bool on);
 
 /// "VLP-16", "HDL-64E-S2", as used in configuration and messages; parsing ignores case, ' ', '-', '.' and
