@@ -13,6 +13,8 @@
 namespace nilio::drivers {
 namespace {
 
+constexpr const char* kSysfs = "/sys/class/net";
+
 struct InterfaceListCloser {
   void operator()(ifaddrs* list) const { freeifaddrs(list); }
 };
@@ -52,9 +54,15 @@ std::map<std::string, Interface> list_interfaces(const std::string& wanted) {
   return interfaces;
 }
 
+/// Of those that software made, only the ones with an address can receive.
+bool can_have_a_cable(const std::string& name) {
+  std::error_code ignored;
+  return std::filesystem::exists(std::filesystem::path(kSysfs) / name / "device", ignored);
+}
+
 std::string describe(const std::string& name, const Interface& interface) {
   return name + " (" + (interface.networks.empty() ? "no IPv4 address" : interface.networks) +
-         "): " + describe_link(name);
+         "): " + describe_link(name, kSysfs);
 }
 
 }  // namespace
@@ -73,7 +81,9 @@ std::string describe_interfaces(const std::string& wanted) {
   const bool all = wanted.empty() || wanted == "0.0.0.0";
   std::string text;
   for (const auto& [name, interface] : list_interfaces(wanted)) {
-    if (all ? interface.is_loopback : !interface.is_wanted) continue;
+    const bool is_candidate =
+        !interface.is_loopback && (!interface.networks.empty() || can_have_a_cable(name));
+    if (all ? !is_candidate : !interface.is_wanted) continue;
     text += (text.empty() ? "" : "; ") + describe(name, interface);
   }
   if (!text.empty()) return text;
