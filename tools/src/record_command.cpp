@@ -17,6 +17,8 @@ namespace {
 
 constexpr core::Duration kPollPeriod{100'000'000};
 constexpr double kStatusPeriodS = 5.0;
+/// Sources that are silent are named in the first status line and once a minute.
+constexpr std::uint64_t kLinesPerSilenceReport = 12;
 constexpr double kMega = 1e6;
 
 struct RecordArguments {
@@ -73,7 +75,9 @@ class RecordStatus {
         static_cast<double>(progress.bytes - last_.bytes) / kMega / span, losses(progress).c_str(),
         free_space(folder).c_str(), progress.blocked ? "; THE DISK TAKES NOTHING" : "");
     say(text.data());
-    for (const std::string& line : session.source_lines(true)) say(line);
+    if (lines_shown_++ % kLinesPerSilenceReport == 0) {
+      for (const std::string& line : session.source_lines(true)) say(line);
+    }
     last_ = progress;
     shown_s_ = now_s;
   }
@@ -84,6 +88,7 @@ class RecordStatus {
   double begin_s_ = monotonic_s();
   double shown_s_ = begin_s_;
   RecordProgress last_;
+  std::uint64_t lines_shown_ = 0;
 };
 
 /// 0, or 1 when nothing was recorded or the disk did not take everything.
