@@ -100,7 +100,11 @@ Result<std::size_t> RecordSession::add_udp(std::uint16_t port, std::size_t slots
   drivers::UdpSourceConfig config;
   config.bind_address = config_.bind_address;
   config.port = port;
+  // Each port has a channel of its own: within one, stamps are in order.
+  config.position_port = 0;
   config.sender_address = config_.sender_address;
+  config.multicast_group = config_.multicast_group;
+  config.multicast_interface = config_.multicast_interface;
   config.receive_buffer_bytes = config_.receive_buffer_bytes;
   auto source = drivers::open_udp(config);
   if (!source) return source.error();

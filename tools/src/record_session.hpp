@@ -20,6 +20,9 @@ struct RecordConfig {
   std::string bind_address = "0.0.0.0";
   /// Only packets of this sender; empty = any.
   std::string sender_address;
+  /// Group to join, and the interface to join on; empty = none.
+  std::string multicast_group;
+  std::string multicast_interface;
   /// 0 = none.
   std::uint16_t data_port = 2368;
   std::uint16_t position_port = 8308;
