@@ -46,7 +46,7 @@ PacketArrival SensorClock::arrive(std::uint32_t timestamp_us, std::uint16_t firs
     const bool disagree = std::abs(step_ns - host_step_ns) > kClockSetNs;
     arrival.host_jump =
         disagree && step_ns > 0 && step_ns < kPlausibleStepNs && std::abs(host_step_ns) < kHourNs / 2;
-    if (step_ns <= 0 || (disagree && !arrival.host_jump)) {
+    if (step_ns <= 0 || (disagree && !arrival.host_jump) || is_wrong_hour(line_ns_ + step_ns, stamp)) {
       arrival.order = PacketOrder::kJump;
       return arrival;
     }
@@ -117,10 +117,19 @@ void SensorClock::remember(std::uint32_t timestamp_us, std::uint16_t azimuth, co
   last_stamp_ = stamp;
 }
 
+/// Where sensor time is asked for, a locked receiver knows better than the host.
+bool SensorClock::gps_tells_hour(core::Time stamp) const {
+  return source_ == TimeSource::kSensor && gps_ && gps_->pulse_locked && gps_->utc &&
+         std::abs((stamp - gps_heard_).ns) < kReportLifetimeNs;
+}
+
+/// The hour was the host's guess, and the first position packet says another one.
+bool SensorClock::is_wrong_hour(std::int64_t line_ns, core::Time stamp) const {
+  return gps_tells_hour(stamp) && std::abs(line_ns - gps_->utc->ns) > kHourNs / 2 + kReportLifetimeNs;
+}
+
 void SensorClock::anchor(std::uint32_t timestamp_us, core::Time stamp) {
-  const bool gps_knows =
-      gps_ && gps_->pulse_locked && gps_->utc && std::abs((stamp - gps_heard_).ns) < kReportLifetimeNs;
-  const core::Time about = gps_knows && source_ == TimeSource::kSensor ? *gps_->utc : stamp;
+  const core::Time about = gps_tells_hour(stamp) ? *gps_->utc : stamp;
   // Values just beyond the hour do occur at the rollover.
   const std::int64_t past_hour_ns = static_cast<std::int64_t>(timestamp_us) % kHourUs * 1000;
   line_ns_ = past_hour_ns + floor_divide(about.ns - past_hour_ns + kHourNs / 2, kHourNs) * kHourNs;

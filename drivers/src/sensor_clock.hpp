@@ -78,6 +78,8 @@ class SensorClock {
   void remember(std::uint32_t timestamp_us, std::uint16_t azimuth, core::Time stamp);
   void anchor(std::uint32_t timestamp_us, core::Time stamp);
   void observe(core::Time stamp);
+  [[nodiscard]] bool gps_tells_hour(core::Time stamp) const;
+  [[nodiscard]] bool is_wrong_hour(std::int64_t line_ns, core::Time stamp) const;
   [[nodiscard]] bool fitted() const { return has_clock_ && !in_step_; }
 
   TimeSource source_;

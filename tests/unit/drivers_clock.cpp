@@ -94,6 +94,17 @@ TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off
   const PacketArrival arrival = clock.arrive(timestamp_us, 0, host, 0);
   CHECK(arrival.line_ns == true_ns);
   CHECK(clock.source() == core::ClockSource::kPpsLocked);
+
+  // The first position packet comes after the first data packets.
+  SensorClock late(TimeSource::kSensor, true);
+  late.set_packet_period(1'327'104);
+  CHECK(late.arrive(timestamp_us, 0, host, 0).line_ns == host.ns);
+  late.hear({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
+  const core::Time next{host.ns + 1'327'000};
+  CHECK(late.arrive(timestamp_us + 1327, 50, next, 0).order == PacketOrder::kJump);
+  CHECK(late.restart(timestamp_us + 1327, 50, next) == true_ns + 1'327'000);
+  const core::Time after{host.ns + 2'654'000};
+  CHECK(late.arrive(timestamp_us + 2654, 100, after, 0).order == PacketOrder::kNext);
 }
 
 TEST_CASE("what the time rests on is said as telemetry tells it") {
