@@ -3,13 +3,14 @@
 #include <CLI/CLI.hpp>
 
 int main(int argc, char** argv) {
-  CLI::App app{"nilio: simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
+  CLI::App app{"nilio: simulate, convert, inspect, evaluate, plot and watch LiDAR-inertial odometry"};
   app.require_subcommand(1);
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;
   nilio::tools::add_simulate_command(app, status);
   nilio::tools::add_convert_command(app, status);
   nilio::tools::add_evaluate_command(app, status);
+  nilio::tools::add_inspect_command(app, status);
   nilio::tools::add_plot_command(app, status);
   nilio::tools::add_watch_command(app, status);
   CLI11_PARSE(app, argc, argv);
