@@ -52,7 +52,7 @@ class CanInspector {
     for (auto& [name, inspectors] : imus_) {
       for (ImuInspector& inspector : inspectors) {
         ImuFindings imu = inspector.finish();
-        if (imu.stats.samples > 0) findings_.imus.push_back(std::move(imu));
+        if (imu.stats.frames > 0) findings_.imus.push_back(std::move(imu));
       }
     }
     std::stable_sort(

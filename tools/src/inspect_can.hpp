@@ -46,7 +46,8 @@ struct CanFindings {
   std::vector<CanMessageFindings> messages;
   /// Frames of identifiers beyond those that are told apart.
   std::uint64_t further_frames = 0;
-  /// Presets of which samples were complete, whether plausible or not, the one with most samples first.
+  /// Presets of which there are messages, whether whole and plausible or not, the one with most samples
+  /// first.
   std::vector<ImuFindings> imus;
 
   [[nodiscard]] bool usable() const { return frames > error_frames; }

@@ -33,10 +33,14 @@ class CaptureInspector {
 
   void add(const CaptureRecord& record) {
     const core::Time stamp = record.packet.stamp;
-    if (findings_.records++ == 0) findings_.first = findings_.last = stamp;
+    ++findings_.records;
+    ++counter(record.kind);
+    // The stamp of a damaged record may be damaged, too.
+    if (record.kind == RecordKind::kMalformed) return;
+    if (!timed_) findings_.first = findings_.last = stamp;
+    timed_ = true;
     findings_.first = std::min(findings_.first, stamp);
     findings_.last = std::max(findings_.last, stamp);
-    ++counter(record.kind);
     if (record.kind == RecordKind::kUdp || record.kind == RecordKind::kUdpCut) add_datagram(record);
   }
 
@@ -121,12 +125,13 @@ class CaptureInspector {
   }
 
   CaptureFindings findings_;
+  bool timed_ = false;
   std::map<StreamKey, StreamFindings> streams_;
   std::map<SensorKey, SensorInspector> sensors_;
   std::map<std::uint32_t, TelemetryInspector> telemetry_;
 };
 
-/// "3000 bytes to port 5353 (12 datagrams), ..." of the most frequent.
+/// "12 to port 5353, ...", the most frequent first.
 std::string ports_text(const CaptureFindings& capture) {
   constexpr std::size_t kShown = 5;
   std::map<std::uint16_t, std::uint64_t> ports;

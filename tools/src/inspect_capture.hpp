@@ -40,7 +40,7 @@ struct CaptureFindings {
   std::uint64_t other_ip = 0;
   std::uint64_t not_ipv4 = 0;
   std::uint64_t malformed = 0;
-  /// Stamps of the earliest and the latest record.
+  /// Stamps of the earliest and the latest record that is not malformed.
   core::Time first;
   core::Time last;
   /// By address and ports.

@@ -23,6 +23,8 @@ constexpr unsigned kFragmentMask = 0x3FFF;
 constexpr std::uint8_t kProtocolUdp = 17;
 constexpr std::size_t kLeastIpHeader = 20;
 constexpr std::size_t kUdpHeader = 8;
+/// The year 2200: pcapng can hold stamps that 64 bits of nanoseconds cannot.
+constexpr std::int64_t kLatestSecond = 7'258'118'400;
 
 unsigned load_be16(Bytes bytes, std::size_t at) {
   return static_cast<unsigned>(bytes[at] << 8) | bytes[at + 1];
@@ -123,8 +125,12 @@ bool CaptureFile::next(CaptureRecord& record) {
   const int result = pcap_next_ex(state_->handle.get(), &header, &bytes);
   if (result == 1) {
     // The capture was opened with nanoseconds, so tv_usec counts those.
-    record.packet.stamp.ns =
-        static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 + header->ts.tv_usec;
+    const auto seconds = static_cast<std::int64_t>(header->ts.tv_sec);
+    if (seconds < 0 || seconds > kLatestSecond) {
+      record.kind = RecordKind::kMalformed;
+      return true;
+    }
+    record.packet.stamp.ns = seconds * 1'000'000'000 + header->ts.tv_usec;
     record.kind =
         read_frame(state_->link_type, Bytes(bytes, header->caplen), header->caplen < header->len, record);
     return true;

@@ -23,7 +23,7 @@ struct CaptureRecord {
   RecordKind kind = RecordKind::kMalformed;
   /// Bytes of the UDP payload by the UDP header; `packet` holds at most its capacity of them.
   std::uint16_t payload_size = 0;
-  /// Addresses and ports are set for UDP only, the stamp always.
+  /// Addresses and ports are set for UDP only, the stamp for all but malformed records.
   drivers::Packet packet;
 };
 

@@ -28,7 +28,7 @@ void ClockComparison::add(std::uint32_t timestamp_us, core::Time stamp, std::int
   const std::int64_t sensor_ns = static_cast<std::int64_t>(timestamp_us) * 1000 + duration_ns;
   const std::int64_t difference_ns = modulo_hour(stamp.ns % kHourNs - sensor_ns);
   const std::int64_t change_ns = open_ ? modulo_hour(difference_ns - first_ns_) : 0;
-  if (!open_ || std::abs(change_ns - least_ns_) > kClockSetNs || stamp.ns < window_start_ns_) {
+  if (!open_ || std::abs(change_ns - least_ns_) > kClockSetNs || stamp.ns < window_start_ns_ - kClockSetNs) {
     // The offset stays that of the start.
     const bool restarted = open_;
     const std::int64_t first_least_ns = open_ ? first_least_ns_ : difference_ns;
@@ -66,7 +66,7 @@ void ClockComparison::close_window() {
 std::optional<ClockFindings> ClockComparison::findings() const {
   if (!open_) return std::nullopt;
   ClockFindings result;
-  result.offset_s = -static_cast<double>(first_least_ns_) * 1e-9;
+  result.offset_s = static_cast<double>(-first_least_ns_) * 1e-9;
   result.agrees = std::abs(result.offset_s) < kSynchronisedS;
   const double spread = windows_ * sum_tt_ - sum_t_ * sum_t_;
   if (windows_ >= kWindowsForDrift && spread > 0.0) {

@@ -14,7 +14,7 @@ namespace {
 using core::Error;
 using core::Result;
 
-/// The longest gap to a sensor's own time that still leaves the recorder's clock believable.
+/// Beyond it niliod does not take a sensor's time for synchronised with the recorder's.
 constexpr double kClockWrongS = 0.2;
 
 /// On one line and with nothing in it that YAML would read.
@@ -38,7 +38,7 @@ class Section {
  public:
   explicit Section(const char* name) : name_(name) {}
   void add(const std::string& key, const std::string& value, const std::string& why) {
-    lines_ += "  " + key + ": " + value + "  # " + comment_text(why) + "\n";
+    lines_ += "  # " + comment_text(why) + "\n  " + key + ": " + value + "\n";
   }
   void note(const std::string& text) { notes_ += "  # " + comment_text(text) + "\n"; }
   /// Empty without keys, but for the notes.

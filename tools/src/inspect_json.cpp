@@ -220,6 +220,7 @@ json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captur
   }
   for (const ImuFindings& imu : can.imus) result["imus"].push_back(imu_json(imu));
   for (const CaptureFindings& capture : captures) {
+    if (!can.has_wall_clock()) break;
     const TimeRelation relation = relate(can, capture);
     result["captures"].push_back({{"path", capture.path},
                                   {"overlap_s", relation.overlap_s},

@@ -34,8 +34,9 @@ std::string message_table(const CanFindings& can) {
     const std::string bytes = message.shortest == message.longest
                                   ? format("%u", message.longest)
                                   : format("%u-%u", message.shortest, message.longest);
-    text += format("  %-10s %-9s %10llu %7s %9.1f %10.3f %12.3f\n", message.interface_name.c_str(),
-                   message_name(message).c_str(), count(message.frames), bytes.c_str(), message.rate_hz(),
+    text += format("  %-10s %-9s %10llu %7s %9.1f %10.3f %12.3f\n",
+                   printable_text(message.interface_name).c_str(), message_name(message).c_str(),
+                   count(message.frames), bytes.c_str(), message.rate_hz(),
                    message.interval_s.standard_deviation() * 1e3, message.interval_s.largest() * 1e3);
   }
   if (sorted.size() > kShown)
@@ -57,16 +58,21 @@ std::string level_text(double tilt_deg) {
 
 std::string imu_report(const ImuFindings& imu) {
   std::string text;
+  if (imu.stats.samples == 0) {
+    return row("IMU", format("%llu frames of %s on %s, but some of its messages are missing: no sample",
+                             count(imu.stats.frames), imu.preset.c_str(),
+                             printable_text(imu.interface_name).c_str()));
+  }
   if (!imu.plausible()) {
     return row(
         "IMU",
         format("the identifiers of %s are on %s, but the acceleration is %.2f m/s^2 on average: another "
                "device",
-               imu.preset.c_str(), imu.interface_name.c_str(), imu.acceleration_m_s2.mean()));
+               imu.preset.c_str(), printable_text(imu.interface_name).c_str(), imu.acceleration_m_s2.mean()));
   }
   text += row("IMU",
               format("%s on %s: %llu samples, %.1f Hz, jitter %.3f ms, largest gap %s", imu.preset.c_str(),
-                     imu.interface_name.c_str(), count(imu.stats.samples), imu.rate_hz(),
+                     printable_text(imu.interface_name).c_str(), count(imu.stats.samples), imu.rate_hz(),
                      imu.interval_s.standard_deviation() * 1e3, span_text(imu.interval_s.largest()).c_str()));
   if (imu.stats.incomplete + imu.stats.short_frames + imu.stats.out_of_order > 0) {
     text += row("", format("%llu incomplete samples, %llu short frames, %llu out of order",
@@ -76,11 +82,11 @@ std::string imu_report(const ImuFindings& imu) {
   text += row("acceleration", format("%.3f m/s^2 on average, axes %s", imu.acceleration_m_s2.mean(),
                                      axes_text(imu.linear_acceleration, 1.0, "m/s^2").c_str()));
   if (imu.still_seconds > 0) {
-    text += row("gyro bias", format("%s, from %llu s without motion",
+    text += row("gyro bias", format("%s, from %llu s at rest or straight ahead",
                                     axes_text(imu.still_angular_velocity, kDegreesPerRadian, "deg/s").c_str(),
                                     count(imu.still_seconds)));
   } else {
-    text += row("gyro bias", "not known: never still for a second");
+    text += row("gyro bias", "not known: turning or shaken all the time");
   }
   if (const auto tilt = imu.tilt_deg()) text += row("attitude", level_text(*tilt));
   return text;
@@ -100,7 +106,8 @@ std::string can_report(const CanFindings& can) {
   }
   std::string interfaces;
   for (const auto& [name, frames] : can.interfaces)
-    interfaces += format("%s%s %llu", interfaces.empty() ? "" : ", ", name.c_str(), count(frames));
+    interfaces +=
+        format("%s%s %llu", interfaces.empty() ? "" : ", ", printable_text(name).c_str(), count(frames));
   text += format("  %llu frames: %s", count(can.frames), interfaces.c_str());
   const auto add = [&](std::uint64_t n, const char* what) {
     if (n > 0) text += format(", %llu %s", count(n), what);

@@ -24,12 +24,12 @@ std::string model_text(const SensorFindings& sensor) {
   std::string text = std::string(drivers::velodyne_model_name(*sensor.model));
   std::string others;
   for (const drivers::VelodyneModel model : sensor.detection.candidates) {
-    if (model != *sensor.model) others += " or " + std::string(drivers::velodyne_model_name(model));
+    if (model != *sensor.model)
+      others += (others.empty() ? "" : ", ") + std::string(drivers::velodyne_model_name(model));
   }
-  if (!others.empty())
-    text +=
-        others + (sensor.detection.model ? ", whose packets are alike" : ": the packets do not tell which");
-  return text;
+  if (others.empty()) return text;
+  return text + (sensor.detection.model ? " (packets of " + others + " are alike)"
+                                        : " or " + others + ": the packets do not tell which");
 }
 
 std::string loss_text(const drivers::ScanAssemblerStats& stats) {
@@ -115,6 +115,13 @@ std::string nmea_text(const TelemetryFindings& telemetry) {
                                                                                        : text;
 }
 
+/// A sentence is of the second before, so some time behind is normal.
+std::string fix_text(const TelemetryFindings& telemetry) {
+  const double behind_s = (telemetry.fix_stamp - *telemetry.fix->utc).seconds();
+  return format("UTC %s, %s %s the capture's stamp", utc_text(*telemetry.fix->utc).c_str(),
+                span_text(std::abs(behind_s)).c_str(), behind_s >= 0.0 ? "before" : "after");
+}
+
 std::string telemetry_rows(const TelemetryFindings& telemetry) {
   const double seconds = (telemetry.last - telemetry.first).seconds();
   const double rate = seconds > 0.0 ? static_cast<double>(telemetry.packets - 1) / seconds : 0.0;
@@ -128,9 +135,7 @@ std::string telemetry_rows(const TelemetryFindings& telemetry) {
   text += row("PPS", pps);
   text += row("NMEA", nmea_text(telemetry));
   if (!telemetry.nmea_example.empty()) text += row("", telemetry.nmea_example);
-  if (telemetry.fix && telemetry.fix->utc)
-    text += row("", format("UTC %s, %s against the capture's stamp", utc_text(*telemetry.fix->utc).c_str(),
-                           span_text((*telemetry.fix->utc - telemetry.fix_stamp).seconds()).c_str()));
+  if (telemetry.fix && telemetry.fix->utc) text += row("", fix_text(telemetry));
   if (!telemetry.top_board_degc.empty())
     text += row("top board", spread_text(telemetry.top_board_degc, 0, "degC"));
   if (!telemetry.bottom_board_degc.empty())
@@ -168,6 +173,9 @@ std::string hdl64e_rows(const Hdl64eFindings& hdl64e) {
     const bool crc = hdl64e.calibration->checksum == drivers::Hdl64eChecksum::kCrc;
     text += row("calibration", format("whole in the status stream, %llu x, %s; --write-calibration saves it",
                                       count(counters.tables), crc ? "CRC right" : "no CRC (S2 firmware)"));
+  } else if (counters.cycles >= 2 * drivers::kHdl64eStatusCycles && counters.gaps == 0 &&
+             counters.wrong_crc + counters.implausible == 0) {
+    text += row("calibration", "none in the status stream");
   } else {
     text += row(
         "calibration",
@@ -220,7 +228,7 @@ std::string sensor_report(const SensorFindings& sensor) {
   text += row("packets", format("%llu, %.1f /s, %s; %s", count(sensor.packets), sensor.packet_rate_hz(),
                                 span_text(sensor.duration_s()).c_str(), loss_text(sensor.stats).c_str()));
   const std::string jumps = jumps_text(sensor);
-  if (!jumps.empty()) text += row("jumps", jumps);
+  if (!jumps.empty()) text += row("irregular", jumps);
   text += scan_rows(sensor) + clock_rows(sensor);
   if (sensor.hdl64e) text += hdl64e_rows(*sensor.hdl64e);
   return text + (sensor.telemetry ? telemetry_rows(*sensor.telemetry) : row("telemetry", "none"));

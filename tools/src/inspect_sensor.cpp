@@ -172,7 +172,9 @@ void SensorInspector::take_scan() {
     if (scan_.missing_firings == 0) findings_.revolutions_per_minute.add(turns_per_minute);
   }
   last_complete_start_.reset();
-  if (scan_.missing_firings == 0) last_complete_start_ = scan_.start;
+  // The first scan, and one after a jump, begins where the packets do.
+  const bool begins_at_cut = scan_.sequence > 0 && !scan_.after_time_jump && scan_.missing_firings == 0;
+  if (begins_at_cut) last_complete_start_ = scan_.start;
 }
 
 void SensorInspector::add_hints() {

@@ -1,5 +1,7 @@
 #include "inspect_telemetry.hpp"
 
+#include "inspect_text.hpp"
+
 #include <numbers>
 #include <span>
 #include <string_view>
@@ -9,16 +11,6 @@ namespace nilio::tools {
 namespace {
 
 constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
-
-/// Nothing in a packet is fit to be printed before this.
-std::string printable(std::string_view text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '\r' || c == '\n') break;
-    result.push_back(c >= ' ' && c < '\x7F' ? c : '?');
-  }
-  return result;
-}
 
 void add_motion(const std::array<drivers::Hdl32eBoard, 3>& boards, TelemetryFindings& findings) {
   if (!findings.motion) findings.motion.emplace();
@@ -60,15 +52,17 @@ void TelemetryInspector::add_nmea(const drivers::PositionPacket& position, core:
   const std::optional<drivers::NmeaFix> fix = drivers::parse_nmea(text, stamp);
   if (fix && fix->valid) {
     ++findings_.nmea_valid;
-    findings_.nmea_example = printable(text);
+    findings_.nmea_example = printable_text(text.substr(0, text.find_first_of("\r\n")));
     findings_.fix = fix;
     findings_.fix_stamp = stamp;
   } else if (fix) {
     ++findings_.nmea_no_fix;
-    if (findings_.nmea_valid == 0) findings_.nmea_example = printable(text);
+    if (findings_.nmea_valid == 0)
+      findings_.nmea_example = printable_text(text.substr(0, text.find_first_of("\r\n")));
   } else {
     ++findings_.nmea_unreadable;
-    if (findings_.nmea_valid + findings_.nmea_no_fix == 0) findings_.nmea_example = printable(text);
+    if (findings_.nmea_valid + findings_.nmea_no_fix == 0)
+      findings_.nmea_example = printable_text(text.substr(0, text.find_first_of("\r\n")));
   }
 }
 

@@ -33,6 +33,14 @@ std::string utc_text(core::Time time) {
   return format("%s.%03d", text.data(), static_cast<int>(fraction_ns / 1'000'000));
 }
 
+std::string printable_text(std::string_view text) {
+  std::string result(text);
+  for (char& c : result) {
+    if (c < ' ' || c > '~') c = '?';
+  }
+  return result;
+}
+
 std::string span_text(double seconds) {
   const double size = std::abs(seconds);
   if (size < 1e-3) return format("%.0f us", seconds * 1e6);
