@@ -104,6 +104,15 @@ TEST_CASE("a pause longer than a revolution is a gap") {
   CHECK(found.longest_pause_s == Approx(301 * 1327.104e-6).margin(1e-4));
 }
 
+TEST_CASE("what less than a revolution does not tell is said not to be known") {
+  CaptureBuilder capture;
+  add_packets(capture, turning(VelodyneModel::kVlp16), kFirstSensor, 2368, 0, 10);
+  const RecordingFindings findings = inspect_bytes(capture.bytes(), ".pcap");
+  CHECK(findings.usable());
+  CHECK(only_sensor(findings).complete_scans == 0);
+  CHECK_THAT(inspect_report(findings), Contains("field of view  not known") && Contains("no whole scan"));
+}
+
 TEST_CASE("a capture that ends in the middle of a record tells so and gives the rest") {
   CaptureBuilder capture;
   add_packets(capture, turning(VelodyneModel::kVlp16), kFirstSensor, 2368, 0, 300);

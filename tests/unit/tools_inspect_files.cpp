@@ -139,6 +139,9 @@ TEST_CASE("a CAN log of another time than the capture is said to be so, with how
   CHECK(relation.start_offset_s == Approx(100.0).margin(0.01));
   CHECK(relation.apart_s == Approx(99.6).margin(0.01));
   CHECK_THAT(inspect_report(apart), Contains("NOT OF THE SAME TIME") && Contains("99.602 s apart"));
+  CHECK_THAT(
+      make_recording_config({&apart.captures[0], &apart.captures[0].sensors.at(0), &apart.can_logs[0]}, ""),
+      Contains("not of the same time as the capture: they are 99.602 s apart"));
   write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing()));
   const RecordingFindings together = inspect_recording({folder.path().string()});
   CHECK(relate(together.can_logs[0], together.captures[0]).apart_s == 0.0);

@@ -124,7 +124,7 @@ void add_return_mode(const SensorFindings& sensor, Section& section) {
                      static_cast<unsigned long long>(sensor.stats.mode_changes)));
 }
 
-std::string imu_section(const CanFindings* can) {
+std::string imu_section(const CanFindings* can, const CaptureFindings& capture) {
   Section section("imu");
   if (can == nullptr) return "";
   const daemon::ImuConfig defaults;
@@ -140,6 +140,11 @@ std::string imu_section(const CanFindings* can) {
                 format("its messages are in the CAN log, %.1f Hz", imu->rate_hz()));
   if (can->interfaces.size() > 1)
     section.add("interface", quoted(imu->interface_name), "the IMU's; the log has frames of others too");
+  const double apart_s = relate(*can, capture).apart_s;
+  if (apart_s > 0.0) {
+    section.note(can->path + " is not of the same time as the capture: they are " + span_text(apart_s) +
+                 " apart, its samples will not be used");
+  }
   return section.text();
 }
 
@@ -188,7 +193,7 @@ std::string make_recording_config(const ConfigSubject& subject, const std::strin
   if (subject.can != nullptr) files += " and " + subject.can->path;
   return "# For " + comment_text(files) +
          ", made by nilio inspect.\n# Keys that are not here keep their defaults (niliod --help-config).\n" +
-         lidar.text() + imu_section(subject.can);
+         lidar.text() + imu_section(subject.can, *subject.capture);
 }
 
 }  // namespace nilio::tools

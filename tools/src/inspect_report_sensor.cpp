@@ -14,6 +14,7 @@ std::string row(const char* name, const std::string& value) {
 }
 
 std::string spread_text(const Spread& spread, int digits, const char* unit) {
+  if (spread.empty()) return "not known";
   if (spread.largest() - spread.least() < 0.5 * std::pow(10.0, -digits))
     return format("%.*f %s", digits, spread.mean(), unit);
   return format("%.*f %s (%.*f to %.*f)", digits, spread.mean(), unit, digits, spread.least(), digits,
@@ -73,7 +74,7 @@ std::string scan_rows(const SensorFindings& sensor) {
                                     360.0 - sensor.status.blind_sector_deg, sensor.field_of_view->start_deg,
                                     sensor.field_of_view->end_deg, sensor.status.blind_sector_deg));
   } else {
-    text += row("field of view", "360 deg");
+    text += row("field of view", sensor.complete_scans > 0 ? "360 deg" : "not known");
   }
   text += row("scans",
               format("%llu whole, %llu partial", count(sensor.complete_scans), count(sensor.partial_scans)));
@@ -164,9 +165,12 @@ std::string hdl64e_rows(const Hdl64eFindings& hdl64e) {
   text += row("GPS", gps_name(readings.gps));
   if (readings.clock) text += row("clock", utc_text(*readings.clock) + " by the status stream");
   std::string warnings;
-  if ((hdl64e.warnings & drivers::kHdl64eLensDirty) != 0) warnings += "lens dirty ";
-  if ((hdl64e.warnings & drivers::kHdl64eTooHot) != 0) warnings += "too hot ";
-  if ((hdl64e.warnings & drivers::kHdl64eTooCold) != 0) warnings += "too cold ";
+  const auto warn = [&](std::uint8_t bit, const char* what) {
+    if ((hdl64e.warnings & bit) != 0) warnings += (warnings.empty() ? "" : ", ") + std::string(what);
+  };
+  warn(drivers::kHdl64eLensDirty, "lens dirty");
+  warn(drivers::kHdl64eTooHot, "too hot");
+  warn(drivers::kHdl64eTooCold, "too cold");
   if (!warnings.empty()) text += row("warnings", warnings);
   const drivers::Hdl64eStatusCounters& counters = hdl64e.counters;
   if (hdl64e.calibration) {
