@@ -16,6 +16,8 @@ using core::Result;
 
 /// Beyond it niliod does not take a sensor's time for synchronised with the recorder's.
 constexpr double kClockWrongS = 0.2;
+/// Nobody sets a sensor more often in a recording: then single packets are misread, as where nothing returns.
+constexpr std::uint64_t kMostRealModeChanges = 5;
 
 /// On one line and with nothing in it that YAML would read.
 std::string comment_text(const std::string& text) {
@@ -115,7 +117,7 @@ void add_time(const ConfigSubject& subject, Section& section) {
 }
 
 void add_return_mode(const SensorFindings& sensor, Section& section) {
-  if (sensor.stats.mode_changes == 0) return;
+  if (sensor.stats.mode_changes <= kMostRealModeChanges) return;
   const char* mode = sensor.detection.mode == drivers::ReturnMode::kSingle ? "single"
                      : sensor.detection.mode == drivers::ReturnMode::kDual ? "dual"
                                                                            : "dual_confidence";
