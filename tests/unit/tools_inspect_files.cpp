@@ -115,6 +115,7 @@ TEST_CASE("an IMU upside down, one with other units and half an IMU are told") {
 
 TEST_CASE("broken lines, error frames and endless lines of a CAN log are counted") {
   const std::string log = imu_log("xsens_mti", 1.0, standing()) + "(1700000001.5) can0 zzz\n" +
+                          "(9000000000.000000) can0 032#000000000000\n" +
                           "(1700000001.600000) can0 20000004#0000000000000000\n(" +
                           std::string(100'000, 'x') + "\n" + "comment\n(1700000001.700000) can1 123#00\n";
   const RecordingFindings findings = inspect_bytes(log, ".log");
@@ -122,7 +123,8 @@ TEST_CASE("broken lines, error frames and endless lines of a CAN log are counted
   const CanFindings& can = findings.can_logs.front();
   CHECK(can.frames == 202);
   CHECK(can.error_frames == 1);
-  CHECK(can.broken_lines == 2);
+  CHECK(can.broken_lines == 3);
+  CHECK(can.duration_s() < 2.0);
   CHECK(can.first_broken_line == 201);
   CHECK(can.interfaces.at("can0") == 200);
   CHECK(can.interfaces.at("can1") == 1);

@@ -25,6 +25,8 @@ constexpr std::size_t kMostInterfaces = 16;
 constexpr std::size_t kLongestLine = 512;
 /// 2001-09-09: no recording of a Velodyne is older.
 constexpr core::Time kFirstWallClock{1'000'000'000'000'000'000};
+/// 2100: later stamps are damage.
+constexpr core::Time kLastStamp{4'102'444'800'000'000'000};
 
 struct Message {
   CanMessageFindings findings;
@@ -40,7 +42,7 @@ class CanInspector {
     ++line_;
     if (line.empty() || line.front() != '(') return std::monostate{};
     const auto parsed = whole ? drivers::parse_candump_line(line) : std::nullopt;
-    if (!parsed) {
+    if (!parsed || parsed->frame.stamp > kLastStamp) {
       if (findings_.broken_lines++ == 0) findings_.first_broken_line = line_;
       return std::monostate{};
     }

@@ -23,8 +23,8 @@ constexpr unsigned kFragmentMask = 0x3FFF;
 constexpr std::uint8_t kProtocolUdp = 17;
 constexpr std::size_t kLeastIpHeader = 20;
 constexpr std::size_t kUdpHeader = 8;
-/// The year 2200: pcapng can hold stamps that 64 bits of nanoseconds cannot.
-constexpr std::int64_t kLatestSecond = 7'258'118'400;
+/// The year 2100: pcapng can hold stamps that 64 bits of nanoseconds cannot.
+constexpr std::int64_t kLatestSecond = 4'102'444'800;
 
 unsigned load_be16(Bytes bytes, std::size_t at) {
   return static_cast<unsigned>(bytes[at] << 8) | bytes[at + 1];
