@@ -3,7 +3,7 @@
 #include <CLI/CLI.hpp>
 
 int main(int argc, char** argv) {
-  CLI::App app{"nilio: record, play, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
+  CLI::App app{"nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
   app.require_subcommand(1);
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;
@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
   nilio::tools::add_simulate_command(app, status);
   nilio::tools::add_convert_command(app, status);
   nilio::tools::add_evaluate_command(app, status);
+  nilio::tools::add_inspect_command(app, status);
   nilio::tools::add_plot_command(app, status);
   nilio::tools::add_watch_command(app, status);
   nilio::tools::add_bench_command(app);

@@ -1,0 +1,41 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include "inspect_can.hpp"
+#include "inspect_capture.hpp"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace nilio::tools {
+
+/// How a CAN log lies to a capture in time.
+struct TimeRelation {
+  /// Both at once; 0 when they are apart.
+  double overlap_s = 0.0;
+  /// CAN log's start minus the capture's.
+  double start_offset_s = 0.0;
+  /// Between the end of one and the start of the other; 0 when they overlap.
+  double apart_s = 0.0;
+};
+
+TimeRelation relate(const CanFindings& can, const CaptureFindings& capture);
+
+/// What is in the files of a recording.
+struct RecordingFindings {
+  std::vector<CaptureFindings> captures;
+  std::vector<CanFindings> can_logs;
+  /// One line for each file that is of no use, and why.
+  std::vector<std::string> problems;
+
+  [[nodiscard]] bool usable() const;
+};
+
+/// Inspects captures and CAN logs, told by their content, and those in folders (not in folders of folders).
+/// Files in folders that are neither are passed over; those named by the user become problems, like what
+/// cannot be read.
+RecordingFindings inspect_recording(const std::vector<std::string>& paths);
+
+}  // namespace nilio::tools
