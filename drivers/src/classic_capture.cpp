@@ -1,5 +1,5 @@
-#include "capture_reader.hpp"
-#include "udp_in_frame.hpp"
+#include "nilio/drivers/capture_reader.hpp"
+#include "nilio/drivers/udp_in_frame.hpp"
 
 #include <array>
 #include <cstring>

@@ -1,10 +1,10 @@
+#include "nilio/drivers/capture_reader.hpp"
 #include "nilio/drivers/pcap.hpp"
+#include "nilio/drivers/udp_in_frame.hpp"
 
-#include "capture_reader.hpp"
 #include "ipv4_address.hpp"
 #include "key_counter.hpp"
 #include "source_support.hpp"
-#include "udp_in_frame.hpp"
 
 #include <algorithm>
 #include <atomic>
@@ -87,6 +87,7 @@ bool PcapSource::accept(const CapturedFrame& frame, Packet& slot) {
       counters_.add_other(1);
       return false;
     case CapturedDatagram::Kind::kOther:
+    case CapturedDatagram::Kind::kNotIpv4:
       if (!is_known_link_type(frame.link_type)) unread_link_types_.count(frame.link_type);
       counters_.add_other(1);
       return false;
@@ -208,11 +209,8 @@ std::optional<Error> check_file(const std::string& path) {
 
 }  // namespace
 
-core::Result<std::unique_ptr<PacketSource>> open_pcap(const std::string& path,
-                                                      const PcapSourceConfig& config) {
+core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& path) {
   if (auto problem = check_file(path)) return *problem;
-  const core::Result<std::uint32_t> sender = parse_optional_ipv4(config.sender_address, "sender");
-  if (!sender) return Error{path + ": " + sender.error().message};
   FileHandle file(std::fopen(path.c_str(), "rbe"));
   if (!file) {
     return Error{path + ": cannot be read (" + std::strerror(errno) + "); check its permissions"};
@@ -223,6 +221,15 @@ core::Result<std::unique_ptr<PacketSource>> open_pcap(const std::string& path,
                                                             ? open_pcapng_capture(std::move(file))
                                                             : open_classic_capture(std::move(file));
   if (!reader) return Error{path + ": " + reader.error().message};
+  return reader;
+}
+
+core::Result<std::unique_ptr<PacketSource>> open_pcap(const std::string& path,
+                                                      const PcapSourceConfig& config) {
+  const core::Result<std::uint32_t> sender = parse_optional_ipv4(config.sender_address, "sender");
+  if (!sender) return Error{path + ": " + sender.error().message};
+  core::Result<std::unique_ptr<CaptureReader>> reader = open_capture(path);
+  if (!reader) return reader.error();
   return std::unique_ptr<PacketSource>(
       std::make_unique<PcapSource>(std::move(reader).value(), path, config, *sender));
 }

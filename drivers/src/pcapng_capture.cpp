@@ -1,4 +1,5 @@
-#include "capture_reader.hpp"
+#include "nilio/drivers/capture_reader.hpp"
+
 #include "pcapng_time.hpp"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "udp_in_frame.hpp"
+#include "nilio/drivers/udp_in_frame.hpp"
 
 #include <algorithm>
 #include <optional>
@@ -106,6 +106,7 @@ CapturedDatagram find_datagram(int link_type, std::span<const std::uint8_t> fram
   result.source_port = load_be16(udp, 0);
   result.destination_port = load_be16(udp, 2);
   result.payload_is_cut = length > udp.size();
+  result.payload_size = static_cast<std::uint16_t>(length - kUdpHeader);
   result.payload = udp.subspan(kUdpHeader, std::min(length, udp.size()) - kUdpHeader);
   return result;
 }

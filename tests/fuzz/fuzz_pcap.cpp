@@ -3,7 +3,7 @@
 #include "nilio/drivers/pcap.hpp"
 
 #include "fuzz_support.hpp"
-#include "udp_in_frame.hpp"
+#include "nilio/drivers/udp_in_frame.hpp"
 
 #include <array>
 

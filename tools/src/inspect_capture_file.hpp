@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/drivers/capture_reader.hpp"
 #include "nilio/drivers/packet.hpp"
 
 #include <cstdint>
@@ -33,21 +34,17 @@ class CaptureFile {
  public:
   /// Takes what drivers::open_pcap() takes, and fails as it does.
   static core::Result<CaptureFile> open(const std::string& path);
-  CaptureFile(CaptureFile&&) noexcept;
-  CaptureFile& operator=(CaptureFile&&) noexcept;
-  CaptureFile(const CaptureFile&) = delete;
-  CaptureFile& operator=(const CaptureFile&) = delete;
-  ~CaptureFile();
-
   /// False at the end.
   bool next(CaptureRecord& record);
   /// Why the end came before that of the recording, for people; empty where it did not.
-  [[nodiscard]] const std::string& early_end() const;
+  [[nodiscard]] const std::string& early_end() const { return early_end_; }
 
  private:
-  struct State;
-  explicit CaptureFile(std::unique_ptr<State> state);
-  std::unique_ptr<State> state_;
+  CaptureFile() = default;
+
+  /// Null after the end.
+  std::unique_ptr<drivers::CaptureReader> reader_;
+  std::string early_end_;
 };
 
 }  // namespace nilio::tools

@@ -10,14 +10,17 @@ struct CapturedDatagram {
   enum class Kind {
     kUdp,
     kFragment,   ///< part of a UDP datagram
-    kOther,      ///< anything else than UDP over IPv4
+    kOther,      ///< IPv4, but not UDP
+    kNotIpv4,    ///< ARP, IPv6, a link type that is not read ...
     kMalformed,  ///< headers that contradict themselves or end too early
   };
-  Kind kind = Kind::kOther;
+  Kind kind = Kind::kNotIpv4;
   std::uint32_t source_address = 0;
   std::uint16_t source_port = 0;
   std::uint16_t destination_port = 0;
   std::span<const std::uint8_t> payload;
+  /// Bytes of the payload by the UDP header.
+  std::uint16_t payload_size = 0;
   /// The frame ends before the payload does.
   bool payload_is_cut = false;
 };
