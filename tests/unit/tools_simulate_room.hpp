@@ -36,7 +36,9 @@ inline tools::simulation::TriangleMesh room_mesh(const Room& room) {
 /// A bend and some wobble through the hall at 8 m/s; base_link is on the floor.
 inline std::vector<core::SE3> room_drive(double duration_s) {
   std::vector<core::SE3> poses;
-  for (double t = -0.05; t < duration_s + 0.15; t += tools::simulation::kControlIntervalS) {
+  const long last = std::lround(duration_s / tools::simulation::kControlIntervalS);
+  for (long i = 0; i <= last; ++i) {
+    const double t = static_cast<double>(i) * tools::simulation::kControlIntervalS;
     const core::Vector3 turn(0.02 * std::sin(5.0 * t), 0.02 * std::cos(7.0 * t), 0.3 * t);
     poses.push_back({core::so3_exp(turn), {8.0 * t, 0.5 * t, -1.75}});
   }

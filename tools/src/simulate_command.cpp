@@ -133,12 +133,13 @@ Result<LidarSetup> make_lidar(const SimulateArguments& arguments) {
       drivers::make_velodyne_sensor(parse_sensor(arguments.sensor).value_or(drivers::VelodyneModel::kVlp16));
   const drivers::VelodyneModel model = setup.sensor.model;
   if (!has_status_stream(model)) return setup;
-  if (!arguments.stream_calibration.value_or(model != drivers::VelodyneModel::kHdl64eS2)) {
-    setup.stream = Hdl64eStream(arguments.gps);
+  const bool by_itself = arguments.stream_calibration.empty() && model != drivers::VelodyneModel::kHdl64eS2;
+  if (!by_itself && arguments.stream_calibration != "on") {
+    setup.stream = Hdl64eStream(gps_of(arguments));
     return setup;
   }
-  auto stream = Hdl64eStream::with_calibration(setup.sensor, arguments.return_mode,
-                                               arguments.revolutions_per_minute, arguments.gps);
+  auto stream = Hdl64eStream::with_calibration(setup.sensor, return_mode_of(arguments),
+                                               arguments.revolutions_per_minute, gps_of(arguments));
   if (!stream) return stream.error();
   auto rounded = drivers::with_stream_calibration(std::move(setup.sensor), *stream->calibration());
   if (!rounded) return rounded.error();
@@ -194,14 +195,14 @@ Result<LidarRecordingSummary> write_lidar(const SimulateArguments& arguments, co
   config.T_base_lidar = kLidarMounting.T_base_sensor();
   config.revolutions_per_minute = arguments.revolutions_per_minute;
   config.range_noise_m = arguments.range_noise_m;
-  config.return_mode = arguments.return_mode;
-  config.gps = arguments.gps;
+  config.return_mode = return_mode_of(arguments);
+  config.gps = gps_of(arguments);
   config.clock_offset = core::Duration::from_seconds(arguments.clock_offset_s);
   config.clock_drift_ppm = arguments.clock_drift_ppm;
   config.network_jitter = core::Duration::from_seconds(arguments.network_jitter_us * 1e-6);
   config.stream = setup.stream;
   const LidarModel model(setup.sensor, config, trajectory, scene);
-  const PositionModel positions(setup.sensor.model, arguments.gps, config.T_base_lidar, model.timing(),
+  const PositionModel positions(setup.sensor.model, gps_of(arguments), config.T_base_lidar, model.timing(),
                                 trajectory);
   return write_lidar_recording(model, sends_position_packets(setup.sensor.model) ? &positions : nullptr,
                                path.string());
@@ -253,10 +254,10 @@ void add_simulate_command(CLI::App& app, int& status) {
   CLI::App* command =
       app.add_subcommand("simulate", "drive a simulated vehicle through a made-up town and record it");
   command->footer(
-      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 ms) "
-      "and\n"
-      "nilio.yaml (with calibration.yaml if the LiDAR sends one) to OUTPUT_DIR; files there are replaced. "
-      "The same options give the same bytes.");
+      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 "
+      "ms),\n"
+      "nilio.yaml, and calibration.yaml if the LiDAR sends its calibration, to OUTPUT_DIR; files there are\n"
+      "replaced. The same options give the same bytes.");
   add_simulate_options(*command, *arguments);
   command->callback([arguments, command, &status] {
     if (const std::optional<Error> useless = find_useless_option(*command, *arguments)) {

@@ -2,8 +2,9 @@
 
 #include "simulation/hdl64e_stream.hpp"
 
-#include <map>
 #include <sstream>
+#include <utility>
+#include <vector>
 
 namespace nilio::tools {
 
@@ -12,12 +13,37 @@ using simulation::GpsReception;
 
 namespace {
 
-const std::map<std::string, drivers::ReturnMode> kReturnModes{
+// In the order in which help and messages name them.
+const std::vector<std::pair<std::string, drivers::ReturnMode>> kReturnModes{
     {"single", drivers::ReturnMode::kSingle},
     {"dual", drivers::ReturnMode::kDual},
     {"dual_confidence", drivers::ReturnMode::kDualConfidence}};
-const std::map<std::string, GpsReception> kGpsReceptions{
+const std::vector<std::pair<std::string, GpsReception>> kGpsReceptions{
     {"locked", GpsReception::kLocked}, {"nmea", GpsReception::kNmeaOnly}, {"none", GpsReception::kNone}};
+
+template <class Value>
+std::vector<std::string> names_of(const std::vector<std::pair<std::string, Value>>& values) {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : values) names.push_back(name);
+  return names;
+}
+
+/// `fallback` for a name that is not there.
+template <class Value>
+Value value_of(const std::vector<std::pair<std::string, Value>>& values, const std::string& wanted,
+               Value fallback) {
+  for (const auto& [name, value] : values) {
+    if (name == wanted) return value;
+  }
+  return fallback;
+}
+
+std::string sensor_names() {
+  std::string names;
+  for (const drivers::VelodyneModel model : drivers::velodyne_models())
+    names += std::string(drivers::velodyne_model_name(model)) + ", ";
+  return names + "or 'hdl64e' for HDL-64E-S2";
+}
 
 /// Unlike CLI::Range it does not let "nan" through.
 CLI::Validator number_between(double low, double high) {
@@ -32,14 +58,10 @@ CLI::Validator number_between(double low, double high) {
 }
 
 CLI::Validator sensor_name() {
-  std::string names;
-  for (const drivers::VelodyneModel model : drivers::velodyne_models())
-    names += (names.empty() ? "" : ", ") + std::string(drivers::velodyne_model_name(model));
-  const std::string known = "one of " + names + " ('hdl64e' is HDL-64E-S2)";
-  const auto check = [known](std::string& given) {
-    return parse_sensor(given) ? std::string() : "'" + given + "' is not " + known;
+  const auto check = [](std::string& given) {
+    return parse_sensor(given) ? std::string() : "'" + given + "' is not one of " + sensor_names();
   };
-  return {check, known};
+  return {check, ""};
 }
 
 void add_drive_options(CLI::App& command, SimulateArguments& a) {
@@ -63,9 +85,12 @@ void add_drive_options(CLI::App& command, SimulateArguments& a) {
 }
 
 void add_lidar_options(CLI::App& command, SimulateArguments& a) {
-  command.add_option("--sensor", a.sensor, "LiDAR")->check(sensor_name())->capture_default_str();
-  command.add_option("--return-mode", a.return_mode, "returns in each packet; default: single")
-      ->transform(CLI::CheckedTransformer(kReturnModes));
+  command.add_option("--sensor", a.sensor, "LiDAR: " + sensor_names())
+      ->check(sensor_name())
+      ->capture_default_str();
+  command.add_option("--return-mode", a.return_mode, "returns in each packet")
+      ->check(CLI::IsMember(names_of(kReturnModes)))
+      ->capture_default_str();
   command.add_option("--rpm", a.revolutions_per_minute, "revolutions per minute")
       ->check(number_between(300.0, 1200.0))
       ->capture_default_str();
@@ -83,9 +108,9 @@ void add_lidar_options(CLI::App& command, SimulateArguments& a) {
 
 void add_clock_options(CLI::App& command, SimulateArguments& a) {
   command
-      .add_option("--gps", a.gps,
-                  "what the LiDAR has of a GPS receiver: pulse and time, time only, nothing; default: locked")
-      ->transform(CLI::CheckedTransformer(kGpsReceptions));
+      .add_option("--gps", a.gps, "what the LiDAR has of a GPS receiver: pulse and time, time only, nothing")
+      ->check(CLI::IsMember(names_of(kGpsReceptions)))
+      ->capture_default_str();
   command.add_option("--sensor-clock-offset-s", a.clock_offset_s, "LiDAR's clock less the host's, s")
       ->check(number_between(-1e6, 1e6))
       ->capture_default_str();
@@ -97,10 +122,11 @@ void add_clock_options(CLI::App& command, SimulateArguments& a) {
       .add_option("--network-jitter-us", a.network_jitter_us, "longest delay of a packet beyond the shortest")
       ->check(number_between(0.0, 20000.0))
       ->capture_default_str();
-  command.add_flag(
-      "--stream-calibration,!--no-stream-calibration", a.stream_calibration,
-      "an HDL-64E sends its calibration (rounded as the stream has it; also in calibration.yaml) "
-      "or does not; default: S2.1 and S3 do");
+  command
+      .add_option("--stream-calibration", a.stream_calibration,
+                  "whether an HDL-64E sends its calibration (rounded as the stream has it, and written to "
+                  "calibration.yaml); default: S2.1 and S3 do")
+      ->check(CLI::IsMember({"on", "off"}));
 }
 
 void add_imu_options(CLI::App& command, SimulateArguments& a) {
@@ -126,14 +152,14 @@ std::optional<Error> find_impossible_option(const CLI::App& command, const Simul
   const auto model = parse_sensor(a.sensor);
   if (!model) return std::nullopt;
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(*model);
-  if (sensor.layout(a.return_mode) == nullptr) {
+  if (sensor.layout(return_mode_of(a)) == nullptr) {
     std::string modes;
     for (const auto& [name, mode] : kReturnModes) {
       if (sensor.layout(mode) != nullptr) modes += (modes.empty() ? "" : ", ") + name;
     }
     return Error{"--return-mode: " + sensor.name + " has only " + modes};
   }
-  if (a.stream_calibration && !simulation::has_status_stream(*model))
+  if (!a.stream_calibration.empty() && !simulation::has_status_stream(*model))
     return Error{"--stream-calibration: " + sensor.name +
                  " sends no calibration; an HDL-64E-S2 or later does"};
   for (const char* name : {"--gps", "--sensor-clock-offset-s", "--sensor-clock-drift-ppm"}) {
@@ -144,6 +170,14 @@ std::optional<Error> find_impossible_option(const CLI::App& command, const Simul
 }
 
 }  // namespace
+
+drivers::ReturnMode return_mode_of(const SimulateArguments& arguments) {
+  return value_of(kReturnModes, arguments.return_mode, drivers::ReturnMode::kSingle);
+}
+
+GpsReception gps_of(const SimulateArguments& arguments) {
+  return value_of(kGpsReceptions, arguments.gps, GpsReception::kLocked);
+}
 
 std::optional<drivers::VelodyneModel> parse_sensor(const std::string& name) {
   // KITTI's.

@@ -18,13 +18,14 @@ namespace nilio::tools {
 struct SimulateArguments {
   std::string output;
   std::string sensor = "vlp16";
-  drivers::ReturnMode return_mode = drivers::ReturnMode::kSingle;
-  simulation::GpsReception gps = simulation::GpsReception::kLocked;
+  /// See return_mode_of() and gps_of().
+  std::string return_mode = "single";
+  std::string gps = "locked";
   double clock_offset_s = 0.0;
   double clock_drift_ppm = 0.0;
   double network_jitter_us = 0.0;
-  /// Nothing = as the model does.
-  std::optional<bool> stream_calibration;
+  /// "on", "off", empty = as the model does.
+  std::string stream_calibration;
   std::string trajectory = "town";
   std::string calibration;
   double pose_interval_s = 0.1037;
@@ -48,6 +49,9 @@ struct SimulateArguments {
 
 /// Nothing for a name that is no sensor's.
 std::optional<drivers::VelodyneModel> parse_sensor(const std::string& name);
+/// Of arguments that were parsed.
+drivers::ReturnMode return_mode_of(const SimulateArguments& arguments);
+simulation::GpsReception gps_of(const SimulateArguments& arguments);
 /// Declares the options of "nilio simulate"; `arguments` must outlive `command`.
 void add_simulate_options(CLI::App& command, SimulateArguments& arguments);
 /// An option that the chosen trajectory or LiDAR does not use is a mistake, not something to pass over.

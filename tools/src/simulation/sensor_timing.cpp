@@ -28,8 +28,8 @@ SensorTiming::SensorTiming(const drivers::VelodyneSensor& sensor, const drivers:
   config_.clock_offset.ns = floor_to_microsecond(config.clock_offset.ns + kMicrosecondNs / 2);
   if (sensor.model == drivers::VelodyneModel::kVls128) {
     step_period_ns_ += kMeanRestNs;
-    // Each sequence is off by at most half of the mean, so that no rest is negative.
-    rest_jitter_ns_ = kMeanRestNs / 2;
+    // Each sequence is late by at most the mean, so that no rest is negative.
+    rest_jitter_ns_ = kMeanRestNs;
   }
   for (std::size_t block = 0; block < layout.blocks_per_azimuth; ++block) {
     for (const drivers::PacketEntry& entry : layout.entries[block])
@@ -41,7 +41,7 @@ SensorTiming::SensorTiming(const drivers::VelodyneSensor& sensor, const drivers:
 std::int64_t SensorTiming::sequence_ns(std::uint64_t sequence) const {
   const std::int64_t even_ns = static_cast<std::int64_t>(sequence) * step_period_ns_;
   if (rest_jitter_ns_ == 0) return even_ns;
-  const double share = 2.0 * to_unit_interval(random_word(config_.seed ^ kRestStream, sequence)) - 1.0;
+  const double share = to_unit_interval(random_word(config_.seed ^ kRestStream, sequence));
   return even_ns + std::llround(share * static_cast<double>(rest_jitter_ns_));
 }
 

@@ -49,7 +49,7 @@ class SensorTiming {
   SensorTimingConfig config_;
   std::size_t steps_;
   std::int64_t step_period_ns_;
-  /// Of the rest after each firing sequence: its mean is in the period, this is how far a sequence is off.
+  /// How late a firing sequence may be: the mean of the random rests between them is in the period.
   std::int64_t rest_jitter_ns_ = 0;
   /// Last firing of an azimuth step after its time.
   std::int64_t last_offset_ns_ = 0;
