@@ -131,7 +131,7 @@ TEST_CASE("broken lines, error frames and endless lines of a CAN log are counted
 }
 
 TEST_CASE("a CAN log of another time than the capture is said to be so, with how far off") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing(), kEpochNs + 100'000'000'000));
   const RecordingFindings apart = inspect_recording({folder.path().string()});
@@ -151,7 +151,7 @@ TEST_CASE("a CAN log of another time than the capture is said to be so, with how
 }
 
 TEST_CASE("the configuration has ports, sender and IMU where they differ, and a replay takes it") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   const auto capture = folder.path() / "lidar.pcap";
   const auto yaml = folder.path() / "nilio.yaml";
   std::string both = vlp16_capture(kFirstSensor, 3000);
@@ -184,7 +184,7 @@ TEST_CASE("the configuration has ports, sender and IMU where they differ, and a 
 }
 
 TEST_CASE("a CAN log without a known IMU switches the IMU off in the configuration") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "car.log", "(1700000000.000000) can0 123#00\n");
   const std::string yaml = (folder.path() / "nilio.yaml").string();
@@ -193,7 +193,7 @@ TEST_CASE("a CAN log without a known IMU switches the IMU off in the configurati
 }
 
 TEST_CASE("an HDL-64E's own calibration is found, saved and named in the configuration") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   write(folder.path() / "lidar.pcap", hdl64e_capture());
   const std::string yaml = (folder.path() / "nilio.yaml").string();
   const std::string calibration = (folder.path() / "unit.yaml").string();
@@ -239,7 +239,7 @@ TEST_CASE("the JSON on standard output is alone there and says what the report s
 }
 
 TEST_CASE("missing files and folders without recordings end the command with a message") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   write(folder.path() / "notes.txt", "hello\n");
   const CommandResult empty = run_inspect(folder.path().string());
   CHECK(empty.status == 1);

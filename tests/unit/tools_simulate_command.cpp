@@ -1,5 +1,6 @@
 #include "nilio/drivers/candump.hpp"
 #include "nilio/drivers/imu_decoder.hpp"
+#include "nilio/drivers/velodyne_model.hpp"
 
 #include "commands.hpp"
 #include "tools_simulate_support.hpp"
@@ -13,7 +14,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using tests::TemporaryFolder;
+using tests::SimulationFolder;
 
 namespace {
 
@@ -41,9 +42,9 @@ const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
 }  // namespace
 
 TEST_CASE("the same seed gives the same bytes in every file, another seed does not") {
-  const TemporaryFolder a;
-  const TemporaryFolder b;
-  const TemporaryFolder c;
+  const SimulationFolder a;
+  const SimulationFolder b;
+  const SimulationFolder c;
   REQUIRE(simulate(a.path().string() + kShort) == 0);
   REQUIRE(simulate(b.path().string() + kShort) == 0);
   REQUIRE(simulate(c.path().string() + kShort + " --seed 2") == 0);
@@ -57,7 +58,7 @@ TEST_CASE("the same seed gives the same bytes in every file, another seed does n
 }
 
 TEST_CASE("the truth begins at the identity and its times are those of the IMU frames") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort + " --imu oxts_rt3003 --imu-rate 100") == 0);
   const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
   REQUIRE(truth.ok());
@@ -87,7 +88,7 @@ TEST_CASE("the truth begins at the identity and its times are those of the IMU f
 }
 
 TEST_CASE("without an IMU neither its file nor its configuration is written") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort) == 0);
   CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
   REQUIRE(simulate(folder.path().string() + kShort + " --imu none --sensor hdl64e") == 0);
@@ -98,14 +99,15 @@ TEST_CASE("without an IMU neither its file nor its configuration is written") {
 
 TEST_CASE("options out of range, not a number and unknown names are refused while parsing") {
   for (const char* option : {"--speed nan", "--rpm 0", "--length -5", "--range-noise inf", "--imu-rate 1e9",
-                             "--sensor os1", "--imu foo", "--moving-cars -1", "--seed x"}) {
+                             "--sensor os1", "--return-mode triple", "--gps maybe", "--network-jitter-us -1",
+                             "--rpm 1300", "--imu foo", "--moving-cars -1", "--seed x"}) {
     INFO(option);
     CHECK_THROWS_AS(simulate("somewhere " + std::string(option)), CLI::ParseError);
   }
 }
 
 TEST_CASE("what cannot be done is said with place and remedy") {
-  const TemporaryFolder folder;
+  const SimulationFolder folder;
   int status = 0;
   SECTION("a folder that cannot be made") {
     std::ofstream(folder.path() / "file") << "x";
@@ -131,4 +133,36 @@ TEST_CASE("what cannot be done is said with place and remedy") {
     CHECK_THAT(text, Catch::Contains("--calib"));
   }
   CHECK(status == 1);
+}
+
+TEST_CASE("every model can be asked for by name, and what it cannot do is said") {
+  const SimulationFolder folder;
+  int status = 0;
+  const auto errors = [&](const std::string& options) {
+    return captured_errors([&] { status = simulate(folder.path().string() + kShort + options); });
+  };
+  CHECK_THAT(errors(" --sensor vlp-32c --return-mode dual_confidence"),
+             Catch::Contains("VLP-32C has only single, dual"));
+  CHECK(status == 1);
+  CHECK_THAT(errors(" --sensor HDL-64E-S1 --gps none"), Catch::Contains("--gps: HDL-64E-S1 sends no time"));
+  CHECK(status == 1);
+  CHECK_THAT(errors(" --stream-calibration on"), Catch::Contains("VLP-16 sends no calibration"));
+  CHECK(status == 1);
+  CHECK(errors(" --sensor puckhires --return-mode dual --gps nmea --rpm 1200").empty());
+  CHECK(status == 0);
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("model: Puck-Hi-Res"));
+}
+
+TEST_CASE("an HDL-64E that sends its calibration has it written beside the recording") {
+  const SimulationFolder folder;
+  REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3") == 0);
+  const auto path = folder.path() / "calibration.yaml";
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"),
+             Catch::Contains("calibration: " + path.string()));
+  const auto built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
+  const auto read = drivers::with_calibration_file(built_in, path.string());
+  REQUIRE(read.ok());
+  CHECK(read->lasers != built_in.lasers);
+  REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3 --stream-calibration off") == 0);
+  CHECK_FALSE(std::filesystem::exists(path));
 }

@@ -179,7 +179,7 @@ TEST_CASE("a standing IMU reads gravity and no rotation, with the noise and bias
 }
 
 TEST_CASE("a recorded drive follows the recorded poses, as base_link under the LiDAR") {
-  const tests::TemporaryFolder folder;
+  const tests::SimulationFolder folder;
   const auto path = folder.path() / "poses.txt";
   const std::vector<SE3> lidar_poses = write_bend(path, 120);
   RecordedDriveConfig config = recorded_config(path);
@@ -224,7 +224,7 @@ TEST_CASE("recorded heights that drift are made to agree where the drive comes t
 }
 
 TEST_CASE("a bad pose file is refused with file, place and remedy") {
-  const tests::TemporaryFolder folder;
+  const tests::SimulationFolder folder;
   const auto path = folder.path() / "poses.txt";
   write_bend(path, 20);
   const RecordedDriveConfig config = recorded_config(path);

@@ -20,16 +20,16 @@
 namespace nilio::tests {
 
 /// A folder of its own that goes when the test ends.
-class TemporaryFolder {
+class SimulationFolder {
  public:
-  TemporaryFolder()
+  SimulationFolder()
       : path_(std::filesystem::temp_directory_path() /
               ("nilio_simulate_" + std::to_string(std::random_device{}()))) {
     std::filesystem::create_directories(path_);
   }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  ~TemporaryFolder() {
+  SimulationFolder(const SimulationFolder&) = delete;
+  SimulationFolder& operator=(const SimulationFolder&) = delete;
+  ~SimulationFolder() {
     std::error_code ignored;
     std::filesystem::remove_all(path_, ignored);
   }

@@ -1,9 +1,12 @@
+#include "nilio/drivers/velodyne_calibration.hpp"
 #include "nilio/drivers/velodyne_model.hpp"
 
 #include "commands.hpp"
-#include "number_between.hpp"
+#include "simulate_options.hpp"
+#include "simulation/hdl64e_stream.hpp"
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
+#include "simulation/position_model.hpp"
 #include "simulation/ray_scene.hpp"
 #include "simulation/recorded_drive.hpp"
 #include "simulation/recording.hpp"
@@ -40,31 +43,6 @@ constexpr core::Time kStart{1'767'268'800'000'000'000};
 const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
 const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
 constexpr double kMetresPerMovingCar = 30.0;
-
-/// Options in the units that data sheets use.
-struct SimulateArguments {
-  std::string output;
-  std::string sensor = "vlp16";
-  std::string trajectory = "town";
-  std::string calibration;
-  double pose_interval_s = 0.1037;
-  DriveExtent extent;
-  double speed_m_s = 10.0;
-  bool moving_start = false;
-  double revolutions_per_minute = 600.0;
-  double range_noise_m = 0.02;
-  std::string imu = "xsens_mti";
-  double imu_rate_hz = 200.0;
-  double gyro_noise_deg_s = 0.007;
-  double gyro_bias_deg_s = 0.1;
-  double gyro_drift_deg_h = 10.0;
-  double accel_noise_ug = 120.0;
-  double accel_bias_m_s2 = 0.02;
-  double accel_drift_ug = 30.0;
-  double scene_density = 1.0;
-  std::optional<unsigned> moving_cars;
-  std::uint64_t seed = 1;
-};
 
 Result<std::vector<SE3>> make_drive(const SimulateArguments& arguments) {
   if (arguments.trajectory == "town") {
@@ -132,10 +110,40 @@ void warn_off_ground(const Town& town) {
 }
 
 void print_lidar(const LidarRecordingSummary& lidar, const fs::path& path) {
-  std::printf("%s: %llu packets, %.2f million rays, %.1f %% returned, %.2f million rays/s\n", path.c_str(),
-              static_cast<unsigned long long>(lidar.packets), static_cast<double>(lidar.firings) * 1e-6,
-              100.0 * static_cast<double>(lidar.returns) / static_cast<double>(lidar.firings),
-              static_cast<double>(lidar.firings) * 1e-6 / lidar.elapsed_s);
+  std::printf(
+      "%s: %llu packets, %llu position packets, %.2f million firings, %.1f %% returned, "
+      "%.2f million firings/s\n",
+      path.c_str(), static_cast<unsigned long long>(lidar.packets),
+      static_cast<unsigned long long>(lidar.position_packets), static_cast<double>(lidar.firings) * 1e-6,
+      100.0 * static_cast<double>(lidar.returns) / static_cast<double>(lidar.firings),
+      static_cast<double>(lidar.firings) * 1e-6 / lidar.elapsed_s);
+}
+
+/// The sensor, and for an HDL-64E what it says of itself.
+struct LidarSetup {
+  drivers::VelodyneSensor sensor;
+  std::optional<Hdl64eStream> stream;
+};
+
+/// An HDL-64E that sends its calibration has lasers rounded to what can be sent. KITTI's S2 keeps its own:
+/// they are known to less than a millimetre.
+Result<LidarSetup> make_lidar(const SimulateArguments& arguments) {
+  LidarSetup setup;
+  setup.sensor =
+      drivers::make_velodyne_sensor(parse_sensor(arguments.sensor).value_or(drivers::VelodyneModel::kVlp16));
+  const drivers::VelodyneModel model = setup.sensor.model;
+  if (!has_status_stream(model)) return setup;
+  const bool by_itself = arguments.stream_calibration.empty() && model != drivers::VelodyneModel::kHdl64eS2;
+  if (!by_itself && arguments.stream_calibration != "on") {
+    setup.stream = Hdl64eStream(gps_of(arguments));
+    return setup;
+  }
+  auto stream = Hdl64eStream::with_calibration(setup.sensor, return_mode_of(arguments),
+                                               arguments.revolutions_per_minute, gps_of(arguments));
+  if (!stream) return stream.error();
+  auto rounded = drivers::with_stream_calibration(std::move(setup.sensor), *stream->calibration());
+  if (!rounded) return rounded.error();
+  return LidarSetup{std::move(rounded).value(), std::move(stream).value()};
 }
 
 Result<bool> write_inertial_data(const SimulateArguments& arguments, const VehicleTrajectory& trajectory,
@@ -151,11 +159,13 @@ Result<bool> write_inertial_data(const SimulateArguments& arguments, const Vehic
 
 /// `arguments.imu` "none" writes no inertial data, and removes what an earlier run left in the folder.
 Result<bool> write_small_files(const SimulateArguments& arguments, const VehicleTrajectory& trajectory,
-                               const drivers::VelodyneSensor& sensor, const fs::path& folder) {
+                               const LidarSetup& lidar, const fs::path& folder) {
   const bool with_imu = arguments.imu != "none";
   const fs::path imu_path = folder / "imu.candump.log";
+  const fs::path calibration_path = folder / "calibration.yaml";
   std::error_code ignored;
   fs::remove(imu_path, ignored);
+  fs::remove(calibration_path, ignored);
   if (with_imu) {
     const auto imu = write_inertial_data(arguments, trajectory, imu_path);
     if (!imu) return imu.error();
@@ -163,12 +173,44 @@ Result<bool> write_small_files(const SimulateArguments& arguments, const Vehicle
   const auto truth = write_truth(trajectory, kStart, (folder / "truth.tum").string());
   if (!truth) return truth.error();
   std::printf("%s: %llu poses\n", (folder / "truth.tum").c_str(), static_cast<unsigned long long>(*truth));
-  return write_configuration(drivers::velodyne_model_name(sensor.model), kLidarMounting,
-                             with_imu ? arguments.imu : std::string(), kImuMounting,
-                             (folder / "nilio.yaml").string());
+  RecordedSensors sensors;
+  sensors.lidar_model = drivers::velodyne_model_name(lidar.sensor.model);
+  sensors.lidar = kLidarMounting;
+  sensors.imu_preset = with_imu ? arguments.imu : std::string();
+  sensors.imu = kImuMounting;
+  if (lidar.stream && lidar.stream->calibration()) {
+    const auto written = drivers::write_calibration_yaml(lidar.sensor, calibration_path.string());
+    if (!written) return written.error();
+    sensors.calibration_file = fs::absolute(calibration_path).string();
+  }
+  return write_configuration(sensors, (folder / "nilio.yaml").string());
+}
+
+Result<LidarRecordingSummary> write_lidar(const SimulateArguments& arguments, const LidarSetup& setup,
+                                          const VehicleTrajectory& trajectory, const RayScene& scene,
+                                          const fs::path& path) {
+  LidarModelConfig config;
+  config.seed = arguments.seed;
+  config.start = kStart;
+  config.T_base_lidar = kLidarMounting.T_base_sensor();
+  config.revolutions_per_minute = arguments.revolutions_per_minute;
+  config.range_noise_m = arguments.range_noise_m;
+  config.return_mode = return_mode_of(arguments);
+  config.gps = gps_of(arguments);
+  config.clock_offset = core::Duration::from_seconds(arguments.clock_offset_s);
+  config.clock_drift_ppm = arguments.clock_drift_ppm;
+  config.network_jitter = core::Duration::from_seconds(arguments.network_jitter_us * 1e-6);
+  config.stream = setup.stream;
+  const LidarModel model(setup.sensor, config, trajectory, scene);
+  const PositionModel positions(setup.sensor.model, gps_of(arguments), config.T_base_lidar, model.timing(),
+                                trajectory);
+  return write_lidar_recording(model, sends_position_packets(setup.sensor.model) ? &positions : nullptr,
+                               path.string());
 }
 
 Result<bool> simulate(const SimulateArguments& arguments) {
+  const Result<LidarSetup> setup = make_lidar(arguments);
+  if (!setup) return setup.error();
   const Result<fs::path> folder = prepare_folder(arguments.output);
   if (!folder) return folder.error();
   const Result<std::vector<SE3>> poses = make_drive(arguments);
@@ -188,17 +230,11 @@ Result<bool> simulate(const SimulateArguments& arguments) {
   const Result<RayScene> scene = RayScene::create(town->mesh, std::move(cars));
   if (!scene) return scene.error();
 
-  const auto kind =
-      arguments.sensor == "vlp16" ? drivers::VelodyneModel::kVlp16 : drivers::VelodyneModel::kHdl64eS2;
-  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(kind);
-  const LidarModel model(sensor,
-                         {arguments.seed, kStart, kLidarMounting.T_base_sensor(),
-                          arguments.revolutions_per_minute, arguments.range_noise_m},
-                         trajectory, *scene);
   // The small files first: they show at once whether the folder can be written.
-  const Result<bool> small_files = write_small_files(arguments, trajectory, sensor, *folder);
+  const Result<bool> small_files = write_small_files(arguments, trajectory, *setup, *folder);
   if (!small_files) return small_files.error();
-  const Result<LidarRecordingSummary> lidar = write_lidar_recording(model, (*folder / "lidar.pcap").string());
+  const Result<LidarRecordingSummary> lidar =
+      write_lidar(arguments, *setup, trajectory, *scene, *folder / "lidar.pcap");
   if (!lidar) return lidar.error();
   print_lidar(*lidar, *folder / "lidar.pcap");
   return true;
@@ -211,75 +247,6 @@ int run_simulate(const SimulateArguments& arguments) {
   return 1;
 }
 
-void add_drive_options(CLI::App& command, SimulateArguments& a) {
-  command
-      .add_option("--trajectory", a.trajectory,
-                  "'town', or a KITTI pose file (camera poses, 12 numbers a line) to drive along")
-      ->capture_default_str();
-  command.add_option("--calib", a.calibration,
-                     "KITTI calib.txt with Tr for the pose file; without it that of sequences 00-02");
-  command.add_option("--pose-interval", a.pose_interval_s, "seconds from pose to pose in the pose file")
-      ->check(number_between(0.001, 10.0))
-      ->capture_default_str();
-  command.add_option("--length", a.extent.length_m, "metres to drive; default: the whole drive")
-      ->check(number_between(1.0, 100000.0));
-  command.add_option("--duration", a.extent.duration_s, "seconds to drive; default: the whole drive")
-      ->check(number_between(0.5, 7200.0));
-  command.add_option("--speed", a.speed_m_s, "cruising speed in the town, m/s")
-      ->check(number_between(0.5, 40.0))
-      ->capture_default_str();
-  command.add_flag("--moving-start", a.moving_start, "begin at speed instead of standing for 2 s");
-}
-
-void add_lidar_options(CLI::App& command, SimulateArguments& a) {
-  command.add_option("--sensor", a.sensor, "LiDAR")
-      ->check(CLI::IsMember({"vlp16", "hdl64e"}))
-      ->capture_default_str();
-  command.add_option("--rpm", a.revolutions_per_minute, "revolutions per minute")
-      ->check(number_between(300.0, 1200.0))
-      ->capture_default_str();
-  command.add_option("--range-noise", a.range_noise_m, "standard deviation of a range, m")
-      ->check(number_between(0.0, 1.0))
-      ->capture_default_str();
-  command
-      .add_option("--scene-density", a.scene_density,
-                  "scales the number of buildings, trees, parked cars and posts")
-      ->check(number_between(0.0, 3.0))
-      ->capture_default_str();
-  command.add_option("--moving-cars", a.moving_cars, "how many; default: one per 30 m")
-      ->check(number_between(0.0, 5000.0));
-}
-
-void add_imu_options(CLI::App& command, SimulateArguments& a) {
-  command.add_option("--imu", a.imu, "IMU and its CAN frames")
-      ->check(CLI::IsMember({"xsens_mti", "oxts_rt3003", "none"}))
-      ->capture_default_str();
-  command.add_option("--imu-rate", a.imu_rate_hz, "samples per second")
-      ->check(number_between(10.0, 1000.0))
-      ->capture_default_str();
-  const auto add_error = [&](const char* name, double& value, const char* help) {
-    command.add_option(name, value, help)->check(number_between(0.0, 1e6))->capture_default_str();
-  };
-  add_error("--gyro-noise", a.gyro_noise_deg_s, "deg/s/sqrt(Hz)");
-  add_error("--gyro-bias", a.gyro_bias_deg_s, "constant bias of each axis, deg/s");
-  add_error("--gyro-drift", a.gyro_drift_deg_h, "in-run bias, deg/h");
-  add_error("--accel-noise", a.accel_noise_ug, "micro-g/sqrt(Hz)");
-  add_error("--accel-bias", a.accel_bias_m_s2, "constant bias of each axis, m/s^2");
-  add_error("--accel-drift", a.accel_drift_ug, "in-run bias, micro-g");
-}
-
-/// An option that the chosen trajectory does not use is a mistake, not something to pass over.
-std::optional<Error> find_useless_option(const CLI::App& command, const SimulateArguments& a) {
-  const bool town = a.trajectory == "town";
-  if (!town && command.count("--speed") > 0)
-    return Error{"--speed is for the town; a pose file has its own speed"};
-  for (const char* name : {"--calib", "--pose-interval"}) {
-    if (town && command.count(name) > 0)
-      return Error{std::string(name) + " is for a pose file given by --trajectory"};
-  }
-  return std::nullopt;
-}
-
 }  // namespace
 
 void add_simulate_command(CLI::App& app, int& status) {
@@ -287,15 +254,11 @@ void add_simulate_command(CLI::App& app, int& status) {
   CLI::App* command =
       app.add_subcommand("simulate", "drive a simulated vehicle through a made-up town and record it");
   command->footer(
-      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 ms) "
-      "and\n"
-      "nilio.yaml to OUTPUT_DIR; files there are replaced. The same options give the same bytes.");
-  command->add_option("OUTPUT_DIR", arguments->output, "folder for the recording, made if missing")
-      ->required();
-  add_drive_options(*command, *arguments);
-  add_lidar_options(*command, *arguments);
-  add_imu_options(*command, *arguments);
-  command->add_option("--seed", arguments->seed, "town, traffic and noise")->capture_default_str();
+      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 "
+      "ms),\n"
+      "nilio.yaml, and calibration.yaml if the LiDAR sends its calibration, to OUTPUT_DIR; files there are\n"
+      "replaced. The same options give the same bytes.");
+  add_simulate_options(*command, *arguments);
   command->callback([arguments, command, &status] {
     if (const std::optional<Error> useless = find_useless_option(*command, *arguments)) {
       std::cerr << "nilio simulate: " << useless->message << '\n';

@@ -34,6 +34,17 @@ Vector3 ImuErrorProcess::next() {
   return error;
 }
 
+TrueInertia true_inertia(const VehicleTrajectory& trajectory, const core::SE3& T_base_imu, double time_s) {
+  const MotionState motion = trajectory.state(time_s);
+  const Eigen::Quaterniond& rotation = motion.T_world_base.rotation;
+  const Vector3& arm = T_base_imu.translation;
+  const Vector3 turning = motion.angular_acceleration.cross(arm) +
+                          motion.angular_velocity.cross(motion.angular_velocity.cross(arm));
+  const Vector3 force = rotation.conjugate() * (motion.acceleration + Vector3(0.0, 0.0, kGravity)) + turning;
+  const Eigen::Quaterniond to_imu = T_base_imu.rotation.conjugate();
+  return {to_imu * motion.angular_velocity, to_imu * force};
+}
+
 ImuModel::ImuModel(const ImuModelConfig& config, const VehicleTrajectory& trajectory)
     : config_(config),
       trajectory_(trajectory),
@@ -43,15 +54,9 @@ ImuModel::ImuModel(const ImuModelConfig& config, const VehicleTrajectory& trajec
 
 core::ImuSample ImuModel::next() {
   const double time_s = static_cast<double>(index_++) / config_.rate_hz;
-  const MotionState motion = trajectory_.state(time_s);
-  const Eigen::Quaterniond& rotation = motion.T_world_base.rotation;
-  const Vector3& arm = config_.T_base_imu.translation;
-  const Vector3 turning = motion.angular_acceleration.cross(arm) +
-                          motion.angular_velocity.cross(motion.angular_velocity.cross(arm));
-  const Vector3 force = rotation.conjugate() * (motion.acceleration + Vector3(0.0, 0.0, kGravity)) + turning;
-  const Eigen::Quaterniond to_imu = config_.T_base_imu.rotation.conjugate();
-  const Vector3 rate = to_imu * motion.angular_velocity + gyroscope_.next();
-  const Vector3 specific_force = to_imu * force + accelerometer_.next();
+  const TrueInertia truth = true_inertia(trajectory_, config_.T_base_imu, time_s);
+  const Vector3 rate = truth.angular_velocity + gyroscope_.next();
+  const Vector3 specific_force = truth.specific_force + accelerometer_.next();
 
   core::ImuSample sample;
   sample.stamp = config_.start + core::Duration::from_seconds(time_s);

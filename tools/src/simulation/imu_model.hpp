@@ -47,6 +47,13 @@ class ImuErrorProcess {
   core::Vector3 wandering_;
 };
 
+/// What an inertial sensor without errors measures, in its own axes.
+struct TrueInertia {
+  core::Vector3 angular_velocity;  ///< rad/s
+  core::Vector3 specific_force;    ///< m/s^2, +9.81 on z when level and at rest
+};
+TrueInertia true_inertia(const VehicleTrajectory& trajectory, const core::SE3& T_base_imu, double time_s);
+
 /// An IMU on the moving vehicle: specific force and angular rate at its own place and in its own axes.
 /// Samples come in order; one thread.
 class ImuModel {

@@ -4,61 +4,77 @@
 
 #include <algorithm>
 #include <cmath>
-#include <ctime>
 #include <numbers>
+#include <span>
+#include <stdexcept>
+#include <string>
 #include <utility>
-#include <vector>
 
 namespace nilio::tools::simulation {
 
 using core::SE3;
 using core::Vector3;
+using drivers::BlockContent;
+using drivers::ReturnMode;
 using drivers::VelodyneDataPacket;
+using drivers::VelodyneModel;
 
 namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr std::int64_t kHourUs = 3'600'000'000;
-/// From the last firing to the host's time stamp.
-constexpr core::Duration kTransmission{100'000};
 /// Tells the noise's random numbers from others of the same seed.
 constexpr std::uint64_t kNoiseStream = 0x4E6F697365;
-/// Cars farther than this are not looked for.
-constexpr double kCarRangeM = 110.0;
+constexpr std::uint64_t kStampStream = 0x5374616D70;
+/// Cars are looked for this much farther away than the sensor sees.
+constexpr double kCarMarginM = 10.0;
+/// Two surfaces in a beam give two echoes when they are farther apart than its pulse is long.
+constexpr double kEchoSeparationM = 0.5;
 
-/// The HDL-64E sends its state in the two factory bytes of 16 successive packets: time, GPS receiver,
-/// temperature, firmware (HDL-64E S2 manual, appendix E).
-void set_status_bytes(core::Time time, std::uint64_t index, VelodyneDataPacket& packet) {
-  const auto seconds = static_cast<std::time_t>(time.ns / 1'000'000'000);
-  std::tm utc{};
-  gmtime_r(&seconds, &utc);
-  static constexpr std::array<char, 16> types{'H', 'M', 'S', 'D', 'N', 'Y', 'G', 'T',
-                                              'V', '1', '2', '3', '4', '5', '6', '7'};
-  const std::array<int, 16> values{utc.tm_hour,
-                                   utc.tm_min,
-                                   utc.tm_sec,
-                                   utc.tm_mday,
-                                   utc.tm_mon + 1,
-                                   utc.tm_year % 100,
-                                   'A',
-                                   40,
-                                   0x20,
-                                   0,
-                                   0,
-                                   0,
-                                   0,
-                                   0,
-                                   0,
-                                   0};
-  packet.factory_byte_1 = static_cast<std::uint8_t>(types[index % 16]);
-  packet.factory_byte_2 = static_cast<std::uint8_t>(values[index % 16]);
+/// From data sheets: range, range to a surface of 10 % reflectivity, divergence of the beam.
+struct Optics {
+  double max_range_m = 100.0;
+  double dark_range_m = 50.0;
+  double divergence_rad = 0.003;
+};
+
+Optics optics_of(VelodyneModel model) {
+  switch (model) {
+    case VelodyneModel::kVlp32a:
+    case VelodyneModel::kVlp32b:
+    case VelodyneModel::kVlp32c:
+      return {200.0, 80.0, 0.003};
+    case VelodyneModel::kVls128:
+      return {245.0, 200.0, 0.003};
+    case VelodyneModel::kHdl64eS1:
+    case VelodyneModel::kHdl64eS2:
+    case VelodyneModel::kHdl64eS21:
+    case VelodyneModel::kHdl64eS3:
+      return {120.0, 50.0, 0.002};
+    default:
+      return {};
+  }
+}
+
+bool is_hdl64e(VelodyneModel model) { return model == VelodyneModel::kHdl64eS1 || has_status_stream(model); }
+
+drivers::PacketLayout layout_of(const drivers::VelodyneSensor& sensor, ReturnMode mode) {
+  const drivers::PacketLayout* layout = sensor.layout(mode);
+  if (layout != nullptr) return *layout;
+  throw std::invalid_argument(sensor.name + " has no return mode " + std::string(return_mode_name(mode)));
+}
+
+/// An entry's firing after its azimuth step's time.
+std::int64_t offset_in_step_ns(const drivers::PacketLayout& layout, std::size_t block, std::size_t entry) {
+  const auto step = static_cast<std::int64_t>(block / layout.blocks_per_azimuth);
+  return layout.entries[block][entry].time_offset_ns - step * layout.azimuth_period_ns;
 }
 
 }  // namespace
 
 /// The sensor's motion over one packet: a millisecond, in which it is straight to a micrometre.
 struct LidarModel::Motion {
-  double start_s = 0.0;
+  core::Duration start;
   SE3 T_world_lidar;
   Vector3 velocity;          ///< in world
   Vector3 angular_velocity;  ///< in the sensor's frame
@@ -70,131 +86,233 @@ struct LidarModel::Motion {
   }
 };
 
+/// Shots of 16 lasers, and what they hit.
+struct LidarModel::Shots {
+  std::array<const LidarBeam*, kRayGroup> beams{};
+  std::array<BeamAzimuth, kRayGroup> azimuths{};
+  std::array<Eigen::Quaterniond, kRayGroup> R_world_lidar;
+  std::array<Vector3, kRayGroup> directions;  ///< of the middle of the beam, in the sensor's frame
+  /// How far the rays are off the middle of the beam, clockwise: a beam is wider than it is high.
+  double aside_rad = 0.0;
+  RayGroup rays;
+  std::array<RayHit, kRayGroup> hits{};
+
+  void point(std::size_t i, const Vector3& direction) {
+    directions[i] = direction;
+    const Vector3 aside(-azimuths[i].sin, -azimuths[i].cos, 0.0);
+    const Vector3 ray = aside_rad == 0.0 ? direction : Vector3((direction + aside_rad * aside).normalized());
+    rays.direction[i] = (R_world_lidar[i] * ray).cast<float>();
+  }
+};
+
 LidarModel::LidarModel(drivers::VelodyneSensor sensor, const LidarModelConfig& config,
                        const VehicleTrajectory& trajectory, const RayScene& scene)
-    : sensor_(std::move(sensor)), config_(config), trajectory_(trajectory), scene_(scene) {
-  if (sensor_.model == drivers::VelodyneModel::kHdl64eS2) {
-    // 4000 encoder positions; 120 m at 80 % reflectivity.
-    azimuth_step_ = 9;
-    max_range_m_ = 120.0;
-  }
-  for (const drivers::LaserCalibration& laser : sensor_.lasers) {
-    const double cosine = std::cos(laser.elevation_rad);
-    const double sine = std::sin(laser.elevation_rad);
-    const double v = laser.vertical_offset_m;
-    const bool across = sensor_.vertical_offset_across_beam;
-    // Azimuth 0 is +x of the ROS frame; the horizontal offset is then towards +y.
-    beams_.push_back({{across ? -v * sine : 0.0, laser.horizontal_offset_m, across ? v * cosine : v},
-                      {cosine, 0.0, sine}});
-  }
-  std::int32_t last = 0;
-  for (const auto& block : sensor_.single().entries) {
-    for (const drivers::PacketEntry& entry : block) last = std::max(last, entry.time_offset_ns);
-  }
-  duration_of_packet_s_ = last * 1e-9;
-  const double usable = trajectory.duration_s() - duration_of_packet_s_;
-  const double period = static_cast<double>(sensor_.single().packet_period_ns) * 1e-9;
-  packet_count_ = usable > 0.0 ? static_cast<std::uint64_t>(usable / period) + 1 : 0;
+    : sensor_(std::move(sensor)),
+      config_(config),
+      layout_(layout_of(sensor_, config.return_mode)),
+      timing_(
+          sensor_, layout_,
+          {config.seed, config.start, config.clock_offset, config.clock_drift_ppm, config.network_jitter}),
+      trajectory_(trajectory),
+      scene_(scene) {
+  const Optics optics = optics_of(sensor_.model);
+  max_range_m_ = optics.max_range_m;
+  dark_range_m_ = optics.dark_range_m;
+  divergence_rad_ = optics.divergence_rad;
+  // 4000 encoder positions.
+  if (is_hdl64e(sensor_.model)) azimuth_unit_ = 9;
+  if (has_status_stream(sensor_.model) && !config_.stream) config_.stream = Hdl64eStream(config.gps);
+  for (const drivers::LaserCalibration& laser : sensor_.lasers)
+    beams_.emplace_back(laser, sensor_.vertical_offset_across_beam);
+  const double usable_s = trajectory.duration_s() - timing_.last_firing(0).seconds();
+  packet_count_ =
+      usable_s > 0.0 ? static_cast<std::uint64_t>(usable_s / timing_.packet_period().seconds()) + 1 : 0;
+  while (packet_count_ > 0 && timing_.last_firing(packet_count_ - 1).seconds() > trajectory.duration_s())
+    --packet_count_;
 }
 
-LidarModel::Motion LidarModel::motion_during(double packet_time_s) const {
-  const SE3 first = trajectory_.pose(packet_time_s) * config_.T_base_lidar;
-  const SE3 last = trajectory_.pose(packet_time_s + duration_of_packet_s_) * config_.T_base_lidar;
+LidarModel::Motion LidarModel::motion_during(std::uint64_t packet) const {
   Motion motion;
-  motion.start_s = packet_time_s;
+  motion.start = timing_.step_time(packet, 0);
+  const double duration_s = (timing_.last_firing(packet) - motion.start).seconds();
+  const SE3 first = trajectory_.pose(motion.start.seconds()) * config_.T_base_lidar;
+  const SE3 last = trajectory_.pose(motion.start.seconds() + duration_s) * config_.T_base_lidar;
   motion.T_world_lidar = first;
-  motion.velocity = (last.translation - first.translation) / duration_of_packet_s_;
-  motion.angular_velocity = core::so3_log(first.rotation.conjugate() * last.rotation) / duration_of_packet_s_;
-  scene_.find_cars(packet_time_s, first.translation, kCarRangeM, motion.cars);
+  motion.velocity = (last.translation - first.translation) / duration_s;
+  motion.angular_velocity = core::so3_log(first.rotation.conjugate() * last.rotation) / duration_s;
+  scene_.find_cars(motion.start.seconds(), first.translation, max_range_m_ + kCarMarginM, motion.cars);
   return motion;
 }
 
-std::uint16_t LidarModel::block_azimuth(double time_s) const {
-  const double turns = time_s * config_.revolutions_per_minute / 60.0;
-  const double steps = (turns - std::floor(turns)) * drivers::kAzimuthModulus / azimuth_step_;
-  return static_cast<std::uint16_t>(std::lround(steps) * azimuth_step_ % drivers::kAzimuthModulus);
+std::uint16_t LidarModel::reported_azimuth(core::Duration time) const {
+  const double turns = time.seconds() * config_.revolutions_per_minute / 60.0;
+  const double units = (turns - std::floor(turns)) * drivers::kAzimuthModulus / azimuth_unit_;
+  return static_cast<std::uint16_t>(std::lround(units) * azimuth_unit_ % drivers::kAzimuthModulus);
+}
+
+void LidarModel::set_last_bytes(std::uint64_t index, VelodyneDataPacket& packet) const {
+  const core::Time clock = timing_.sensor_clock(index);
+  packet.timestamp_us = static_cast<std::uint32_t>(clock.ns / 1000 % kHourUs);
+  packet.factory_byte_1 = layout_.return_mode_byte;
+  packet.factory_byte_2 = sensor_.product_byte;
+  if (!sensor_.has_clock)
+    packet.timestamp_us = static_cast<std::uint32_t>(random_word(config_.seed ^ kStampStream, index));
+  if (!config_.stream) return;
+  const drivers::Hdl64eStatusByte status =
+      config_.stream->at(index, timing_.sensor_clock(Hdl64eStream::cycle_start(index)));
+  packet.factory_byte_1 = status.type;
+  packet.factory_byte_2 = status.value;
 }
 
 SimulatedPacket LidarModel::make_packet(std::uint64_t index) const {
-  // The packet's clock counts whole microseconds; firings are cast at the times that it says.
-  const std::int64_t time_us = static_cast<std::int64_t>(index) * sensor_.single().packet_period_ns / 1000;
-  const core::Time time = config_.start + core::Duration{time_us * 1000};
-  const Motion motion = motion_during(static_cast<double>(time_us) * 1e-6);
-
+  const Motion motion = motion_during(index);
   VelodyneDataPacket packet;
-  packet.timestamp_us = static_cast<std::uint32_t>(time.ns / 1000 % kHourUs);
-  packet.factory_byte_1 = sensor_.single().return_mode_byte;
-  packet.factory_byte_2 = sensor_.product_byte;
-  if (sensor_.model == drivers::VelodyneModel::kHdl64eS2) set_status_bytes(time, index, packet);
-  for (std::size_t block = 0; block < drivers::kBlocksPerPacket; ++block)
-    cast_block(motion, index, block, packet);
-
+  set_last_bytes(index, packet);
   SimulatedPacket result;
-  result.stamp = time + core::Duration::from_seconds(duration_of_packet_s_) + kTransmission;
-  result.payload = drivers::encode(packet);
-  for (const VelodyneDataPacket::Block& block : packet.blocks) {
-    for (const VelodyneDataPacket::Entry& entry : block.entries)
-      result.returns += entry.distance != 0 ? 1U : 0U;
+  result.stamp = timing_.received(index);
+  for (std::size_t s = 0; s < layout_.azimuth_steps(); ++s) {
+    const core::Duration first_firing =
+        timing_.step_time(index, s) + core::Duration{offset_in_step_ns(layout_, 0, 0)};
+    result.returns += fill_step(motion, {index, s, reported_azimuth(first_firing)}, packet);
   }
+  result.payload = drivers::encode(packet);
   return result;
 }
 
-void LidarModel::cast_block(const Motion& motion, std::uint64_t index, std::size_t block,
-                            VelodyneDataPacket& packet) const {
-  const double step_s = static_cast<double>(sensor_.single().azimuth_period_ns) * 1e-9;
-  const std::size_t azimuth_step = block / sensor_.single().blocks_per_azimuth;
-  const double block_offset_s = static_cast<double>(azimuth_step) * step_s;
-  VelodyneDataPacket::Block& out = packet.blocks[block];
-  out.flag = sensor_.single().block_flags[block];
-  out.azimuth = block_azimuth(motion.start_s + block_offset_s);
-  const double advance_rad = 2.0 * kPi * config_.revolutions_per_minute / 60.0 * step_s;
+std::uint32_t LidarModel::fill_step(const Motion& motion, const Step& step,
+                                    VelodyneDataPacket& packet) const {
+  std::uint32_t returns = 0;
+  const std::size_t first_block = step.index * layout_.blocks_per_azimuth;
+  for (std::size_t b = first_block; b < first_block + layout_.blocks_per_azimuth; ++b) {
+    packet.blocks[b].flag = layout_.block_flags[b];
+    const BlockContent content = layout_.contents[b];
+    if (content != BlockContent::kPadding) packet.blocks[b].azimuth = step.azimuth;
+    if (content != BlockContent::kSingle && content != BlockContent::kLast) continue;
+    for (std::size_t c = 0; c < drivers::kEntriesPerBlock; c += kRayGroup)
+      returns += fill_group(motion, step, b, c, packet);
+  }
+  return returns;
+}
 
-  for (std::size_t first = 0; first < drivers::kEntriesPerBlock; first += kRayGroup) {
-    RayGroup rays;
+/// Block of the same azimuth step and lasers as block `like`, with another content.
+std::size_t LidarModel::block_with(std::size_t like, BlockContent content) const {
+  const std::size_t first = like - like % layout_.blocks_per_azimuth;
+  for (std::size_t b = first; b < first + layout_.blocks_per_azimuth; ++b) {
+    if (layout_.contents[b] == content && layout_.block_flags[b] == layout_.block_flags[like]) return b;
+  }
+  return like;
+}
+
+std::uint32_t LidarModel::fill_group(const Motion& motion, const Step& step, std::size_t block,
+                                     std::size_t first, VelodyneDataPacket& packet) const {
+  Shots shots = aim(motion, step, block, first);
+  cast(motion, shots);
+  Shots edge;
+  if (layout_.mode != ReturnMode::kSingle) {
+    edge = shots;
+    edge.aside_rad = divergence_rad_;
+    cast(motion, edge);
+  }
+  const std::size_t strongest = block_with(block, BlockContent::kStrongest);
+  const std::size_t confidence = block_with(block, BlockContent::kConfidence);
+  std::uint32_t count = 0;
+  for (std::size_t i = 0; i < kRayGroup; ++i) {
+    const std::size_t c = first + i;
+    const std::uint64_t word =
+        random_word(config_.seed ^ kNoiseStream, step.packet, block * drivers::kEntriesPerBlock + c);
+    const Returns heard = hear(shots.hits[i], edge.hits[i], *shots.beams[i], shots.azimuths[i], word);
+    const auto pair = choose_returns(std::span(heard.echoes).first(heard.count));
+    if (!pair) continue;
+    ++count;
+    packet.blocks[block].entries[c] = heard.entries[pair->last];
+    if (strongest != block) packet.blocks[strongest].entries[c] = heard.entries[pair->strongest];
+    if (confidence == block) continue;
+    const std::uint32_t bits = confidence_bits(heard.echoes[pair->last], heard.echoes[pair->strongest]);
+    packet.blocks[confidence].entries[c] = {static_cast<std::uint16_t>(bits & 0xFFFFU),
+                                            static_cast<std::uint8_t>(bits >> 16U)};
+  }
+  return count;
+}
+
+LidarModel::Shots LidarModel::aim(const Motion& motion, const Step& step, std::size_t block,
+                                  std::size_t first) const {
+  const double advance_rad = 2.0 * kPi * config_.revolutions_per_minute / 60.0 *
+                             (static_cast<double>(layout_.azimuth_period_ns) * 1e-9);
+  const core::Duration step_offset = timing_.step_time(step.packet, step.index) - motion.start;
+  Shots shots;
+  for (std::size_t i = 0; i < kRayGroup; ++i) {
+    const drivers::PacketEntry& entry = layout_.entries[block][first + i];
+    const LidarBeam& beam = beams_[entry.laser];
+    shots.beams[i] = &beam;
+    shots.azimuths[i] = BeamAzimuth::of(step.azimuth * (kPi / 18000.0) +
+                                        entry.azimuth_fraction * advance_rad - beam.azimuth_correction_rad());
+    const core::Duration offset = step_offset + core::Duration{offset_in_step_ns(layout_, block, first + i)};
+    const SE3 T_world_lidar = motion.pose(offset.seconds());
+    shots.R_world_lidar[i] = T_world_lidar.rotation;
+    shots.rays.origin[i] = (T_world_lidar * beam.origin(shots.azimuths[i])).cast<float>();
+    shots.rays.time_s[i] = (motion.start + offset).seconds();
+  }
+  return shots;
+}
+
+/// Near an HDL-64E the decoder puts points beside the straight beam: the shot follows them until the surface
+/// that it hits is where it would be decoded. One that finds none, at the edge of a thing, is lost.
+void LidarModel::cast(const Motion& motion, Shots& shots) const {
+  constexpr int kAttempts = 5;
+  constexpr double kSettledM = 1e-4;
+  for (std::size_t i = 0; i < kRayGroup; ++i) shots.point(i, shots.beams[i]->direction(shots.azimuths[i]));
+  std::array<bool, kRayGroup> moved{};
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    scene_.cast(shots.rays, static_cast<float>(max_range_m_), motion.cars, shots.hits);
+    moved.fill(false);
     for (std::size_t i = 0; i < kRayGroup; ++i) {
-      const drivers::PacketEntry& entry = sensor_.single().entries[block][first + i];
-      const Beam& beam = beams_[entry.laser];
-      const double azimuth = out.azimuth * (kPi / 18000.0) + entry.azimuth_fraction * advance_rad -
-                             sensor_.lasers[entry.laser].azimuth_correction_rad;
-      const double c = std::cos(azimuth);
-      const double s = std::sin(azimuth);
-      const auto turn = [&](const Vector3& p) {
-        return Vector3(c * p.x() + s * p.y(), c * p.y() - s * p.x(), p.z());
-      };
-      const double offset_s = entry.time_offset_ns * 1e-9;
-      const SE3 T_world_lidar = motion.pose(offset_s);
-      rays.origin[i] = (T_world_lidar * turn(beam.origin)).cast<float>();
-      rays.direction[i] = (T_world_lidar.rotation * turn(beam.direction)).cast<float>();
-      rays.time_s[i] = motion.start_s + offset_s;
+      const RayHit& hit = shots.hits[i];
+      if (!hit.hit || !shots.beams[i]->bent()) continue;
+      const Vector3 wanted = shots.beams[i]->direction_at(hit.distance_m, shots.azimuths[i]);
+      moved[i] = (wanted - shots.directions[i]).norm() * hit.distance_m > kSettledM;
+      if (moved[i]) shots.point(i, wanted);
     }
-    std::array<RayHit, kRayGroup> hits;
-    scene_.cast(rays, static_cast<float>(max_range_m_), motion.cars, hits);
-    for (std::size_t i = 0; i < kRayGroup; ++i) {
-      const double correction =
-          sensor_.lasers[sensor_.single().entries[block][first + i].laser].distance_correction_m;
-      out.entries[first + i] =
-          measure(hits[i], correction, index, block * drivers::kEntriesPerBlock + first + i);
-    }
+    if (std::none_of(moved.begin(), moved.end(), [](bool m) { return m; })) return;
+  }
+  for (std::size_t i = 0; i < kRayGroup; ++i) {
+    if (moved[i]) shots.hits[i] = {};
   }
 }
 
-VelodyneDataPacket::Entry LidarModel::measure(const RayHit& hit, double distance_correction_m,
-                                              std::uint64_t packet_index, std::uint64_t firing) const {
-  if (!hit.hit) return {};
-  const std::uint64_t word = random_word(config_.seed ^ kNoiseStream, packet_index, firing);
+LidarModel::Returns LidarModel::hear(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
+                                     BeamAzimuth azimuth, std::uint64_t word) const {
+  const bool two = middle.hit && edge.hit &&
+                   std::abs(middle.distance_m - edge.distance_m) > static_cast<float>(kEchoSeparationM);
+  // The edge between the two surfaces crosses the beam anywhere.
+  const double share = two ? 0.1 + 0.8 * to_unit_interval(mix_bits(word ^ 4U)) : 1.0;
+  Returns heard;
+  measure(middle.hit ? middle : edge, share, beam, azimuth, word, heard);
+  if (two) measure(edge, 1.0 - share, beam, azimuth, mix_bits(word ^ 3U), heard);
+  return heard;
+}
+
+/// Adds what is heard of one surface, if anything.
+void LidarModel::measure(const RayHit& hit, double share, const LidarBeam& beam, BeamAzimuth azimuth,
+                         std::uint64_t word, Returns& heard) const {
+  if (!hit.hit) return;
   // Real surfaces are rough: some light comes back also at grazing incidence.
-  const double echo = reflectivity(hit.material) * (0.25 + 0.75 * static_cast<double>(hit.incidence_cosine));
+  const double reflectance =
+      share * reflectivity(hit.material) * (0.25 + 0.75 * static_cast<double>(hit.incidence_cosine));
   // The signal falls with the square of the distance; near the limit an echo is sometimes seen, sometimes
   // not.
-  const double limit = std::min(max_range_m_, dark_range_m_ * std::sqrt(echo / 0.1));
+  const double limit = std::min(max_range_m_, dark_range_m_ * std::sqrt(reflectance / 0.1));
   const double fading = 0.9 + 0.2 * to_unit_interval(mix_bits(word ^ 1U));
-  if (hit.distance_m > limit * fading) return {};
-  const double distance = static_cast<double>(hit.distance_m) + config_.range_noise_m * to_gaussian(word);
-  const double raw = std::round((distance - distance_correction_m) / sensor_.distance_resolution_m);
-  if (raw < 1.0 || raw > 65535.0) return {};
+  const double margin = limit * fading / hit.distance_m;
+  if (margin < 1.0) return;
+  const double range = static_cast<double>(hit.distance_m) + config_.range_noise_m * to_gaussian(word);
+  const double distance = beam.distance_for(range, azimuth);
+  const double raw = std::round((distance - beam.far_correction_m()) / sensor_.distance_resolution_m);
+  if (raw < 1.0 || raw > 65535.0) return;
   const double speckle = 0.94 + 0.12 * to_unit_interval(mix_bits(word ^ 2U));
-  const double intensity = std::clamp(100.0 * echo * speckle, 1.0, 255.0);
-  return {static_cast<std::uint16_t>(raw), static_cast<std::uint8_t>(intensity)};
+  const double intensity = std::clamp(100.0 * reflectance * speckle, 1.0, 255.0);
+  heard.echoes[heard.count] = {range, reflectance, margin * margin};
+  heard.entries[heard.count] = {static_cast<std::uint16_t>(raw), beam.raw_intensity(intensity, raw)};
+  ++heard.count;
 }
 
 }  // namespace nilio::tools::simulation

@@ -27,6 +27,7 @@ using core::Error;
 using core::Result;
 
 constexpr std::uint16_t kDataPort = 2368;
+constexpr std::uint16_t kPositionPort = 8308;
 /// Packets cast before they are written: about 1.3 MB.
 constexpr std::uint64_t kBatch = 1024;
 constexpr core::Duration kTruthInterval{5'000'000};
@@ -39,7 +40,8 @@ Error cannot_write(const std::string& path) {
 
 }  // namespace
 
-Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model, const std::string& path) {
+Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model, const PositionModel* positions,
+                                                    const std::string& path) {
   auto writer = drivers::PcapWriter::create(path);
   if (!writer) return writer.error();
   const auto begin = std::chrono::steady_clock::now();
@@ -50,17 +52,20 @@ Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model, con
     batch.resize(std::min(kBatch, model.packet_count() - first));
     tbb::parallel_for(std::size_t{0}, batch.size(),
                       [&](std::size_t i) { batch[i] = model.make_packet(first + i); });
-    for (const SimulatedPacket& packet : batch) {
+    for (std::size_t i = 0; i < batch.size(); ++i) {
       errno = 0;
-      if (!writer->write(packet.stamp, kDataPort, packet.payload)) return cannot_write(path);
-      summary.returns += packet.returns;
+      if (!writer->write(batch[i].stamp, kDataPort, batch[i].payload)) return cannot_write(path);
+      summary.returns += batch[i].returns;
+      if (positions == nullptr || (first + i) % kDataPacketsPerPosition != 0) continue;
+      const SimulatedPosition position = positions->make_packet(summary.position_packets++);
+      if (!writer->write(position.stamp, kPositionPort, position.payload)) return cannot_write(path);
     }
     progress.update(first + batch.size());
   }
   errno = 0;
   if (!writer->close()) return cannot_write(path);
   summary.packets = model.packet_count();
-  summary.firings = summary.packets * drivers::kBlocksPerPacket * drivers::kEntriesPerBlock;
+  summary.firings = summary.packets * model.layout().firings_per_packet();
   summary.elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return summary;
 }
@@ -102,9 +107,7 @@ core::SE3 Mounting::T_base_sensor() const {
           translation_m};
 }
 
-Result<bool> write_configuration(std::string_view lidar_model, const Mounting& lidar,
-                                 const std::string& imu_preset, const Mounting& imu,
-                                 const std::string& path) {
+Result<bool> write_configuration(const RecordedSensors& sensors, const std::string& path) {
   const auto list = [](const core::Vector3& v) {
     std::array<char, 96> text{};
     std::snprintf(text.data(), text.size(), "[%g, %g, %g]", v.x(), v.y(), v.z());
@@ -120,9 +123,11 @@ Result<bool> write_configuration(std::string_view lidar_model, const Mounting& l
           "# Extrinsics are poses in base_link: metres; roll, pitch, yaw in degrees, R = Rz(yaw) Ry(pitch) "
           "Rx(roll).\n"
           "lidar:\n  model: "
-       << lidar_model << "\n"
-       << extrinsic(lidar);
-  if (!imu_preset.empty()) file << "imu:\n  preset: " << imu_preset << "\n" << extrinsic(imu);
+       << sensors.lidar_model << "\n";
+  if (!sensors.calibration_file.empty()) file << "  calibration: " << sensors.calibration_file << "\n";
+  file << extrinsic(sensors.lidar);
+  if (!sensors.imu_preset.empty())
+    file << "imu:\n  preset: " << sensors.imu_preset << "\n" << extrinsic(sensors.imu);
   file.close();
   if (!file) return cannot_write(path);
   return true;

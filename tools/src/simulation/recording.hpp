@@ -6,6 +6,7 @@
 
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
+#include "simulation/position_model.hpp"
 #include "simulation/vehicle_trajectory.hpp"
 
 #include <cstdint>
@@ -15,14 +16,19 @@ namespace nilio::tools::simulation {
 
 struct LidarRecordingSummary {
   std::uint64_t packets = 0;
+  std::uint64_t position_packets = 0;
   std::uint64_t firings = 0;
+  /// Firings that something came back from.
   std::uint64_t returns = 0;
   /// Wall time of casting and writing.
   double elapsed_s = 0.0;
 };
 
 /// Each writes one file of a recording, replacing it. Errors name the file and what to do.
-core::Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model, const std::string& path);
+/// `positions` may be null.
+core::Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model,
+                                                          const PositionModel* positions,
+                                                          const std::string& path);
 core::Result<std::uint64_t> write_imu_recording(ImuModel model, const drivers::ImuPreset& preset,
                                                 const std::string& path);
 /// T_world_base every 5 ms as a TUM file; world is the first pose.
@@ -37,9 +43,18 @@ struct Mounting {
   [[nodiscard]] core::SE3 T_base_sensor() const;
 };
 
-/// What niliod needs to know about the recording; `imu_preset` empty = no IMU.
-core::Result<bool> write_configuration(std::string_view lidar_model, const Mounting& lidar,
-                                       const std::string& imu_preset, const Mounting& imu,
-                                       const std::string& path);
+/// The sensors of a recording.
+struct RecordedSensors {
+  std::string lidar_model;
+  /// Empty = the model's built-in geometry.
+  std::string calibration_file;
+  Mounting lidar;
+  /// Empty = no IMU.
+  std::string imu_preset;
+  Mounting imu;
+};
+
+/// What niliod needs to know about the recording.
+core::Result<bool> write_configuration(const RecordedSensors& sensors, const std::string& path);
 
 }  // namespace nilio::tools::simulation
