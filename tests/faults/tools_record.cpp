@@ -81,8 +81,8 @@ TEST_CASE("a limit on the size of files ends a part, not the recording") {
 TEST_CASE("where nothing can be written the recorder says so, counts what is lost and ends in order") {
   const RecordingFolder folder;
   const std::uint16_t port = tests::free_port();
-  // Too small for a single part of the recording, large enough for the log.
-  NilioProcess recorder(folder.path() / "log", record_arguments(folder, port), "ulimit -f 8;");
+  // Too small for a single packet, large enough for the log.
+  NilioProcess recorder(folder.path() / "log", record_arguments(folder, port), "ulimit -f 2;");
   REQUIRE(recorder.says("recording to"));
   send_numbered(port, 1000);
   CHECK(recorder.says("cannot be written (File too large)"));

@@ -139,7 +139,8 @@ void add_source_options(CLI::App& command, RecordArguments& a) {
       ->capture_default_str();
   command.add_option("--bind", a.config.bind_address, "own IPv4 address to receive on; 0.0.0.0 = all")
       ->capture_default_str();
-  command.add_option("--multicast-group", a.config.multicast_group, "multicast group to join; none by default");
+  command.add_option("--multicast-group", a.config.multicast_group,
+                     "multicast group to join; none by default");
   command.add_option("--multicast-interface", a.config.multicast_interface,
                      "address or name of the interface to join on; by default as routes say");
   command.add_option("--sender", a.config.sender_address,

@@ -16,7 +16,7 @@ RecordFile& RecordFile::operator=(RecordFile&& other) noexcept {
   std::swap(path_, other.path_);
   std::swap(header_, other.header_);
   std::swap(pending_, other.pending_);
-  std::swap(pending_records_, other.pending_records_);
+  std::swap(pending_sizes_, other.pending_sizes_);
   std::swap(bytes_, other.bytes_);
   std::swap(descriptor_, other.descriptor_);
   std::swap(dirty_, other.dirty_);
@@ -33,7 +33,7 @@ std::uint64_t RecordFile::bytes_with_pending() const {
 
 void RecordFile::append(std::span<const std::uint8_t> record) {
   pending_.insert(pending_.end(), record.begin(), record.end());
-  ++pending_records_;
+  pending_sizes_.push_back(static_cast<std::uint32_t>(record.size()));
 }
 
 int RecordFile::open() {
@@ -48,7 +48,7 @@ int RecordFile::open() {
   return 0;
 }
 
-int RecordFile::write_all(std::span<const std::uint8_t> bytes) {
+int RecordFile::write_all(std::span<const std::uint8_t>& bytes) {
   while (!bytes.empty()) {
     const ssize_t written = ::write(descriptor_, bytes.data(), bytes.size());
     if (written < 0 && errno == EINTR) continue;
@@ -64,19 +64,31 @@ int RecordFile::write_pending() {
   if (descriptor_ < 0) {
     if (const int error = open(); error != 0) return error;
   }
-  const std::uint64_t after = bytes_with_pending();
-  int error = bytes_ == 0 ? write_all(header_) : 0;
-  if (error == 0) error = write_all(pending_);
+  std::span<const std::uint8_t> header = bytes_ == 0 ? header_ : std::span<const std::uint8_t>();
+  const std::uint64_t header_size = header.size();
+  std::span<const std::uint8_t> records = pending_;
+  int error = write_all(header);
+  if (error == 0) error = write_all(records);
+  const std::uint64_t before = bytes_;
+  keep_whole_records(pending_.size() - records.size());
+  if (bytes_ > before) bytes_ += header_size;
   if (error != 0) {
     const auto whole = static_cast<off_t>(bytes_);
     spoiled_ = ftruncate(descriptor_, whole) != 0 || lseek(descriptor_, whole, SEEK_SET) != whole;
-    return error;
   }
-  bytes_ = after;
-  dirty_ = true;
-  pending_.clear();
-  pending_records_ = 0;
-  return 0;
+  return error;
+}
+
+/// Of `written` bytes those that make whole records count; the rest stays pending.
+void RecordFile::keep_whole_records(std::size_t written) {
+  std::size_t kept = 0;
+  std::size_t records = 0;
+  while (records < pending_sizes_.size() && kept + pending_sizes_[records] <= written)
+    kept += pending_sizes_[records++];
+  pending_.erase(pending_.begin(), pending_.begin() + static_cast<std::ptrdiff_t>(kept));
+  pending_sizes_.erase(pending_sizes_.begin(), pending_sizes_.begin() + static_cast<std::ptrdiff_t>(records));
+  bytes_ += kept;
+  dirty_ = dirty_ || kept > 0;
 }
 
 int RecordFile::sync() {
@@ -95,13 +107,15 @@ int RecordFile::close() {
 
 void RecordFile::take_pending(RecordFile& other) {
   pending_.insert(pending_.end(), other.pending_.begin(), other.pending_.end());
-  pending_records_ += other.pending_records_;
+  pending_sizes_.insert(pending_sizes_.end(), other.pending_sizes_.begin(), other.pending_sizes_.end());
   other.drop_pending();
 }
 
 std::uint64_t RecordFile::drop_pending() {
+  const std::uint64_t records = pending_sizes_.size();
   pending_.clear();
-  return std::exchange(pending_records_, 0);
+  pending_sizes_.clear();
+  return records;
 }
 
 }  // namespace nilio::tools

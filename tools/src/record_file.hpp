@@ -24,7 +24,7 @@ class RecordFile {
 
   /// Keeps the record for the next write_pending().
   void append(std::span<const std::uint8_t> record);
-  /// 0, or the reason why nothing more was written; what is pending stays so.
+  /// 0, or the reason why not all was written: what found room is in the file, what did not stays pending.
   int write_pending();
   /// 0 or the reason.
   int sync();
@@ -40,18 +40,21 @@ class RecordFile {
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
   [[nodiscard]] std::uint64_t bytes_with_pending() const;
   [[nodiscard]] std::size_t pending_bytes() const { return pending_.size(); }
-  [[nodiscard]] std::uint64_t pending_records() const { return pending_records_; }
+  [[nodiscard]] std::uint64_t pending_records() const { return pending_sizes_.size(); }
   /// A torn record could not be taken back: nothing more may be written.
   [[nodiscard]] bool is_spoiled() const { return spoiled_; }
 
  private:
   int open();
-  int write_all(std::span<const std::uint8_t> bytes);
+  /// Takes what was written off the front of `bytes`.
+  int write_all(std::span<const std::uint8_t>& bytes);
+  void keep_whole_records(std::size_t written);
 
   std::filesystem::path path_;
   std::vector<std::uint8_t> header_;
   std::vector<std::uint8_t> pending_;
-  std::uint64_t pending_records_ = 0;
+  /// Of each record in `pending_`.
+  std::vector<std::uint32_t> pending_sizes_;
   std::uint64_t bytes_ = 0;
   int descriptor_ = -1;
   bool dirty_ = false;

@@ -135,8 +135,7 @@ void RecordParts::flush(std::int64_t now_ns) {
   for (std::size_t i = 0; i < kRecordStreams; ++i) {
     int error = write_pending(i);
     // A file at the largest size that the file system or a limit allows is full, not the disk.
-    const bool full_file = error == EFBIG && files_[i].bytes() > 0;
-    if (full_file || files_[i].is_spoiled() || error == EEXIST) {
+    while ((error == EFBIG && files_[i].bytes() > 0) || files_[i].is_spoiled() || error == EEXIST) {
       next_part(now_ns);
       error = write_pending(i);
     }
@@ -148,19 +147,19 @@ void RecordParts::flush(std::int64_t now_ns) {
   if (was_blocked) note_success();
 }
 
-/// 0 or the reason why the file took nothing.
+/// 0 or the reason why the file did not take all.
 int RecordParts::write_pending(std::size_t index) {
   RecordFile& file = files_[index];
   const std::uint64_t before = file.bytes();
   const std::uint64_t records = file.pending_records();
-  if (const int error = file.write_pending(); error != 0) return error;
+  const int error = file.write_pending();
   counters_->bytes.fetch_add(file.bytes() - before);
-  counters_->written[index].fetch_add(records);
+  counters_->written[index].fetch_add(records - file.pending_records());
   if (before == 0 && file.bytes() > 0) {
     counters_->files.fetch_add(1);
     delete_old_parts();
   }
-  return 0;
+  return error;
 }
 
 /// Closes the part; records that it did not take go to the next.
