@@ -29,13 +29,16 @@ core::SE3 to_transform(const ExtrinsicConfig& extrinsic) {
   return {rotation.normalized(), core::Vector3(t[0], t[1], t[2])};
 }
 
+float elevation_correction_rad(const LidarConfig& lidar) {
+  return static_cast<float>(lidar.elevation_correction_deg * kRadiansPerDegree);
+}
+
 core::OdometryConfig odometry_config(const Config& config) {
   core::OdometryConfig result;
   result.T_base_lidar = to_transform(config.lidar.extrinsic);
   result.T_base_imu = to_transform(config.imu.extrinsic);
   result.threads = config.odometry.threads;
-  result.elevation_correction_rad =
-      static_cast<float>(config.lidar.elevation_correction_deg * kRadiansPerDegree);
+  result.elevation_correction_rad = elevation_correction_rad(config.lidar);
   result.min_range_m = static_cast<float>(config.lidar.min_range_m);
   result.max_range_m = static_cast<float>(config.lidar.max_range_m);
   result.filter_voxel_m = static_cast<float>(config.odometry.filter_voxel_m);

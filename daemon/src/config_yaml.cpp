@@ -264,7 +264,8 @@ std::string to_yaml(Config config) {
   out.SetDoublePrecision(12);
   emit_section(out, keys, 0, "");
   if (!left_out.empty())
-    left_out += ": off; each takes enabled, wait_ms and the keys of lidar but for its cut\n";
+    left_out +=
+        ": off; each takes enabled, wait_ms and the keys of lidar but cut_azimuth_deg and min_coverage\n";
   return std::string(out.c_str()) + "\n" + left_out;
 }
 

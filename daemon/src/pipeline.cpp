@@ -24,11 +24,11 @@ constexpr std::int64_t kPaceLeadNs = 100'000'000;
 }  // namespace
 
 LidarLane::LidarLane(const std::string& section, const LidarConfig& config,
-                     drivers::PacketSource& packet_source,
+                     const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
                      const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log)
     : source(packet_source),
       ring(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
-      channel(section, config, assembler_config(config), sensor, ring, state, log) {}
+      channel(section, config, assembler, sensor, ring, state, log) {}
 
 Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
                                                    const PipelineOptions& options,
@@ -63,10 +63,30 @@ void Pipeline::make_feed() {
     feed_ = input_.scans.get();
     return;
   }
-  lidars_.push_back(
-      std::make_unique<LidarLane>("lidar", config_.lidar, *input_.packets, input_.sensor, feed_log_));
+  lidars_.push_back(std::make_unique<LidarLane>("lidar", config_.lidar, assembler_config(config_.lidar),
+                                                *input_.packets, input_.sensor, feed_log_));
   packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_);
   feed_ = packet_feed_.get();
+  if (!input_.more_lidars.empty()) make_merged_feed();
+}
+
+void Pipeline::make_merged_feed() {
+  const core::SE3 T_first_base = to_transform(config_.lidar.extrinsic).inverse();
+  std::vector<MergedScanFeed::Other> others;
+  for (const ExtraLidar& lidar : input_.more_lidars) {
+    // Its scans are only the vehicle of its points: where they are cut and what they cover is of no account.
+    drivers::ScanAssemblerConfig assembler = assembler_config(lidar.config);
+    assembler.min_coverage = 0.0;
+    lidars_.push_back(std::make_unique<LidarLane>(lidar.section, lidar.config, assembler, *lidar.packets,
+                                                  lidar.sensor, feed_log_));
+    others.push_back({&lidars_.back()->channel, T_first_base * to_transform(lidar.config.extrinsic),
+                      elevation_correction_rad(lidar.config),
+                      core::Duration::from_milliseconds(lidar.config.wait_ms)});
+  }
+  const MergedScanFeed::Options options{input_.live, elevation_correction_rad(config_.lidar)};
+  merged_feed_ =
+      std::make_unique<MergedScanFeed>(*packet_feed_, std::move(others), options, data_event_, feed_log_);
+  feed_ = merged_feed_.get();
 }
 
 Pipeline::~Pipeline() {
@@ -93,10 +113,12 @@ void Pipeline::odometry_body() {
   const bool with_imu = input_.frames != nullptr;
   const OdometryLoopConfig loop_config{!input_.live,
                                        core::Duration::from_milliseconds(config_.odometry.imu_wait_ms)};
+  core::OdometryConfig odometry = odometry_config(config_);
+  // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
+  if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
   // Made in this thread, so that the arena's workers inherit its scheduling.
-  OdometryLoop loop(core::Odometry(odometry_config(config_), monotonic_ns), *feed_,
-                    with_imu ? &imu_ring_ : nullptr, data_event_, with_imu ? &imu_state_ : nullptr, outputs,
-                    loop_config);
+  OdometryLoop loop(core::Odometry(odometry, monotonic_ns), *feed_, with_imu ? &imu_ring_ : nullptr,
+                    data_event_, with_imu ? &imu_state_ : nullptr, outputs, loop_config);
   loop.run(stop_, counters_);
   finished_.store(true, std::memory_order_release);
   output_event_.notify();

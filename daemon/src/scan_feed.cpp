@@ -38,13 +38,17 @@ bool PacketScanFeed::end(core::Scan& scan) {
   return complete;
 }
 
+FeedState PacketScanFeed::poll(core::Scan& scan) {
+  const bool ended = channel_.ended();
+  if (drain(scan)) return FeedState::kScan;
+  if (!ended) return FeedState::kIdle;
+  return end(scan) ? FeedState::kScan : FeedState::kEnd;
+}
+
 FeedState PacketScanFeed::next(core::Scan& scan, core::Duration timeout) {
-  while (true) {
-    const bool ended = channel_.ended();
-    if (drain(scan)) return FeedState::kScan;
-    if (ended) return end(scan) ? FeedState::kScan : FeedState::kEnd;
-    if (!data_event_.wait(timeout)) return FeedState::kIdle;
-  }
+  FeedState state = poll(scan);
+  while (state == FeedState::kIdle && data_event_.wait(timeout)) state = poll(scan);
+  return state;
 }
 
 std::size_t PacketScanFeed::waiting_scans() const {

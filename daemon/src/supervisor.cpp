@@ -47,6 +47,7 @@ class Supervisor {
   void report_silence(std::int64_t now);
   void report_feed();
   void report_mixed_senders();
+  void report_merge(std::size_t index) const;
   void report_end() const;
   [[nodiscard]] nlohmann::json summary() const;
   [[nodiscard]] std::string explain_no_poses() const;
@@ -282,6 +283,13 @@ nlohmann::json lidar_summary(const LidarLane& lidar) {
   return json;
 }
 
+nlohmann::json merge_summary(const MergeCounters& counters) {
+  return {{"points_merged", counters.points_merged},
+          {"points_unused", counters.points_unused},
+          {"scans_without", counters.scans_without},
+          {"waits_timed_out", counters.waits_timed_out}};
+}
+
 nlohmann::json Supervisor::summary() const {
   const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
   const drivers::ImuDecoderStats imu = pipeline_->imu_stats();
@@ -324,10 +332,28 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
   };
   json["lidars"] = nlohmann::json::array();
-  for (const auto& lidar : pipeline_->lidars()) json["lidars"].push_back(lidar_summary(*lidar));
+  for (std::size_t i = 0; i < pipeline_->lidars().size(); ++i) {
+    json["lidars"].push_back(lidar_summary(*pipeline_->lidars()[i]));
+    if (i > 0) json["lidars"].back().update(merge_summary(pipeline_->merge_counters(i)));
+  }
   if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;
+}
+
+/// What the LiDAR `index` beside the first gave.
+void Supervisor::report_merge(std::size_t index) const {
+  const LidarLane& lidar = *pipeline_->lidars()[index];
+  const MergeCounters& merged = pipeline_->merge_counters(index);
+  const drivers::ScanAssemblerStats stats = lidar.channel.stats();
+  spdlog::info(
+      "{}: {} packets, {} lost before us, {} dropped by us; {} points merged, {} unused; {} scans without "
+      "it, {} "
+      "went on before it had come",
+      lidar.channel.section(), stats.packets, stats.lost_packets, lidar.ring.dropped(), merged.points_merged,
+      merged.points_unused, merged.scans_without, merged.waits_timed_out);
+  if (lidar.source.stats().malformed > 0)
+    spdlog::warn("{}: {}", lidar.channel.section(), lidar.source.status());
 }
 
 void Supervisor::report_end() const {
@@ -341,6 +367,7 @@ void Supervisor::report_end() const {
     spdlog::info("{} packets lost before us, {} dropped by us, {} partial scans left out", scans.lost_packets,
                  pipeline_->packets_dropped(), scans.partial_scans);
   }
+  for (std::size_t i = 1; i < pipeline_->lidars().size(); ++i) report_merge(i);
   const Input& input = pipeline_->input();
   if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
   if (input.frames) {

@@ -9,6 +9,7 @@ namespace nilio::daemon {
 
 /// Configuration in the core's and the drivers' own terms.
 core::SE3 to_transform(const ExtrinsicConfig& extrinsic);
+float elevation_correction_rad(const LidarConfig& lidar);
 core::OdometryConfig odometry_config(const Config& config);
 drivers::ScanAssemblerConfig assembler_config(const LidarConfig& lidar);
 

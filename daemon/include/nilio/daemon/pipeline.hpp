@@ -5,6 +5,7 @@
 #include "nilio/daemon/feed_log.hpp"
 #include "nilio/daemon/input.hpp"
 #include "nilio/daemon/lidar_channel.hpp"
+#include "nilio/daemon/merged_scan_feed.hpp"
 #include "nilio/daemon/odometry_loop.hpp"
 #include "nilio/daemon/receive.hpp"
 #include "nilio/daemon/thread_plan.hpp"
@@ -26,7 +27,8 @@ struct PipelineOptions {
 
 /// What one LiDAR has of its own in a run.
 struct LidarLane {
-  LidarLane(const std::string& section, const LidarConfig& config, drivers::PacketSource& packet_source,
+  LidarLane(const std::string& section, const LidarConfig& config,
+            const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
             const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log);
 
   drivers::PacketSource& source;
@@ -70,7 +72,11 @@ class Pipeline {
   /// Of all LiDARs, for want of room in their rings.
   [[nodiscard]] std::uint64_t packets_dropped() const;
   [[nodiscard]] std::uint64_t samples_dropped() const { return imu_ring_.dropped(); }
-  /// After join().
+  /// After join(): of lidars()[index], an index of 1 or more.
+  [[nodiscard]] const MergeCounters& merge_counters(std::size_t index) const {
+    return merged_feed_->counters(index - 1);
+  }
+  /// After join(): of the first LiDAR.
   [[nodiscard]] drivers::ScanAssemblerStats scan_stats() const { return feed_->stats(); }
   [[nodiscard]] drivers::ImuDecoderStats imu_stats() const;
 
@@ -78,6 +84,7 @@ class Pipeline {
   Pipeline(const Config& config, Input input, const PipelineOptions& options,
            ipc::PublisherProcess* publisher, ipc::WakeEvent data_event, ipc::WakeEvent output_event);
   void make_feed();
+  void make_merged_feed();
   void run_thread(ThreadRole role, std::function<void()> body, std::vector<PlanOutcome>& outcomes);
   void odometry_body();
 
@@ -99,6 +106,7 @@ class Pipeline {
   ReceiveState imu_state_;
   OdometryCounters counters_;
   std::unique_ptr<PacketScanFeed> packet_feed_;
+  std::unique_ptr<MergedScanFeed> merged_feed_;
   ScanFeed* feed_ = nullptr;
   std::atomic<bool> stop_{false};
   std::atomic<bool> finished_{false};

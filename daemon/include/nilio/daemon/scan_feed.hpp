@@ -39,6 +39,8 @@ class PacketScanFeed : public ScanFeed {
   PacketScanFeed(LidarChannel& channel, ipc::WakeEvent& data_event);
 
   FeedState next(core::Scan& scan, core::Duration timeout) override;
+  /// As next() without waiting.
+  FeedState poll(core::Scan& scan);
   [[nodiscard]] std::size_t waiting_scans() const override;
   [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return channel_.stats(); }
   /// Of the packet that completed the last scan.
