@@ -21,6 +21,8 @@ constexpr Duration kFarthestAhead = Duration::from_seconds(1.0);
 constexpr std::uint32_t kScansToSayOffset = 10;
 // Half a ring.
 constexpr std::size_t kMostWaiting = 2048;
+// The first scan after a LiDAR fell silent has a part of its packets.
+constexpr std::uint32_t kScansToSayLate = 3;
 constexpr Duration kWakePeriod = Duration::from_milliseconds(5.0);
 
 /// Turns a point about the horizontal axis across its direction, upwards.
@@ -124,8 +126,9 @@ MergedScanFeed::Gathered MergedScanFeed::gather(Lane& lane, core::Time until, st
     }
     if (!channel.is_known()) return Gathered::kUnknown;
     const Duration left{deadline_ns - monotonic_ns()};
-    const bool is_silent = lane.is_missing && channel.packets_taken() == taken_before;
-    if (is_silent || left <= Duration{}) {
+    const bool is_silent = lane.presence == Presence::kSilent && channel.packets_taken() == taken_before;
+    // The scan would be superseded anyway once the next one is there.
+    if (is_silent || left <= Duration{} || first_.waiting_scans() > 0) {
       if (!is_silent) ++lane.counters.waits_timed_out;
       if (channel.finish_scan()) take_points(lane, scan);
       return Gathered::kTooLate;
@@ -179,19 +182,22 @@ std::size_t MergedScanFeed::move_points(Lane& lane, const Interval& interval, co
   return moved;
 }
 
-/// Says when a LiDAR begins to be missing and when it is there again.
+/// Says when a LiDAR begins to be late or silent and when it is in time again.
 void MergedScanFeed::report(Lane& lane, Gathered gathered, bool has_packets) {
   const std::string& section = lane.other.channel->section();
-  const bool is_late = gathered == Gathered::kTooLate;
-  if (!has_packets || is_late) {
-    if (std::exchange(lane.is_missing, true)) return;
-    log_.say(LogLevel::kWarning,
-             section + (has_packets ? ": its packets come later than " + section +
-                                          ".wait_ms; poses go on "
-                                          "with those that are there"
-                                    : ": no packets come from it; poses go on without it"));
-  } else if (gathered == Gathered::kAll && std::exchange(lane.is_missing, false)) {
-    log_.say(LogLevel::kInfo, section + ": its packets come again");
+  const Presence before = lane.presence;
+  lane.late_scans = gathered == Gathered::kTooLate ? lane.late_scans + 1 : 0;
+  if (!has_packets) {
+    lane.presence = Presence::kSilent;
+    if (before != Presence::kSilent)
+      log_.say(LogLevel::kWarning, section + ": no packets come from it; poses go on without it");
+  } else if (lane.late_scans >= kScansToSayLate && before == Presence::kPresent) {
+    lane.presence = Presence::kLate;
+    log_.say(LogLevel::kWarning, section + ": its packets come later than " + section +
+                                     ".wait_ms allows; poses go on with those that are there");
+  } else if (gathered == Gathered::kAll && before != Presence::kPresent) {
+    lane.presence = Presence::kPresent;
+    log_.say(LogLevel::kInfo, section + ": its packets come again in time");
   }
 }
 

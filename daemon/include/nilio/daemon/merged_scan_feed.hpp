@@ -60,13 +60,15 @@ class MergedScanFeed : public ScanFeed {
     core::Time time;
     core::Point point;
   };
+  enum class Presence { kPresent, kLate, kSilent };
   struct Lane {
     Other other;
     std::vector<TimedPoint> pending;
     MergeCounters counters;
     /// Of the last points it gave.
     core::Time last_end;
-    bool is_missing = false;
+    Presence presence = Presence::kPresent;
+    std::uint32_t late_scans = 0;
     bool offset_said = false;
     std::uint32_t scans_out_of_step = 0;
   };
