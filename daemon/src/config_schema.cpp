@@ -30,65 +30,77 @@ std::vector<std::string> lidar_models() {
   return names;
 }
 
-void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
+/// Keys that every LiDAR has.
+void add_lidar(std::vector<ConfigKey>& keys, const std::string& section, LidarConfig& c) {
   keys.push_back(
-      {"lidar.model", &c.model, "sensor model; auto = from the packets", "", 0, 0, lidar_models()});
-  keys.push_back({"lidar.calibration",
+      {section + ".model", &c.model, "sensor model; auto = from the packets", "", 0, 0, lidar_models()});
+  keys.push_back({section + ".calibration",
                   &c.calibration,
                   "calibration file in place of the built-in geometry",
                   "",
                   0,
                   0,
                   {}});
-  keys.push_back({"lidar.bind_address", &c.bind_address, "local IPv4 address to receive on", "", 0, 0, {}});
-  keys.push_back({"lidar.port", &c.port, "UDP port of data packets", "", 1, 65535, {}});
   keys.push_back(
-      {"lidar.position_port", &c.position_port, "UDP port of position packets; 0 = none", "", 0, 65535, {}});
-  keys.push_back(
-      {"lidar.sender_address", &c.sender_address, "only packets of this sender; empty = any", "", 0, 0, {}});
-  keys.push_back({"lidar.multicast_group",
+      {section + ".bind_address", &c.bind_address, "local IPv4 address to receive on", "", 0, 0, {}});
+  keys.push_back({section + ".port", &c.port, "UDP port of data packets", "", 1, 65535, {}});
+  keys.push_back({section + ".position_port",
+                  &c.position_port,
+                  "UDP port of position packets; 0 = none",
+                  "",
+                  0,
+                  65535,
+                  {}});
+  keys.push_back({section + ".sender_address",
+                  &c.sender_address,
+                  "only packets of this sender; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({section + ".multicast_group",
                   &c.multicast_group,
                   "group that the sensor sends to; empty = none",
                   "",
                   0,
                   0,
                   {}});
-  keys.push_back({"lidar.multicast_interface",
+  keys.push_back({section + ".multicast_interface",
                   &c.multicast_interface,
                   "address or name of the interface to join the group on; empty = the one of bind_address",
                   "",
                   0,
                   0,
                   {}});
-  keys.push_back({"lidar.receive_buffer_bytes",
+  keys.push_back({section + ".receive_buffer_bytes",
                   &c.receive_buffer_bytes,
                   "socket receive buffer to ask for",
                   "byte",
                   65536,
                   1 << 30,
                   {}});
-  keys.push_back({"lidar.time_source",
+  keys.push_back({section + ".time_source",
                   &c.time_source,
                   "whose clock stamps the firings",
                   "",
                   0,
                   0,
                   {"auto", "sensor", "host"}});
-  keys.push_back({"lidar.stamp_offset_us",
+  keys.push_back({section + ".stamp_offset_us",
                   &c.stamp_offset_us,
                   "added to every firing's time; -553 for HDL-32E firmware that stamps a packet's end",
                   "us",
                   -100000,
                   100000,
                   {}});
-  keys.push_back({"lidar.return_mode",
+  keys.push_back({section + ".return_mode",
                   &c.return_mode,
                   "returns in each packet as set at the sensor; auto = from the packets",
                   "",
                   0,
                   0,
                   {"auto", "single", "dual", "dual_confidence"}});
-  keys.push_back({"lidar.returns",
+  keys.push_back({section + ".returns",
                   &c.returns,
                   "which of two returns become points",
                   "",
@@ -96,13 +108,28 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   0,
                   {"all", "strongest", "last"}});
   keys.push_back(
-      {"lidar.azimuth_interpolation",
+      {section + ".azimuth_interpolation",
        &c.azimuth_interpolation,
        "whether the azimuth moves on from firing to firing in a block; auto = on, but off for HDL-64E",
        "",
        0,
        0,
        {"auto", "on", "off"}});
+  keys.push_back({section + ".min_range_m", &c.min_range_m, "nearer returns are left out", "m", 0.1, 50, {}});
+  keys.push_back({section + ".max_range_m", &c.max_range_m, "farther returns are left out", "m", 5, 300, {}});
+  keys.push_back({section + ".elevation_correction_deg",
+                  &c.elevation_correction_deg,
+                  "raises every beam: bias of a factory calibration (0.205 for KITTI's HDL-64E)",
+                  "deg",
+                  -2,
+                  2,
+                  {}});
+  add_extrinsic(keys, section, c.extrinsic);
+}
+
+/// Keys of the LiDAR whose scans decide when a pose is computed.
+void add_first_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
+  add_lidar(keys, "lidar", c);
   keys.push_back({"lidar.cut_azimuth_deg",
                   &c.cut_azimuth_deg,
                   "azimuth at which scans are cut; 0 = forward, clockwise",
@@ -110,8 +137,6 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   0,
                   359.99,
                   {}});
-  keys.push_back({"lidar.min_range_m", &c.min_range_m, "nearer returns are left out", "m", 0.1, 50, {}});
-  keys.push_back({"lidar.max_range_m", &c.max_range_m, "farther returns are left out", "m", 5, 300, {}});
   keys.push_back({"lidar.min_coverage",
                   &c.min_coverage,
                   "scans that cover a smaller share of the sensor's field of view are dropped and counted",
@@ -119,14 +144,19 @@ void add_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
                   0.05,
                   1.0,
                   {}});
-  keys.push_back({"lidar.elevation_correction_deg",
-                  &c.elevation_correction_deg,
-                  "raises every beam: bias of a factory calibration (0.205 for KITTI's HDL-64E)",
-                  "deg",
-                  -2,
-                  2,
+}
+
+/// Keys of a LiDAR whose points are added to the scans of the first.
+void add_extra_lidar(std::vector<ConfigKey>& keys, const std::string& section, ExtraLidarConfig& c) {
+  keys.push_back({section + ".enabled", &c.enabled, "use this LiDAR, too", "", 0, 0, {}});
+  keys.push_back({section + ".wait_ms",
+                  &c.wait_ms,
+                  "live: how long a complete scan waits for this LiDAR's packets",
+                  "ms",
+                  0,
+                  1000,
                   {}});
-  add_extrinsic(keys, "lidar", c.extrinsic);
+  add_lidar(keys, section, c);
 }
 
 void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
@@ -299,9 +329,13 @@ void add_rest(std::vector<ConfigKey>& keys, Config& c) {
 
 }  // namespace
 
+std::string extra_lidar_section(std::size_t index) { return "lidar" + std::to_string(index + 2); }
+
 std::vector<ConfigKey> config_keys(Config& config) {
   std::vector<ConfigKey> keys;
-  add_lidar(keys, config.lidar);
+  add_first_lidar(keys, config.lidar);
+  for (std::size_t i = 0; i < kExtraLidars; ++i)
+    add_extra_lidar(keys, extra_lidar_section(i), config.more_lidars[i]);
   add_imu(keys, config.imu);
   add_odometry(keys, config.odometry);
   add_rest(keys, config);

@@ -252,10 +252,21 @@ std::string value_text(const ConfigKey& key) {
 }  // namespace
 
 std::string to_yaml(Config config) {
+  std::vector<ConfigKey> keys = config_keys(config);
+  std::string left_out;
+  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+    if (config.more_lidars[i].enabled) continue;
+    const std::string section = extra_lidar_section(i);
+    std::erase_if(keys, [&](const ConfigKey& key) { return key.path.starts_with(section + "."); });
+    left_out += (left_out.empty() ? "# " : ", ") + section;
+  }
   YAML::Emitter out;
   out.SetDoublePrecision(12);
-  emit_section(out, config_keys(config), 0, "");
-  return std::string(out.c_str()) + "\n";
+  emit_section(out, keys, 0, "");
+  if (!left_out.empty())
+    left_out +=
+        ": off; each takes enabled, wait_ms and the keys of lidar but cut_azimuth_deg and min_coverage\n";
+  return std::string(out.c_str()) + "\n" + left_out;
 }
 
 std::string describe_keys() {

@@ -1,5 +1,7 @@
 #include "nilio/daemon/pipeline.hpp"
 
+#include "nilio/daemon/config_terms.hpp"
+
 #include <future>
 #include <utility>
 
@@ -21,6 +23,13 @@ constexpr std::int64_t kPaceLeadNs = 100'000'000;
 
 }  // namespace
 
+LidarLane::LidarLane(const std::string& section, const LidarConfig& config,
+                     const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
+                     const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log)
+    : source(packet_source),
+      ring(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
+      channel(section, config, assembler, sensor, ring, state, log) {}
+
 Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
                                                    const PipelineOptions& options,
                                                    ipc::PublisherProcess* publisher) {
@@ -40,21 +49,44 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
       options_(options),
       publisher_(publisher),
       plan_(make_thread_plan(config.realtime, input_.live)),
-      packet_ring_(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
       imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
       poses_(ipc::Ring<ipc::PoseRecord>::in_private_memory(kPoseSlots)),
       clouds_(ipc::Ring<CloudRecord>::in_private_memory(kCloudSlots)),
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
   policy_.wait_when_full = !input_.live;
-  if (input_.packets) {
-    packet_feed_ =
-        std::make_unique<PacketScanFeed>(drivers::ScanAssembler(*input_.sensor, assembler_config(config)),
-                                         packet_ring_, data_event_, lidar_state_);
-    feed_ = packet_feed_.get();
-  } else {
+  make_feed();
+}
+
+void Pipeline::make_feed() {
+  if (!input_.packets) {
     feed_ = input_.scans.get();
+    return;
   }
+  lidars_.push_back(std::make_unique<LidarLane>("lidar", config_.lidar, assembler_config(config_.lidar),
+                                                *input_.packets, input_.sensor, feed_log_));
+  packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_);
+  feed_ = packet_feed_.get();
+  if (!input_.more_lidars.empty()) make_merged_feed();
+}
+
+void Pipeline::make_merged_feed() {
+  const core::SE3 T_first_base = to_transform(config_.lidar.extrinsic).inverse();
+  std::vector<MergedScanFeed::Other> others;
+  for (const ExtraLidar& lidar : input_.more_lidars) {
+    // Its scans are only the vehicle of its points: where they are cut and what they cover is of no account.
+    drivers::ScanAssemblerConfig assembler = assembler_config(lidar.config);
+    assembler.min_coverage = 0.0;
+    lidars_.push_back(std::make_unique<LidarLane>(lidar.section, lidar.config, assembler, *lidar.packets,
+                                                  lidar.sensor, feed_log_));
+    others.push_back({&lidars_.back()->channel, T_first_base * to_transform(lidar.config.extrinsic),
+                      elevation_correction_rad(lidar.config),
+                      core::Duration::from_milliseconds(lidar.config.wait_ms)});
+  }
+  const MergedScanFeed::Options options{input_.live, elevation_correction_rad(config_.lidar)};
+  merged_feed_ =
+      std::make_unique<MergedScanFeed>(*packet_feed_, std::move(others), options, data_event_, feed_log_);
+  feed_ = merged_feed_.get();
 }
 
 Pipeline::~Pipeline() {
@@ -66,12 +98,10 @@ drivers::ImuDecoderStats Pipeline::imu_stats() const {
   return input_.imu_decoder ? input_.imu_decoder->stats() : drivers::ImuDecoderStats{};
 }
 
-void Pipeline::receive_packets_body() {
-  receive_packets(*input_.packets, packet_ring_, data_event_, policy_, lidar_state_);
-}
-
-void Pipeline::receive_imu_body() {
-  receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_);
+std::uint64_t Pipeline::packets_dropped() const {
+  std::uint64_t dropped = 0;
+  for (const auto& lidar : lidars_) dropped += lidar->ring.dropped();
+  return dropped;
 }
 
 void Pipeline::odometry_body() {
@@ -83,23 +113,25 @@ void Pipeline::odometry_body() {
   const bool with_imu = input_.frames != nullptr;
   const OdometryLoopConfig loop_config{!input_.live,
                                        core::Duration::from_milliseconds(config_.odometry.imu_wait_ms)};
+  core::OdometryConfig odometry = odometry_config(config_);
+  // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
+  if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
   // Made in this thread, so that the arena's workers inherit its scheduling.
-  OdometryLoop loop(core::Odometry(odometry_config(config_), monotonic_ns), *feed_,
-                    with_imu ? &imu_ring_ : nullptr, data_event_, with_imu ? &imu_state_ : nullptr, outputs,
-                    loop_config);
+  OdometryLoop loop(core::Odometry(odometry, monotonic_ns), *feed_, with_imu ? &imu_ring_ : nullptr,
+                    data_event_, with_imu ? &imu_state_ : nullptr, outputs, loop_config);
   loop.run(stop_, counters_);
   finished_.store(true, std::memory_order_release);
   output_event_.notify();
 }
 
-void Pipeline::run_thread(ThreadRole role, void (Pipeline::*body)(), std::vector<PlanOutcome>& outcomes) {
+void Pipeline::run_thread(ThreadRole role, std::function<void()> body, std::vector<PlanOutcome>& outcomes) {
   std::promise<PlanOutcome> granted;
   std::future<PlanOutcome> outcome = granted.get_future();
-  threads_.emplace_back([this, role, body, granted = std::move(granted)]() mutable {
+  threads_.emplace_back([this, role, body = std::move(body), granted = std::move(granted)]() mutable {
     PlanOutcome result = apply_to_this_thread(plan_, role);
     const bool run = result.granted || !plan_.strict;
     granted.set_value(std::move(result));
-    if (run) (this->*body)();
+    if (run) body();
   });
   outcomes.push_back(outcome.get());
 }
@@ -111,9 +143,21 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
   } else if (options_.paced) {
     feed_->set_pace(monotonic_ns() + kPaceLeadNs);
   }
-  run_thread(ThreadRole::kOdometry, &Pipeline::odometry_body, outcomes);
-  if (input_.packets) run_thread(ThreadRole::kLidarReceive, &Pipeline::receive_packets_body, outcomes);
-  if (input_.frames) run_thread(ThreadRole::kImuReceive, &Pipeline::receive_imu_body, outcomes);
+  run_thread(
+      ThreadRole::kOdometry, [this] { odometry_body(); }, outcomes);
+  for (const auto& lane : lidars_) {
+    LidarLane& lidar = *lane;
+    const auto receive = [this, &lidar] {
+      receive_packets(lidar.source, lidar.ring, data_event_, policy_, lidar.state);
+    };
+    run_thread(ThreadRole::kLidarReceive, receive, outcomes);
+  }
+  if (input_.frames) {
+    const auto receive = [this] {
+      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_);
+    };
+    run_thread(ThreadRole::kImuReceive, receive, outcomes);
+  }
   for (const PlanOutcome& outcome : outcomes) {
     if (outcome.granted || !plan_.strict) continue;
     request_stop();
@@ -125,7 +169,7 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
 
 void Pipeline::request_stop() {
   stop_.store(true);
-  lidar_state_.stop.store(true);
+  for (const auto& lidar : lidars_) lidar->state.stop.store(true);
   imu_state_.stop.store(true);
   data_event_.notify();
 }

@@ -4,51 +4,55 @@
 
 namespace nilio::daemon {
 
-PacketScanFeed::PacketScanFeed(drivers::ScanAssembler assembler, ipc::Ring<drivers::Packet>& ring,
-                               ipc::WakeEvent& data_event, const ReceiveState& receive_state)
-    : assembler_(std::move(assembler)), ring_(ring), data_event_(data_event), receive_state_(receive_state) {}
+PacketScanFeed::PacketScanFeed(LidarChannel& channel, ipc::WakeEvent& data_event)
+    : channel_(channel), data_event_(data_event) {}
 
 void PacketScanFeed::take(core::Scan& scan) {
-  assembler_.take_scan(scan);
+  channel_.take_scan(scan);
   scan.completed_ns = monotonic_ns();
   packets_per_scan_ = packets_in_scan_;
   packets_in_scan_ = 0;
 }
 
 bool PacketScanFeed::drain(core::Scan& scan) {
-  for (std::span<const drivers::Packet> slots = ring_.begin_read(); !slots.empty();
-       slots = ring_.begin_read()) {
-    for (const drivers::Packet& packet : slots) {
-      const std::int64_t popped_ns = monotonic_ns();
-      const bool complete = assembler_.add(packet);
-      ring_.consume(1);
-      ++packets_in_scan_;
-      if (complete) {
-        take(scan);
-        scan.popped_ns = popped_ns;
-        return true;
-      }
+  while (channel_.front() != nullptr) {
+    const std::int64_t popped_ns = monotonic_ns();
+    const bool complete = channel_.decode_front();
+    ++packets_in_scan_;
+    if (complete) {
+      take(scan);
+      scan.popped_ns = popped_ns;
+      return true;
     }
   }
   return false;
 }
 
+/// What is left when nothing more will come: true when that made a scan.
+bool PacketScanFeed::end(core::Scan& scan) {
+  if (channel_.settle() && drain(scan)) return true;
+  if (std::exchange(finished_, true)) return false;
+  const bool complete = channel_.finish_scan();
+  if (complete) take(scan);
+  channel_.report_status();
+  return complete;
+}
+
+FeedState PacketScanFeed::poll(core::Scan& scan) {
+  const bool ended = channel_.ended();
+  if (drain(scan)) return FeedState::kScan;
+  if (!ended) return FeedState::kIdle;
+  return end(scan) ? FeedState::kScan : FeedState::kEnd;
+}
+
 FeedState PacketScanFeed::next(core::Scan& scan, core::Duration timeout) {
-  while (true) {
-    // Read before draining: what was committed before the end was announced is then seen.
-    const bool ended = receive_state_.ended.load(std::memory_order_acquire);
-    if (drain(scan)) return FeedState::kScan;
-    if (ended) {
-      if (std::exchange(finished_, true) || !assembler_.finish()) return FeedState::kEnd;
-      take(scan);
-      return FeedState::kScan;
-    }
-    if (!data_event_.wait(timeout)) return FeedState::kIdle;
-  }
+  FeedState state = poll(scan);
+  while (state == FeedState::kIdle && data_event_.wait(timeout)) state = poll(scan);
+  return state;
 }
 
 std::size_t PacketScanFeed::waiting_scans() const {
-  return packets_per_scan_ > 0 ? ring_.size() / packets_per_scan_ : 0;
+  return packets_per_scan_ > 0 ? channel_.packets_waiting() / packets_per_scan_ : 0;
 }
 
 }  // namespace nilio::daemon

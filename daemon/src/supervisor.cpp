@@ -1,6 +1,7 @@
 #include "nilio/daemon/supervisor.hpp"
 
 #include "nilio/daemon/config_schema.hpp"
+#include "nilio/daemon/config_terms.hpp"
 #include "nilio/daemon/pipeline.hpp"
 #include "nilio/daemon/run_output.hpp"
 #include "nilio/ipc/histogram.hpp"
@@ -9,6 +10,8 @@
 #include <array>
 #include <memory>
 #include <optional>
+#include <set>
+#include <string>
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -42,6 +45,9 @@ class Supervisor {
   void watch_publisher();
   void report_status();
   void report_silence(std::int64_t now);
+  void report_feed();
+  void report_mixed_senders();
+  void report_merge(std::size_t index) const;
   void report_end() const;
   [[nodiscard]] nlohmann::json summary() const;
   [[nodiscard]] std::string explain_no_poses() const;
@@ -61,6 +67,8 @@ class Supervisor {
   std::int64_t next_status_ns_ = 0;
   std::int64_t last_pose_ns_ = 0;
   bool silence_reported_ = false;
+  /// Sections of the LiDARs of which it was said that several senders are mixed.
+  std::set<std::string> mixed_reported_;
 };
 
 Result<std::monostate> Supervisor::open_publisher() {
@@ -145,6 +153,24 @@ void Supervisor::report_clock(const ipc::PoseRecord& record) {
   spdlog::info("scan {}: LiDAR time is {}", record.sequence, core::name_of(record.clock_source));
 }
 
+/// What the odometry thread has to say of the LiDARs.
+void Supervisor::report_feed() {
+  while (const std::optional<FeedLog::Line> line = pipeline_->feed_log().take()) {
+    const auto level = line->level == LogLevel::kError     ? spdlog::level::err
+                       : line->level == LogLevel::kWarning ? spdlog::level::warn
+                                                           : spdlog::level::info;
+    spdlog::log(level, "{}", line->text);
+  }
+}
+
+void Supervisor::report_mixed_senders() {
+  for (const auto& lidar : pipeline_->lidars()) {
+    const std::string& section = lidar->channel.section();
+    if (!lidar->channel.has_mixed_senders() || !mixed_reported_.insert(section).second) continue;
+    spdlog::warn("{}: {}", section, lidar->source.status());
+  }
+}
+
 void Supervisor::watch_publisher() {
   if (!publisher_) return;
   const std::optional<ipc::PublisherEvent> event = publisher_->poll();
@@ -161,6 +187,7 @@ void Supervisor::report_status() {
   if (now < next_status_ns_) return;
   next_status_ns_ = now + kStatusPeriodNs;
   report_silence(now);
+  report_mixed_senders();
   if (!last_ || poses_ == poses_at_last_status_) return;
   const auto p50 =
       static_cast<double>(latency_.histogram(ipc::LatencyStage::kEndToEnd).snapshot().percentile(50.0)) *
@@ -195,12 +222,15 @@ Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
   while (!pipeline_->finished() && !stop.load()) {
     pipeline_->output_event().wait(kPollPeriod);
     drain();
+    report_feed();
     watch_publisher();
     report_status();
   }
   pipeline_->request_stop();
   pipeline_->join();
   drain();
+  report_feed();
+  report_mixed_senders();
   if (publisher_) {
     if (const auto event = publisher_->stop(); event && event->unpublished > 0)
       spdlog::warn("{}", event->message);
@@ -221,6 +251,43 @@ std::string Supervisor::explain_no_poses() const {
                      " scans covered less than lidar.min_coverage of the field of view";
   if (pipeline_->input().packets) text += "; " + pipeline_->input().packets->status();
   return text;
+}
+
+/// Counters of one LiDAR, and the state of its stream at the end.
+nlohmann::json lidar_summary(const LidarLane& lidar) {
+  const drivers::ScanAssemblerStats stats = lidar.channel.stats();
+  nlohmann::json json = {
+      {"section", lidar.channel.section()},
+      {"packets", stats.packets},
+      {"packets_lost", stats.lost_packets},
+      {"packets_duplicate", stats.duplicate_packets},
+      {"packets_late", stats.late_packets},
+      {"packets_bad_length", stats.bad_length},
+      {"packets_position", stats.position_packets},
+      {"packets_dropped_kernel", lidar.source.stats().kernel_dropped},
+      {"packets_dropped_ring", lidar.ring.dropped()},
+      {"points", stats.points},
+      {"points_out_of_range", stats.points_out_of_range},
+  };
+  const drivers::ScanAssembler* assembler = lidar.channel.assembler();
+  if (assembler == nullptr) return json;
+  const drivers::ScanAssemblerStatus status = assembler->status();
+  json["model"] = assembler->sensor().name;
+  json["return_mode"] = drivers::return_mode_name(status.mode);
+  json["revolutions_per_minute"] = status.revolutions_per_minute;
+  json["packet_period_us"] = status.packet_period_us;
+  json["field_of_view_deg"] = 360.0 - status.blind_sector_deg;
+  json["clock_source"] = core::name_of(status.clock_source);
+  json["clock_offset_s"] = status.clock_offset_s;
+  json["clock_drift_ppm"] = status.clock_drift_ppm;
+  return json;
+}
+
+nlohmann::json merge_summary(const MergeCounters& counters) {
+  return {{"points_merged", counters.points_merged},
+          {"points_unused", counters.points_unused},
+          {"scans_without", counters.scans_without},
+          {"waits_timed_out", counters.waits_timed_out}};
 }
 
 nlohmann::json Supervisor::summary() const {
@@ -264,9 +331,29 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
   };
+  json["lidars"] = nlohmann::json::array();
+  for (std::size_t i = 0; i < pipeline_->lidars().size(); ++i) {
+    json["lidars"].push_back(lidar_summary(*pipeline_->lidars()[i]));
+    if (i > 0) json["lidars"].back().update(merge_summary(pipeline_->merge_counters(i)));
+  }
   if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;
+}
+
+/// What the LiDAR `index` beside the first gave.
+void Supervisor::report_merge(std::size_t index) const {
+  const LidarLane& lidar = *pipeline_->lidars()[index];
+  const MergeCounters& merged = pipeline_->merge_counters(index);
+  const drivers::ScanAssemblerStats stats = lidar.channel.stats();
+  spdlog::info(
+      "{}: {} packets, {} lost before us, {} dropped by us; {} points merged, {} unused; {} scans without "
+      "it, {} "
+      "went on before it had come",
+      lidar.channel.section(), stats.packets, stats.lost_packets, lidar.ring.dropped(), merged.points_merged,
+      merged.points_unused, merged.scans_without, merged.waits_timed_out);
+  if (lidar.source.stats().malformed > 0)
+    spdlog::warn("{}: {}", lidar.channel.section(), lidar.source.status());
 }
 
 void Supervisor::report_end() const {
@@ -280,6 +367,7 @@ void Supervisor::report_end() const {
     spdlog::info("{} packets lost before us, {} dropped by us, {} partial scans left out", scans.lost_packets,
                  pipeline_->packets_dropped(), scans.partial_scans);
   }
+  for (std::size_t i = 1; i < pipeline_->lidars().size(); ++i) report_merge(i);
   const Input& input = pipeline_->input();
   if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
   if (input.frames) {

@@ -1,4 +1,5 @@
 #include "../unit/room_drive.hpp"
+#include "../unit/two_lidars.hpp"
 
 #include <chrono>
 #include <csignal>
@@ -178,6 +179,11 @@ TEST_CASE("inputs that nothing can be done with end in one message that says wha
     write_room_drive(folder.path(), s_curve, 0.3, false);
     expect({"--replay", path, "--set", "lidar.model=HDL-64E-S2"}, {"HDL-64E-S2", "VLP-16"});
   }
+  SECTION("a second LiDAR that would take the packets of the first") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    expect({"--replay", path, "--set", "lidar2.enabled=true"},
+           {"lidar and lidar2", "sender_address", "port"});
+  }
   SECTION("an unknown key") {
     write_room_drive(folder.path(), s_curve, 0.3, false);
     write_file(folder.path() / "mine.yaml", "odometry:\n  thread: 2\n");
@@ -233,5 +239,41 @@ TEST_CASE("inputs that are damaged are used as far as they go, and the damage is
     CHECK(std::regex_search(finished.output, std::regex("imu.log[^\\n]*3 ")));
     const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
     CHECK(report["counters"]["scans_with_imu"].get<int>() >= 28);
+  }
+}
+
+TEST_CASE("two LiDARs in one recording are reported each, and mixed ones are noticed") {
+  const TemporaryFolder folder;
+  tests::write_two_lidar_drive(folder.path(), s_curve, 1.5, 1.5);
+  const std::string path = folder.path().string();
+  SECTION("told apart") {
+    const std::vector<std::string> arguments = {
+        "--replay", path,
+        "--output", path + "/run",
+        "--set",    kNoPublisher,
+        "--set",    "lidar.sender_address=192.168.1.201",
+        "--set",    "lidar2.enabled=true",
+        "--set",    "lidar2.sender_address=192.168.1.202",
+    };
+    const Finished finished = run_niliod(folder, arguments);
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    CHECK(finished.output.find("lidar2: VLP-16: return mode single") != std::string::npos);
+    CHECK(finished.output.find("points merged") != std::string::npos);
+    CHECK(finished.output.find("are mixed") == std::string::npos);
+    const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+    REQUIRE(report["lidars"].size() == 2);
+    CHECK(report["lidars"][0]["section"] == "lidar");
+    CHECK(report["lidars"][0]["packets"] == report["counters"]["packets"]);
+    CHECK(report["lidars"][1]["model"] == "VLP-16");
+    CHECK(report["lidars"][1]["points_merged"].get<int>() > 300'000);
+    CHECK(report["lidars"][1]["packets_lost"] == 0);
+    CHECK(report["lidars"][1]["revolutions_per_minute"].get<double>() == Approx(600.0).margin(2.0));
+  }
+  SECTION("taken for one") {
+    const Finished finished = run_niliod(folder, {"--replay", path, "--set", kNoPublisher});
+    INFO(finished.output);
+    CHECK(finished.output.find("packets of several sensors are mixed") != std::string::npos);
+    CHECK(finished.output.find("192.168.1.202") != std::string::npos);
   }
 }

@@ -101,3 +101,26 @@ TEST_CASE("the configuration that ships is the default") {
   REQUIRE(apply_file(config, std::string(NILIO_SOURCE_DIR) + "/config/nilio.yaml").ok());
   CHECK(to_yaml(config) == to_yaml(Config{}));
 }
+
+TEST_CASE("LiDARs beside the first are printed when they are on, and named when they are off") {
+  Config config;
+  CHECK(to_yaml(config).find("lidar2:") == std::string::npos);
+  CHECK(to_yaml(config).find("# lidar2, lidar3, lidar4: off") != std::string::npos);
+  REQUIRE(
+      apply_yaml(config,
+                 "lidar2: {enabled: true, sender_address: 10.0.0.2, wait_ms: 30, extrinsic: {translation: "
+                 "[1, 2, 3]}}\n",
+                 "a")
+          .ok());
+  const std::string yaml = to_yaml(config);
+  CHECK(yaml.find("# lidar3, lidar4: off") != std::string::npos);
+  Config again;
+  REQUIRE(apply_yaml(again, yaml, "b").ok());
+  CHECK(to_yaml(again) == yaml);
+  CHECK(again.more_lidars[0].enabled);
+  CHECK(again.more_lidars[0].wait_ms == 30.0);
+  CHECK(again.more_lidars[0].extrinsic.translation == std::vector<double>{1.0, 2.0, 3.0});
+  CHECK_FALSE(again.more_lidars[1].enabled);
+  // What would do nothing is no key.
+  CHECK(error_of("lidar2:\n  min_coverage: 0.5\n").find("lidar2.min_coverage") != std::string::npos);
+}

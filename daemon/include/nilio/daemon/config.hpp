@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -35,6 +36,13 @@ struct LidarConfig {
   double elevation_correction_deg = 0.0;
   ExtrinsicConfig extrinsic;
 };
+
+/// A LiDAR beside the first one, whose points are added to the scans of that.
+struct ExtraLidarConfig : LidarConfig {
+  bool enabled = false;
+  double wait_ms = 20.0;
+};
+inline constexpr std::size_t kExtraLidars = 3;
 
 struct ImuAxisConfig {
   std::string message;
@@ -100,6 +108,8 @@ struct LogSection {
 /// The whole configuration with its defaults. Every key, its type, unit and range: config_schema.cpp.
 struct Config {
   LidarConfig lidar;
+  /// Sections lidar2, lidar3, lidar4.
+  std::array<ExtraLidarConfig, kExtraLidars> more_lidars;
   ImuConfig imu;
   OdometrySection odometry;
   PublisherSection publisher;

@@ -24,6 +24,9 @@ struct ConfigKey {
   std::vector<std::string> allowed;  ///< strings only; empty: any
 };
 
+/// "lidar2" for 0, the section of Config::more_lidars[index].
+std::string extra_lidar_section(std::size_t index);
+
 /// The keys, bound to the members of `config`.
 std::vector<ConfigKey> config_keys(Config& config);
 
@@ -35,7 +38,8 @@ core::Result<std::monostate> apply_yaml(Config& config, const std::string& text,
 /// "odometry.threads=2".
 core::Result<std::monostate> apply_override(Config& config, const std::string& assignment);
 
-/// The effective configuration as YAML that apply_yaml takes back unchanged.
+/// The effective configuration as YAML that apply_yaml takes back unchanged. LiDARs that are off are left out
+/// but for a comment.
 std::string to_yaml(Config config);
 /// All keys with type, default, unit, range and meaning, for `niliod --help-config`.
 std::string describe_keys();

@@ -2,13 +2,17 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/daemon/config.hpp"
+#include "nilio/daemon/feed_log.hpp"
 #include "nilio/daemon/input.hpp"
+#include "nilio/daemon/lidar_channel.hpp"
+#include "nilio/daemon/merged_scan_feed.hpp"
 #include "nilio/daemon/odometry_loop.hpp"
 #include "nilio/daemon/receive.hpp"
 #include "nilio/daemon/thread_plan.hpp"
 #include "nilio/ipc/publisher_process.hpp"
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <string>
 #include <thread>
@@ -19,6 +23,18 @@ namespace nilio::daemon {
 struct PipelineOptions {
   bool paced = false;        ///< a recording at its own pace instead of as fast as possible
   bool collect_map = false;  ///< fill clouds()
+};
+
+/// What one LiDAR has of its own in a run.
+struct LidarLane {
+  LidarLane(const std::string& section, const LidarConfig& config,
+            const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
+            const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log);
+
+  drivers::PacketSource& source;
+  ipc::Ring<drivers::Packet> ring;
+  ReceiveState state;
+  LidarChannel channel;
 };
 
 /// Receive threads, rings and the odometry thread of one run. The owner (supervisor) drains poses() and
@@ -43,24 +59,33 @@ class Pipeline {
 
   [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
+  /// Lines for the log that the odometry thread says; to be taken by the owner.
+  [[nodiscard]] FeedLog& feed_log() { return feed_log_; }
   /// Woken after every pose and at the end.
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
   [[nodiscard]] const Input& input() const { return input_; }
-  [[nodiscard]] const ReceiveState& lidar_state() const { return lidar_state_; }
+  /// The first LiDAR's, then those of the others; empty for scans that are already cut. Of the channels only
+  /// has_mixed_senders() may be asked before join().
+  [[nodiscard]] const std::vector<std::unique_ptr<LidarLane>>& lidars() const { return lidars_; }
   [[nodiscard]] const ReceiveState& imu_state() const { return imu_state_; }
-  [[nodiscard]] std::uint64_t packets_dropped() const { return packet_ring_.dropped(); }
+  /// Of all LiDARs, for want of room in their rings.
+  [[nodiscard]] std::uint64_t packets_dropped() const;
   [[nodiscard]] std::uint64_t samples_dropped() const { return imu_ring_.dropped(); }
-  /// After join().
+  /// After join(): of lidars()[index], an index of 1 or more.
+  [[nodiscard]] const MergeCounters& merge_counters(std::size_t index) const {
+    return merged_feed_->counters(index - 1);
+  }
+  /// After join(): of the first LiDAR.
   [[nodiscard]] drivers::ScanAssemblerStats scan_stats() const { return feed_->stats(); }
   [[nodiscard]] drivers::ImuDecoderStats imu_stats() const;
 
  private:
   Pipeline(const Config& config, Input input, const PipelineOptions& options,
            ipc::PublisherProcess* publisher, ipc::WakeEvent data_event, ipc::WakeEvent output_event);
-  void run_thread(ThreadRole role, void (Pipeline::*body)(), std::vector<PlanOutcome>& outcomes);
-  void receive_packets_body();
-  void receive_imu_body();
+  void make_feed();
+  void make_merged_feed();
+  void run_thread(ThreadRole role, std::function<void()> body, std::vector<PlanOutcome>& outcomes);
   void odometry_body();
 
   Config config_;
@@ -70,17 +95,18 @@ class Pipeline {
   ThreadPlan plan_;
   ReceivePolicy policy_;
 
-  ipc::Ring<drivers::Packet> packet_ring_;
+  FeedLog feed_log_;
+  std::vector<std::unique_ptr<LidarLane>> lidars_;
   ipc::Ring<core::ImuSample> imu_ring_;
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;
   ipc::WakeEvent data_event_;
   ipc::WakeEvent output_event_;
 
-  ReceiveState lidar_state_;
   ReceiveState imu_state_;
   OdometryCounters counters_;
   std::unique_ptr<PacketScanFeed> packet_feed_;
+  std::unique_ptr<MergedScanFeed> merged_feed_;
   ScanFeed* feed_ = nullptr;
   std::atomic<bool> stop_{false};
   std::atomic<bool> finished_{false};

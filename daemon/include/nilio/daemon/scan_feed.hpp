@@ -2,10 +2,8 @@
 
 #include "nilio/core/scan.hpp"
 #include "nilio/core/time.hpp"
-#include "nilio/daemon/receive.hpp"
-#include "nilio/drivers/packet.hpp"
+#include "nilio/daemon/lidar_channel.hpp"
 #include "nilio/drivers/velodyne_decoder.hpp"
-#include "nilio/ipc/ring.hpp"
 #include "nilio/ipc/wake_event.hpp"
 
 #include <cstdint>
@@ -34,25 +32,27 @@ class ScanFeed {
   [[nodiscard]] virtual drivers::ScanAssemblerStats stats() const { return {}; }
 };
 
-/// Decodes and cuts packets from the receive thread's ring while they arrive.
+/// Decodes and cuts one LiDAR's packets while they arrive.
 class PacketScanFeed : public ScanFeed {
  public:
-  /// All references have to outlive the feed.
-  PacketScanFeed(drivers::ScanAssembler assembler, ipc::Ring<drivers::Packet>& ring,
-                 ipc::WakeEvent& data_event, const ReceiveState& receive_state);
+  /// Both have to outlive the feed.
+  PacketScanFeed(LidarChannel& channel, ipc::WakeEvent& data_event);
 
   FeedState next(core::Scan& scan, core::Duration timeout) override;
+  /// As next() without waiting.
+  FeedState poll(core::Scan& scan);
   [[nodiscard]] std::size_t waiting_scans() const override;
-  [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return assembler_.stats(); }
+  [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return channel_.stats(); }
+  /// Of the packet that completed the last scan.
+  [[nodiscard]] core::Time last_stamp() const { return channel_.last_stamp(); }
 
  private:
   bool drain(core::Scan& scan);
+  bool end(core::Scan& scan);
   void take(core::Scan& scan);
 
-  drivers::ScanAssembler assembler_;
-  ipc::Ring<drivers::Packet>& ring_;
+  LidarChannel& channel_;
   ipc::WakeEvent& data_event_;
-  const ReceiveState& receive_state_;
   std::uint64_t packets_in_scan_ = 0;
   std::uint64_t packets_per_scan_ = 0;
   bool finished_ = false;

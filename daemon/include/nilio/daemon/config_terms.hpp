@@ -1,0 +1,16 @@
+#pragma once
+
+#include "nilio/core/odometry.hpp"
+#include "nilio/core/se3.hpp"
+#include "nilio/daemon/config.hpp"
+#include "nilio/drivers/velodyne_decoder.hpp"
+
+namespace nilio::daemon {
+
+/// Configuration in the core's and the drivers' own terms.
+core::SE3 to_transform(const ExtrinsicConfig& extrinsic);
+float elevation_correction_rad(const LidarConfig& lidar);
+core::OdometryConfig odometry_config(const Config& config);
+drivers::ScanAssemblerConfig assembler_config(const LidarConfig& lidar);
+
+}  // namespace nilio::daemon

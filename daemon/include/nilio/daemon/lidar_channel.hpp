@@ -1,0 +1,104 @@
+#pragma once
+
+#include "nilio/core/scan.hpp"
+#include "nilio/core/time.hpp"
+#include "nilio/daemon/config.hpp"
+#include "nilio/daemon/feed_log.hpp"
+#include "nilio/daemon/receive.hpp"
+#include "nilio/daemon/sensor_finder.hpp"
+#include "nilio/drivers/packet.hpp"
+#include "nilio/drivers/velodyne_decoder.hpp"
+#include "nilio/ipc/ring.hpp"
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace nilio::daemon {
+
+/// One LiDAR's way from its ring of packets into its scan assembler. While the sensor is not known, packets
+/// are kept back; once it is, they come first, so that none is lost. Packets that do not fit the
+/// configuration are refused and counted, which is said once for each reason. Belongs to the odometry thread.
+class LidarChannel {
+ public:
+  /// `section` names the sensor ("lidar", "lidar2"). `sensor` is nothing when the packets have to tell it.
+  /// The references have to outlive the channel.
+  LidarChannel(std::string section, const LidarConfig& config,
+               const drivers::ScanAssemblerConfig& assembler_config,
+               std::optional<drivers::VelodyneSensor> sensor, ipc::Ring<drivers::Packet>& ring,
+               const ReceiveState& receive_state, FeedLog& log);
+
+  /// Packet to decode next; null when none is there or the sensor is not known yet.
+  const drivers::Packet* front();
+  /// Decodes front(), which must not be null. True when a scan became complete.
+  bool decode_front();
+  /// Ends the scan under assembly; true when there was one that covers enough.
+  bool finish_scan() { return assembler_ && assembler_->finish(); }
+  /// The scan that became complete.
+  void take_scan(core::Scan& scan);
+
+  /// Nothing more will come into the ring. To be asked before front(): what was committed before the end was
+  /// announced is then seen.
+  [[nodiscard]] bool ended() const { return receive_state_.ended.load(std::memory_order_acquire); }
+  /// After the end: decides by the packets kept back which sensor it is. True when that is new.
+  bool settle();
+
+  [[nodiscard]] const std::string& section() const { return section_; }
+  [[nodiscard]] bool is_known() const { return assembler_.has_value(); }
+  /// Of the packet decoded last.
+  [[nodiscard]] core::Time last_stamp() const { return last_stamp_; }
+  /// Taken off the ring so far, whether they were of use or not.
+  [[nodiscard]] std::uint64_t packets_taken() const { return packets_taken_; }
+  /// Not decoded yet.
+  [[nodiscard]] std::size_t packets_waiting() const { return backlog_.size() - next_ + ring_.size(); }
+
+  /// Packets that were refused are counted, too. Only while the odometry thread does not run, as the two
+  /// below.
+  [[nodiscard]] drivers::ScanAssemblerStats stats() const;
+  /// Null while the sensor is not known.
+  [[nodiscard]] const drivers::ScanAssembler* assembler() const {
+    return assembler_ ? &*assembler_ : nullptr;
+  }
+  /// Says what the stream is like, unless that was done.
+  void report_status();
+
+  /// Data packets of several senders came although no sender is configured. From any thread.
+  [[nodiscard]] bool has_mixed_senders() const { return mixed_senders_.load(std::memory_order_relaxed); }
+
+ private:
+  const drivers::Packet* next_kept_back();
+  void look(const drivers::Packet& packet);
+  void judge(SensorFinder::State state);
+  void discard_backlog();
+  void watch_sender(const drivers::Packet& packet);
+  void say(LogLevel level, const std::string& text);
+
+  std::string section_;
+  LidarConfig config_;
+  drivers::ScanAssemblerConfig assembler_config_;
+  ipc::Ring<drivers::Packet>& ring_;
+  const ReceiveState& receive_state_;
+  FeedLog& log_;
+
+  std::optional<drivers::ScanAssembler> assembler_;
+  std::optional<SensorFinder> finder_;
+  /// Packets kept back, of which those before `next_` are decoded.
+  std::vector<drivers::Packet> backlog_;
+  std::size_t next_ = 0;
+  /// Counts of packets that were refused.
+  drivers::ScanAssemblerStats refused_;
+  std::vector<std::string> problems_said_;
+  core::Time last_stamp_;
+  std::uint64_t packets_taken_ = 0;
+  std::uint64_t scans_taken_ = 0;
+  std::uint32_t sender_ = 0;
+  bool status_reported_ = false;
+  std::atomic<bool> mixed_senders_{false};
+};
+
+/// "VLP-16: single return, 600.1 rpm, ..." for the log.
+std::string describe_status(const drivers::ScanAssembler& assembler);
+
+}  // namespace nilio::daemon

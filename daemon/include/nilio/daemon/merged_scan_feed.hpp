@@ -1,0 +1,101 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+#include "nilio/daemon/feed_log.hpp"
+#include "nilio/daemon/lidar_channel.hpp"
+#include "nilio/daemon/scan_feed.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace nilio::daemon {
+
+/// What became of the points of a LiDAR that is merged into the scans of another.
+struct MergeCounters {
+  std::uint64_t points_merged = 0;
+  /// Fired before the scans that they could have been in had begun, or long after: their packets came too
+  /// late, the first LiDAR's scans had gaps, or the clocks do not agree.
+  std::uint64_t points_unused = 0;
+  /// Scans to which this LiDAR contributed nothing.
+  std::uint64_t scans_without = 0;
+  /// Live: scans that went on before its packets had come.
+  std::uint64_t waits_timed_out = 0;
+};
+
+/// Scans of a first LiDAR with the points of others that were fired meanwhile: after the end of its scan
+/// before, up to the end of this one. They are put into the first one's frame; time offsets count from the
+/// start of its scan and may be a little negative. A LiDAR's packets are taken up to the first one that was
+/// received more than 5 ms after the packet that completed the scan, by their stamps, so that a recording
+/// always gives the same. Live, one that is late is waited for as long as it is configured, then left out;
+/// one that is silent is not waited for at all.
+class MergedScanFeed : public ScanFeed {
+ public:
+  struct Other {
+    /// Has to outlive the feed.
+    LidarChannel* channel = nullptr;
+    core::SE3 T_first_other;
+    float elevation_correction_rad = 0.0F;
+    core::Duration wait;
+  };
+  struct Options {
+    bool live = false;
+    /// Of the first LiDAR; the odometry must not apply it to merged scans again.
+    float elevation_correction_rad = 0.0F;
+  };
+
+  /// The references have to outlive the feed.
+  MergedScanFeed(PacketScanFeed& first, std::vector<Other> others, const Options& options,
+                 ipc::WakeEvent& data_event, FeedLog& log);
+
+  FeedState next(core::Scan& scan, core::Duration timeout) override;
+  [[nodiscard]] std::size_t waiting_scans() const override { return first_.waiting_scans(); }
+  [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return first_.stats(); }
+  /// Of the other LiDAR `index`. Only while next() is not running.
+  [[nodiscard]] const MergeCounters& counters(std::size_t index) const { return lanes_[index].counters; }
+
+ private:
+  /// A point in the first LiDAR's frame and when it was fired.
+  struct TimedPoint {
+    core::Time time;
+    core::Point point;
+  };
+  enum class Presence { kPresent, kLate, kSilent };
+  struct Lane {
+    Other other;
+    std::vector<TimedPoint> pending;
+    MergeCounters counters;
+    /// Of the last points it gave.
+    core::Time last_end;
+    Presence presence = Presence::kPresent;
+    std::uint32_t late_scans = 0;
+    bool offset_said = false;
+    std::uint32_t scans_out_of_step = 0;
+  };
+  enum class Gathered { kAll, kEnded, kTooLate, kUnknown };
+  /// Times of the points that belong to a scan: after `after`, up to `end`.
+  struct Interval {
+    core::Time after;
+    core::Time end;
+  };
+
+  void keep_up(Lane& lane);
+  void merge(core::Scan& scan);
+  Gathered gather(Lane& lane, core::Time until, std::int64_t deadline_ns, core::Scan& scan);
+  bool decode(Lane& lane, core::Time until, core::Scan& scan);
+  void take_points(Lane& lane, core::Scan& scan);
+  std::size_t move_points(Lane& lane, const Interval& interval, core::Scan& scan);
+  void report(Lane& lane, Gathered gathered, bool has_packets);
+  void report_step(Lane& lane, std::size_t moved, bool has_packets, core::Time end);
+
+  PacketScanFeed& first_;
+  std::vector<Lane> lanes_;
+  Options options_;
+  ipc::WakeEvent& data_event_;
+  FeedLog& log_;
+  /// What the others' assemblers hand out.
+  core::Scan part_;
+  std::optional<core::Time> previous_end_;
+};
+
+}  // namespace nilio::daemon

@@ -1,0 +1,218 @@
+#include "nilio/daemon/merged_scan_feed.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Duration;
+
+// A packet's first firing is up to 1.4 ms older than its stamp, and ports are read in turns.
+constexpr Duration kReceiveSlack = Duration::from_milliseconds(5.0);
+// The motion before a sweep is extrapolated from its beginning, which goes wrong with time.
+constexpr Duration kLongestSeam = Duration::from_milliseconds(100.0);
+// Points farther ahead than this were fired by another clock.
+constexpr Duration kFarthestAhead = Duration::from_seconds(1.0);
+// A second without one point in step is no accident.
+constexpr std::uint32_t kScansToSayOffset = 10;
+// Half a ring.
+constexpr std::size_t kMostWaiting = 2048;
+// The first scan after a LiDAR fell silent has a part of its packets.
+constexpr std::uint32_t kScansToSayLate = 3;
+constexpr Duration kWakePeriod = Duration::from_milliseconds(5.0);
+
+/// Turns a point about the horizontal axis across its direction, upwards.
+core::Vector3 raise_beam(const core::Vector3& p, double angle_rad) {
+  const double horizontal = p.head<2>().norm();
+  if (horizontal == 0.0) return p;
+  const double cosine = std::cos(angle_rad);
+  const double sine = std::sin(angle_rad);
+  const double shrink = cosine - p.z() / horizontal * sine;
+  return {p.x() * shrink, p.y() * shrink, p.z() * cosine + horizontal * sine};
+}
+
+void store(const core::Vector3& position, core::Point& point) {
+  point.x = static_cast<float>(position.x());
+  point.y = static_cast<float>(position.y());
+  point.z = static_cast<float>(position.z());
+}
+
+}  // namespace
+
+MergedScanFeed::MergedScanFeed(PacketScanFeed& first, std::vector<Other> others, const Options& options,
+                               ipc::WakeEvent& data_event, FeedLog& log)
+    : first_(first), options_(options), data_event_(data_event), log_(log) {
+  for (Other& other : others) {
+    Lane lane;
+    lane.other = other;
+    lanes_.push_back(std::move(lane));
+  }
+}
+
+FeedState MergedScanFeed::next(core::Scan& scan, Duration timeout) {
+  while (true) {
+    const FeedState state = first_.poll(scan);
+    if (state == FeedState::kScan) {
+      merge(scan);
+      return state;
+    }
+    if (state == FeedState::kEnd) {
+      for (Lane& lane : lanes_) lane.other.channel->report_status();
+      return state;
+    }
+    if (options_.live) {
+      for (Lane& lane : lanes_) keep_up(lane);
+    }
+    if (!data_event_.wait(timeout)) return FeedState::kIdle;
+  }
+}
+
+/// While the first LiDAR gives no scans, those beside it are looked at, and what is too old is thrown away.
+void MergedScanFeed::keep_up(Lane& lane) {
+  LidarChannel& channel = *lane.other.channel;
+  if (!channel.is_known() && channel.front() == nullptr) return;
+  while (channel.packets_waiting() > kMostWaiting && channel.front() != nullptr) {
+    if (!channel.decode_front()) continue;
+    channel.take_scan(part_);
+    lane.counters.points_unused += part_.points.size();
+  }
+}
+
+void MergedScanFeed::merge(core::Scan& scan) {
+  const core::Time earliest = scan.start - kLongestSeam;
+  const Interval interval{previous_end_ ? std::max(*previous_end_, earliest) : scan.start - Duration{1},
+                          scan.end};
+  previous_end_ = scan.end;
+  // A scan that is about to be superseded does not wait.
+  if (options_.live && first_.waiting_scans() > 0) return;
+  if (options_.elevation_correction_rad != 0.0F) {
+    for (core::Point& point : scan.points) {
+      const core::Vector3 p(point.x, point.y, point.z);
+      store(raise_beam(p, static_cast<double>(options_.elevation_correction_rad)), point);
+    }
+  }
+  const core::Time until = first_.last_stamp() + kReceiveSlack;
+  for (Lane& lane : lanes_) {
+    const std::uint64_t taken_before = lane.other.channel->packets_taken();
+    const Gathered gathered = gather(lane, until, scan.completed_ns + lane.other.wait.ns, scan);
+    const bool has_packets = lane.other.channel->packets_taken() > taken_before;
+    const std::size_t moved = move_points(lane, interval, scan);
+    if (moved == 0) ++lane.counters.scans_without;
+    report(lane, gathered, has_packets);
+    report_step(lane, moved, has_packets, scan.end);
+  }
+}
+
+/// Takes packets until one is later than `until`, as far as they are there or come in time.
+MergedScanFeed::Gathered MergedScanFeed::gather(Lane& lane, core::Time until, std::int64_t deadline_ns,
+                                                core::Scan& scan) {
+  LidarChannel& channel = *lane.other.channel;
+  const std::uint64_t taken_before = channel.packets_taken();
+  while (true) {
+    const bool ended = channel.ended();
+    bool is_whole = decode(lane, until, scan);
+    if (ended && !is_whole && channel.settle()) is_whole = decode(lane, until, scan);
+    if (is_whole || ended) {
+      if (channel.finish_scan()) take_points(lane, scan);
+      return is_whole ? Gathered::kAll : Gathered::kEnded;
+    }
+    if (!options_.live) {
+      data_event_.wait(kWakePeriod);
+      continue;
+    }
+    if (!channel.is_known()) return Gathered::kUnknown;
+    const Duration left{deadline_ns - monotonic_ns()};
+    const bool is_silent = lane.presence == Presence::kSilent && channel.packets_taken() == taken_before;
+    // The scan would be superseded anyway once the next one is there.
+    if (is_silent || left <= Duration{} || first_.waiting_scans() > 0) {
+      if (!is_silent) ++lane.counters.waits_timed_out;
+      if (channel.finish_scan()) take_points(lane, scan);
+      return Gathered::kTooLate;
+    }
+    data_event_.wait(std::min(left, kWakePeriod));
+  }
+}
+
+/// True when a packet later than `until` is there.
+bool MergedScanFeed::decode(Lane& lane, core::Time until, core::Scan& scan) {
+  LidarChannel& channel = *lane.other.channel;
+  for (const drivers::Packet* packet = channel.front(); packet != nullptr; packet = channel.front()) {
+    if (packet->stamp > until) return true;
+    if (channel.decode_front()) take_points(lane, scan);
+  }
+  return false;
+}
+
+/// Puts the points of what the assembler completed into the first LiDAR's frame.
+void MergedScanFeed::take_points(Lane& lane, core::Scan& scan) {
+  lane.other.channel->take_scan(part_);
+  scan.lost_packets += part_.lost_packets;
+  scan.missing_firings += part_.missing_firings;
+  lane.last_end = part_.end;
+  for (core::Point point : part_.points) {
+    core::Vector3 p(point.x, point.y, point.z);
+    if (lane.other.elevation_correction_rad != 0.0F)
+      p = raise_beam(p, static_cast<double>(lane.other.elevation_correction_rad));
+    store(lane.other.T_first_other * p, point);
+    lane.pending.push_back({part_.start + Duration{point.time_offset_ns}, point});
+  }
+}
+
+/// Moves what belongs to the scan there and keeps what comes after it.
+std::size_t MergedScanFeed::move_points(Lane& lane, const Interval& interval, core::Scan& scan) {
+  std::size_t moved = 0;
+  std::size_t kept = 0;
+  for (TimedPoint& timed : lane.pending) {
+    if (timed.time > interval.after && timed.time <= interval.end) {
+      timed.point.time_offset_ns = static_cast<std::int32_t>((timed.time - scan.start).ns);
+      scan.points.push_back(timed.point);
+      ++moved;
+    } else if (timed.time > interval.end && timed.time <= interval.end + kFarthestAhead) {
+      lane.pending[kept++] = timed;
+    } else {
+      ++lane.counters.points_unused;
+    }
+  }
+  lane.pending.resize(kept);
+  lane.counters.points_merged += moved;
+  return moved;
+}
+
+/// Says when a LiDAR begins to be late or silent and when it is in time again.
+void MergedScanFeed::report(Lane& lane, Gathered gathered, bool has_packets) {
+  const std::string& section = lane.other.channel->section();
+  const Presence before = lane.presence;
+  lane.late_scans = gathered == Gathered::kTooLate ? lane.late_scans + 1 : 0;
+  if (!has_packets) {
+    lane.presence = Presence::kSilent;
+    if (before != Presence::kSilent)
+      log_.say(LogLevel::kWarning, section + ": no packets come from it; poses go on without it");
+  } else if (lane.late_scans >= kScansToSayLate && before == Presence::kPresent) {
+    lane.presence = Presence::kLate;
+    log_.say(LogLevel::kWarning, section + ": its packets come later than " + section +
+                                     ".wait_ms allows; poses go on with those that are there");
+  } else if (gathered == Gathered::kAll && before != Presence::kPresent) {
+    lane.presence = Presence::kPresent;
+    log_.say(LogLevel::kInfo, section + ": its packets come again in time");
+  }
+}
+
+/// Points that are never in step with the scans are of another clock.
+void MergedScanFeed::report_step(Lane& lane, std::size_t moved, bool has_packets, core::Time end) {
+  const bool out_of_step = moved == 0 && has_packets && lane.last_end.ns != 0;
+  lane.scans_out_of_step = out_of_step ? lane.scans_out_of_step + 1 : 0;
+  if (lane.scans_out_of_step < kScansToSayOffset || std::exchange(lane.offset_said, true)) return;
+  char offset[32];
+  std::snprintf(offset, sizeof offset, "%+.3f", (lane.last_end - end).seconds());
+  const std::string& section = lane.other.channel->section();
+  log_.say(LogLevel::kWarning, section + ": its clock is " + offset +
+                                   " s from that of lidar, so that its points belong to no scan: let both "
+                                   "clocks follow the same GPS, or set lidar.time_source and " +
+                                   section + ".time_source to host");
+}
+
+}  // namespace nilio::daemon

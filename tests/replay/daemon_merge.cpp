@@ -1,0 +1,209 @@
+#include "nilio/daemon/pipeline.hpp"
+
+#include "../unit/two_lidars.hpp"
+
+#include <memory>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::daemon;
+using namespace nilio::tests;
+
+namespace {
+
+/// The pipeline after a whole replay.
+struct Replayed {
+  std::unique_ptr<Pipeline> pipeline;
+  std::vector<ipc::PoseRecord> poses;
+  std::vector<FeedLog::Line> lines;
+};
+
+Replayed replay(const std::filesystem::path& folder, const Config& config) {
+  const auto files = find_replay_files({folder.string()});
+  REQUIRE(files.ok());
+  auto input = open_replay(*files, config);
+  if (!input) FAIL(input.error().message);
+  auto pipeline = Pipeline::create(config, std::move(input).value(), {}, nullptr);
+  REQUIRE(pipeline.ok());
+  Replayed replayed;
+  replayed.pipeline = std::move(pipeline).value();
+  REQUIRE(replayed.pipeline->start().ok());
+  const auto drain = [&] {
+    while (const auto record = replayed.pipeline->poses().try_pop()) replayed.poses.push_back(*record);
+    while (auto line = replayed.pipeline->feed_log().take()) replayed.lines.push_back(std::move(*line));
+  };
+  while (!replayed.pipeline->finished()) {
+    replayed.pipeline->output_event().wait(core::Duration::from_milliseconds(20.0));
+    drain();
+  }
+  replayed.pipeline->join();
+  drain();
+  return replayed;
+}
+
+Config one_lidar() {
+  Config config = two_lidars();
+  config.more_lidars[0].enabled = false;
+  return config;
+}
+
+std::size_t count_lines(const Replayed& replayed, const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(replayed.lines.begin(), replayed.lines.end(),
+                    [&](const FeedLog::Line& line) { return line.text.find(text) != std::string::npos; }));
+}
+
+/// Root mean square of the positions' errors, of base_link relative to the first pose.
+double position_error_m(const std::vector<ipc::PoseRecord>& poses) {
+  const auto pose_of = [](const ipc::PoseRecord& record) {
+    const auto& q = record.orientation_xyzw;
+    return core::SE3{Eigen::Quaterniond(q[3], q[0], q[1], q[2]), core::Vector3(record.position.data())};
+  };
+  const auto truth_of = [](const ipc::PoseRecord& record) {
+    return s_curve(static_cast<double>(record.stamp_ns - kDriveStartNs) * 1e-9);
+  };
+  double sum = 0.0;
+  for (const ipc::PoseRecord& record : poses) {
+    const core::SE3 found = pose_of(poses.front()).inverse() * pose_of(record);
+    const core::SE3 wanted = truth_of(poses.front()).inverse() * truth_of(record);
+    sum += (found.translation - wanted.translation).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(poses.size()));
+}
+
+/// Both LiDARs of a recording, read to the end into their rings, and the scans that are made of them.
+class Scans {
+ public:
+  Scans(const std::filesystem::path& folder, const Config& config)
+      : event_(ipc::WakeEvent::create().value()), source_(open(folder, config.lidar)) {
+    const LidarConfig& second = config.more_lidars[0];
+    other_source_ = open(folder, second);
+    drivers::ScanAssemblerConfig partial = assembler_config(second);
+    partial.min_coverage = 0.0;
+    lane_.emplace("lidar", config.lidar, assembler_config(config.lidar), *source_, sensor_, log_);
+    other_.emplace("lidar2", second, partial, *other_source_, sensor_, log_);
+    for (LidarLane* lane : {&*lane_, &*other_})
+      receive_packets(lane->source, lane->ring, event_, {}, lane->state);
+    first_.emplace(lane_->channel, event_);
+    MergedScanFeed::Other other;
+    other.channel = &other_->channel;
+    other.T_first_other = to_transform(config.lidar.extrinsic).inverse() * to_transform(second.extrinsic);
+    feed_.emplace(*first_, std::vector<MergedScanFeed::Other>{other}, MergedScanFeed::Options{}, event_,
+                  log_);
+  }
+  MergedScanFeed& feed() { return *feed_; }
+  const LidarLane& other() { return *other_; }
+
+ private:
+  static std::unique_ptr<drivers::PacketSource> open(const std::filesystem::path& folder,
+                                                     const LidarConfig& config) {
+    return drivers::open_pcap((folder / "lidar.pcap").string(), {.sender_address = config.sender_address})
+        .value();
+  }
+
+  const drivers::VelodyneSensor sensor_ = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
+  FeedLog log_;
+  ipc::WakeEvent event_;
+  std::unique_ptr<drivers::PacketSource> source_;
+  std::unique_ptr<drivers::PacketSource> other_source_;
+  std::optional<LidarLane> lane_;
+  std::optional<LidarLane> other_;
+  std::optional<PacketScanFeed> first_;
+  std::optional<MergedScanFeed> feed_;
+};
+
+}  // namespace
+
+TEST_CASE("merged scans have the points of both LiDARs where the walls are", "[pipeline]") {
+  const TemporaryFolder folder;
+  write_two_lidar_drive(folder.path(), s_curve, 1.2, 1.2);
+  const Config config = two_lidars();
+  const Room room = Room::with_pillars();
+  const core::SE3 T_base_first = to_transform(config.lidar.extrinsic);
+  Scans scans(folder.path(), config);
+  core::Scan scan;
+  std::optional<core::Time> previous_end;
+  std::size_t count = 0;
+  std::size_t points = 0;
+  std::size_t off_the_wall = 0;
+  while (scans.feed().next(scan, core::Duration{}) == FeedState::kScan) {
+    for (const core::Point& point : scan.points) {
+      const core::Time time = scan.start + core::Duration{point.time_offset_ns};
+      if (time > scan.end || (previous_end && time <= *previous_end)) FAIL("a point out of its scan's time");
+      const double t = static_cast<double>(time.ns - kDriveStartNs) * 1e-9;
+      const core::Vector3 p = s_curve(t) * (T_base_first * core::Vector3(point.x, point.y, point.z));
+      off_the_wall += static_cast<std::size_t>(distance_to_surface(room, p) > 0.02);
+    }
+    points += scan.points.size();
+    ++count;
+    previous_end = scan.end;
+  }
+  const MergeCounters& merged = scans.feed().counters(0);
+  const std::uint64_t of_first = scans.feed().stats().points;
+  const std::uint64_t of_second = scans.other().channel.stats().points;
+  CHECK(count >= 11);
+  CHECK(off_the_wall < points / 1000);
+  CHECK(merged.points_merged > of_second * 95 / 100);
+  CHECK(merged.points_merged + merged.points_unused <= of_second);
+  // Before the first scan of the first LiDAR began.
+  CHECK(merged.points_unused < 100);
+  CHECK(points <= of_first + merged.points_merged);
+  CHECK(points > of_first * 9 / 10 + merged.points_merged);
+  CHECK(merged.scans_without == 0);
+}
+
+TEST_CASE("poses from two LiDARs are at least as good as from one, and the same bits with two threads",
+          "[pipeline]") {
+  const TemporaryFolder folder;
+  write_two_lidar_drive(folder.path(), s_curve, 2.0, 2.0);
+  const Replayed one = replay(folder.path(), one_lidar());
+  const Replayed two = replay(folder.path(), two_lidars());
+  REQUIRE(two.poses.size() == one.poses.size());
+  INFO("one " << position_error_m(one.poses) << " m, two " << position_error_m(two.poses) << " m");
+  CHECK(position_error_m(two.poses) <= position_error_m(one.poses));
+  CHECK(two.poses.back().points > one.poses.back().points * 3 / 2);
+  CHECK(count_lines(two, "lidar2: VLP-16: return mode") == 1);
+  Config config = two_lidars();
+  config.odometry.threads = 2;
+  const Replayed threads = replay(folder.path(), config);
+  REQUIRE(threads.poses.size() == two.poses.size());
+  for (std::size_t i = 0; i < two.poses.size(); ++i) {
+    CHECK(threads.poses[i].position == two.poses[i].position);
+    CHECK(threads.poses[i].orientation_xyzw == two.poses[i].orientation_xyzw);
+    CHECK(threads.poses[i].points == two.poses[i].points);
+  }
+}
+
+TEST_CASE("when the second LiDAR falls silent the poses go on and it is said once", "[pipeline]") {
+  const TemporaryFolder folder;
+  write_two_lidar_drive(folder.path(), s_curve, 2.0, 1.0);
+  const Replayed one = replay(folder.path(), one_lidar());
+  const Replayed two = replay(folder.path(), two_lidars());
+  CHECK(two.poses.size() == one.poses.size());
+  CHECK(count_lines(two, "lidar2: no packets come from it; poses go on without it") == 1);
+  const MergeCounters& merged = two.pipeline->merge_counters(1);
+  CHECK(merged.scans_without >= 9);
+  CHECK(merged.scans_without <= 11);
+  CHECK(merged.waits_timed_out == 0);
+  CHECK(two.poses.back().points == one.poses.back().points);
+}
+
+TEST_CASE("LiDARs that would take the same packets are refused, one that the recording lacks is left out",
+          "[pipeline]") {
+  const TemporaryFolder folder;
+  write_two_lidar_drive(folder.path(), s_curve, 0.4, 0.4);
+  const auto files = find_replay_files({folder.path().string()});
+  REQUIRE(files.ok());
+  Config config = two_lidars();
+  config.more_lidars[0].sender_address = config.lidar.sender_address;
+  const auto same = open_replay(*files, config);
+  REQUIRE_FALSE(same.ok());
+  CHECK(same.error().message.find("lidar and lidar2 take the same packets") != std::string::npos);
+  config.more_lidars[0].sender_address = "192.168.1.77";
+  const auto lacking = open_replay(*files, config);
+  REQUIRE(lacking.ok());
+  CHECK(lacking->more_lidars.empty());
+  REQUIRE_FALSE(lacking->warnings.empty());
+  CHECK(lacking->warnings.front().find("lidar2: the recording has no packets of it") == 0);
+}
