@@ -84,7 +84,7 @@ Problem join(int descriptor, const UdpSourceConfig& config, std::uint32_t group)
 }
 
 Result<std::uint32_t> parse_group(const UdpSourceConfig& config) {
-  const Result<std::uint32_t> group = parse_optional_ipv4(config.multicast_group, "multicast group");
+  Result<std::uint32_t> group = parse_optional_ipv4(config.multicast_group, "multicast group");
   if (!group || *group == 0) return group;
   if (!IN_MULTICAST(*group)) {
     return Error{config.multicast_group +

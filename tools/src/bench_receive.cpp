@@ -35,7 +35,8 @@ bool judge(const ReceiveTrialResult& result) {
     std::fprintf(
         stderr, "nilio bench receive: %llu missing and %llu wrong numbers, but %llu dropped as counted\n",
         static_cast<unsigned long long>(result.missing), static_cast<unsigned long long>(result.wrong),
-        static_cast<unsigned long long>(result.kernel_dropped + result.ring_dropped));
+        static_cast<unsigned long long>(result.kernel_dropped) +
+            static_cast<unsigned long long>(result.ring_dropped));
     return false;
   }
   if (result.stalls == 0 && result.missing > 0) {

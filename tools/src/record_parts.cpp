@@ -164,7 +164,7 @@ int RecordParts::write_pending(std::size_t index) {
 
 /// Closes the part; records that it did not take go to the next.
 void RecordParts::next_part(std::int64_t now_ns) {
-  std::array<RecordFile, kRecordStreams> old = std::move(files_);
+  std::array<RecordFile, kRecordStreams> old = std::exchange(files_, {});
   const std::set<std::uint64_t> numbers = find_parts(folder_);
   // Another program may be recording here.
   begin_part(std::max(counters_->part.load(), numbers.empty() ? 0 : *numbers.rbegin()) + 1);

@@ -16,7 +16,7 @@ struct Duration {
   [[nodiscard]] constexpr double seconds() const { return static_cast<double>(ns) * 1e-9; }
   [[nodiscard]] constexpr double milliseconds() const { return static_cast<double>(ns) * 1e-6; }
 
-  friend constexpr auto operator<=>(Duration, Duration) = default;
+  friend constexpr auto operator<=>(Duration, Duration) = default;  // NOLINT(modernize-use-nullptr)
   friend constexpr Duration operator+(Duration a, Duration b) { return {a.ns + b.ns}; }
   friend constexpr Duration operator-(Duration a, Duration b) { return {a.ns - b.ns}; }
   friend constexpr Duration operator-(Duration a) { return {-a.ns}; }
@@ -33,7 +33,7 @@ struct Time {
   /// Loses precision below about 240 ns for stamps of this decade; for display and formulas, not for storage.
   [[nodiscard]] constexpr double seconds() const { return static_cast<double>(ns) * 1e-9; }
 
-  friend constexpr auto operator<=>(Time, Time) = default;
+  friend constexpr auto operator<=>(Time, Time) = default;  // NOLINT(modernize-use-nullptr)
   friend constexpr Time operator+(Time a, Duration b) { return {a.ns + b.ns}; }
   friend constexpr Time operator-(Time a, Duration b) { return {a.ns - b.ns}; }
   friend constexpr Duration operator-(Time a, Time b) { return {a.ns - b.ns}; }
