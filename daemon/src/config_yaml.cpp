@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -177,13 +178,33 @@ Result<std::monostate> apply_yaml(Config& config, const std::string& text, const
   }
 }
 
+namespace {
+
+std::vector<std::string*> named_files(Config& config) {
+  std::vector<std::string*> names{&config.lidar.calibration, &config.imu.dbc};
+  for (ExtraLidarConfig& other : config.more_lidars) names.push_back(&other.calibration);
+  return names;
+}
+
+}  // namespace
+
 Result<std::monostate> apply_file(Config& config, const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) return Error{path + ": cannot be read: check the path and the permissions"};
   std::ostringstream text;
   text << file.rdbuf();
   if (file.bad() || text.fail()) return Error{path + ": cannot be read: is it a file?"};
-  return apply_yaml(config, text.str(), path);
+  Config old = config;
+  auto applied = apply_yaml(config, text.str(), path);
+  // Files that a file names are beside it, so that a recording can be moved.
+  const std::vector<std::string*> old_names = named_files(old);
+  const std::vector<std::string*> names = named_files(config);
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const bool is_new = *names[i] != *old_names[i] && !names[i]->empty();
+    if (is_new && std::filesystem::path(*names[i]).is_relative())
+      *names[i] = (std::filesystem::path(path).parent_path() / *names[i]).string();
+  }
+  return applied;
 }
 
 Result<std::monostate> apply_override(Config& config, const std::string& assignment) {

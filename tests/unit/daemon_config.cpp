@@ -1,6 +1,8 @@
 #include "nilio/daemon/config_schema.hpp"
 
+#include <filesystem>
 #include <fstream>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 
@@ -123,4 +125,22 @@ TEST_CASE("LiDARs beside the first are printed when they are on, and named when 
   CHECK_FALSE(again.more_lidars[1].enabled);
   // What would do nothing is no key.
   CHECK(error_of("lidar2:\n  min_coverage: 0.5\n").find("lidar2.min_coverage") != std::string::npos);
+}
+
+TEST_CASE("files that a configuration file names are beside it") {
+  const auto folder = std::filesystem::temp_directory_path() / ("nilio_config_" + std::to_string(getpid()));
+  std::filesystem::create_directories(folder);
+  const std::string path = (folder / "nilio.yaml").string();
+  std::ofstream(path)
+      << "lidar:\n  calibration: unit.yaml\nlidar2:\n  enabled: true\n  calibration: /etc/other.yaml\n";
+  nilio::daemon::Config config;
+  REQUIRE(nilio::daemon::apply_file(config, path).ok());
+  CHECK(config.lidar.calibration == (folder / "unit.yaml").string());
+  CHECK(config.more_lidars[0].calibration == "/etc/other.yaml");
+  // What came from elsewhere stays.
+  std::ofstream(path) << "lidar:\n  port: 2369\n";
+  config.lidar.calibration = "given.yaml";
+  REQUIRE(nilio::daemon::apply_file(config, path).ok());
+  CHECK(config.lidar.calibration == "given.yaml");
+  std::filesystem::remove_all(folder);
 }

@@ -181,7 +181,7 @@ Result<bool> write_small_files(const SimulateArguments& arguments, const Vehicle
   if (lidar.stream && lidar.stream->calibration()) {
     const auto written = drivers::write_calibration_yaml(lidar.sensor, calibration_path.string());
     if (!written) return written.error();
-    sensors.calibration_file = fs::absolute(calibration_path).string();
+    sensors.calibration_file = calibration_path.filename().string();
   }
   return write_configuration(sensors, (folder / "nilio.yaml").string());
 }
