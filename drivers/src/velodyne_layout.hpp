@@ -14,8 +14,4 @@ inline constexpr std::size_t kTimestampOffset = 1200;
 inline constexpr std::size_t kReturnModeOffset = 1204;
 inline constexpr std::size_t kProductOffset = 1205;
 
-inline constexpr std::uint16_t kFlagUpper = 0xEEFF;
-inline constexpr std::uint16_t kFlagLower = 0xDDFF;
-inline constexpr std::uint8_t kDualReturn = 0x39;
-
 }  // namespace nilio::drivers
