@@ -1,5 +1,6 @@
 #include "../unit/room_drive.hpp"
 #include "../unit/two_lidars.hpp"
+#include "../unit/udp_support.hpp"
 
 #include <chrono>
 #include <csignal>
@@ -276,4 +277,26 @@ TEST_CASE("two LiDARs in one recording are reported each, and mixed ones are not
     CHECK(finished.output.find("packets of several sensors are mixed") != std::string::npos);
     CHECK(finished.output.find("192.168.1.202") != std::string::npos);
   }
+}
+
+TEST_CASE("live, niliod waits for a sensor, refuses one of another model and goes on waiting") {
+  const TemporaryFolder folder;
+  const std::uint16_t port = tests::free_port();
+  Niliod niliod(folder, {"--set", kNoPublisher, "--set", "realtime.policy=other", "--set",
+                         "lidar.bind_address=127.0.0.1", "--set", "lidar.port=" + std::to_string(port),
+                         "--set", "lidar.position_port=0", "--set", "lidar.model=HDL-32E"});
+  CHECK_FALSE(niliod.await("(no scan for 2 s: [^\\n]*nothing arrives)", 20.0).empty());
+  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
+  tests::UdpSender sender;
+  for (std::int64_t i = 0; i < 64; ++i) {
+    const auto bytes = drivers::encode(
+        room_packet(tests::Room::with_pillars(), s_curve, sensor, i * sensor.single().packet_period_ns));
+    sender.send(port, {bytes.begin(), bytes.end()});
+    if (i % 16 == 15) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  CHECK_FALSE(niliod.await("error: (lidar.model is HDL-32E, but the packets are of a VLP-16)", 20.0).empty());
+  REQUIRE(kill(niliod.pid(), SIGTERM) == 0);
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == 0);
 }

@@ -88,6 +88,7 @@ class Scans {
     first_.emplace(lane_->channel, event_);
     MergedScanFeed::Other other;
     other.channel = &other_->channel;
+    other.elevation_correction_rad = elevation_correction_rad(second);
     other.T_first_other = to_transform(config.lidar.extrinsic).inverse() * to_transform(second.extrinsic);
     feed_.emplace(*first_, std::vector<MergedScanFeed::Other>{other}, MergedScanFeed::Options{}, event_,
                   log_);
@@ -151,6 +152,35 @@ TEST_CASE("merged scans have the points of both LiDARs where the walls are", "[p
   CHECK(points <= of_first + merged.points_merged);
   CHECK(points > of_first * 9 / 10 + merged.points_merged);
   CHECK(merged.scans_without == 0);
+}
+
+TEST_CASE("a merged LiDAR's beams are raised about its own centre", "[pipeline]") {
+  const TemporaryFolder folder;
+  write_two_lidar_drive(folder.path(), s_curve, 0.3, 0.3);
+  Config config = two_lidars();
+  const core::SE3 T_other_first =
+      to_transform(config.more_lidars[0].extrinsic).inverse() * to_transform(config.lidar.extrinsic);
+  const auto first_scan = [&](double correction_deg) {
+    config.more_lidars[0].elevation_correction_deg = correction_deg;
+    Scans scans(folder.path(), config);
+    core::Scan scan;
+    REQUIRE(scans.feed().next(scan, core::Duration{}) == FeedState::kScan);
+    return scan.points;
+  };
+  const auto elevation = [&](const core::Point& point) {
+    const core::Vector3 p = T_other_first * core::Vector3(point.x, point.y, point.z);
+    return std::atan2(p.z(), p.head<2>().norm());
+  };
+  const std::vector<core::Point> plain = first_scan(0.0);
+  const std::vector<core::Point> raised = first_scan(1.0);
+  REQUIRE(plain.size() == raised.size());
+  std::size_t changed = 0;
+  for (std::size_t i = 0; i < plain.size(); ++i) {
+    if (plain[i].x == raised[i].x && plain[i].y == raised[i].y && plain[i].z == raised[i].z) continue;
+    ++changed;
+    CHECK(elevation(raised[i]) - elevation(plain[i]) == Approx(std::numbers::pi / 180.0).epsilon(0.001));
+  }
+  CHECK(changed > plain.size() / 3);
 }
 
 TEST_CASE("poses from two LiDARs are at least as good as from one, and the same bits with two threads",

@@ -1,6 +1,9 @@
 #include "nilio/daemon/input.hpp"
 
+#include "hdl64e_packets.hpp"
 #include "room_drive.hpp"
+
+#include <span>
 
 #include <catch2/catch.hpp>
 
@@ -70,4 +73,27 @@ TEST_CASE("a missing part of a recording is warned of") {
   REQUIRE(input.ok());
   REQUIRE(!input->warnings.empty());
   CHECK_THAT(input->warnings.front(), Contains("lidar_0001.pcap: 1 parts of the recording are missing"));
+}
+
+TEST_CASE("a replay looks ahead for the calibration that an HDL-64E sends, and plays from the first packet") {
+  const TemporaryFolder folder;
+  const std::string path = (folder.path() / "lidar.pcap").string();
+  auto writer = drivers::PcapWriter::create(path);
+  REQUIRE(writer.ok());
+  const std::vector<drivers::Packet> packets =
+      tests::hdl64e_packets(2 * drivers::kHdl64eStatusPackets, tests::StatusStream::kWhole, 100);
+  for (const drivers::Packet& packet : packets)
+    REQUIRE(writer->write(packet.stamp, 2368, std::span(packet.data).first(packet.size)));
+  REQUIRE(writer->close());
+  const auto files = find_replay_files({path});
+  REQUIRE(files.ok());
+  const auto input = open_replay(*files, Config{});
+  REQUIRE(input.ok());
+  REQUIRE(input->sensor.has_value());
+  CHECK(input->sensor->lasers[9].elevation_rad == tests::make_writer().calibration().lasers[9].elevation_rad);
+  CHECK_THAT(input->notes.front(), Contains("HDL-64E-S2") && Contains("its own status stream"));
+  std::vector<drivers::Packet> slots(1);
+  REQUIRE(input->packets->read(slots, {}).count == 1);
+  CHECK(slots[0].stamp == packets[0].stamp);
+  CHECK(input->first_stamp == packets[0].stamp);
 }

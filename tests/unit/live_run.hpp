@@ -81,6 +81,12 @@ class LiveRun {
     }));
   }
 
+  /// The receive thread of LiDAR number `lidar` has so many packets, and its ring has room for more.
+  [[nodiscard]] bool has_delivered(std::size_t lidar, std::uint64_t packets) const {
+    const daemon::LidarLane& lane = *pipeline_->lidars()[lidar];
+    return lane.source.stats().delivered >= packets && lane.ring.size() < lane.ring.capacity() - 100;
+  }
+
   [[nodiscard]] daemon::Pipeline& pipeline() { return *pipeline_; }
 
   std::vector<ipc::PoseRecord> poses;
@@ -90,7 +96,7 @@ class LiveRun {
   /// Waits until all that was sent is off the socket and the ring.
   bool settle(std::size_t lidar) {
     const daemon::LidarLane& lane = *pipeline_->lidars()[lidar];
-    for (int i = 0; i < 20'000; ++i) {
+    for (int i = 0; i < 120'000; ++i) {
       if (lane.source.stats().delivered >= sent_[lidar] && lane.ring.size() == 0) return true;
       std::this_thread::sleep_for(std::chrono::microseconds(500));
     }
