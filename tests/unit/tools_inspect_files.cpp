@@ -27,7 +27,7 @@ std::string imu_log(const std::string& preset_name, double seconds, const core::
   std::string text;
   for (int i = 0; i < static_cast<int>(seconds * 100.0); ++i) {
     core::ImuSample now = sample;
-    now.stamp = core::Time{start_ns + i * 10'000'000};
+    now.stamp = core::Time{start_ns + std::int64_t{i} * 10'000'000};
     for (const drivers::CanFrame& frame : drivers::encode_imu_sample(now, preset))
       text += drivers::format_candump_line(frame, interface_name) + "\n";
   }
