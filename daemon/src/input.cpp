@@ -7,6 +7,8 @@
 #include "nilio/drivers/udp.hpp"
 #include "nilio/drivers/velodyne_detect.hpp"
 
+#include "imu_input.hpp"
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -29,9 +31,6 @@ using core::Result;
 constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 // Packets looked at to tell the model; also enough to see a block of each flag.
 constexpr std::size_t kDetectionPackets = 64;
-constexpr const char* kNoImu =
-    "no IMU: motion is taken to be constant from scan to scan, so sharp turns and braking are tracked less "
-    "accurately";
 
 core::SE3 to_transform(const ExtrinsicConfig& extrinsic) {
   const auto& t = extrinsic.translation;
@@ -206,26 +205,6 @@ Result<drivers::VelodyneSensor> make_sensor(const Config& config, const drivers:
   return drivers::with_calibration_file(std::move(sensor), config.lidar.calibration);
 }
 
-Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
-  if (config.dbc.empty()) {
-    Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
-    if (!preset) return preset.error();
-    return drivers::ImuDecoder::create(preset->mapping, preset->database);
-  }
-  Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
-  if (!database) return database.error();
-  drivers::ImuMapping mapping;
-  mapping.name = config.dbc;
-  for (std::size_t i = 0; i < 3; ++i) {
-    mapping.angular_velocity[i] = {config.angular_velocity[i].message, config.angular_velocity[i].signal,
-                                   config.angular_velocity[i].scale};
-    mapping.linear_acceleration[i] = {config.linear_acceleration[i].message,
-                                      config.linear_acceleration[i].signal,
-                                      config.linear_acceleration[i].scale};
-  }
-  return drivers::ImuDecoder::create(mapping, *database);
-}
-
 std::string describe(const std::vector<std::string>& parts) {
   if (parts.size() == 1) return parts.front();
   return parts.front() + " to " + parts.back() + " (" + std::to_string(parts.size()) + " files)";
@@ -333,7 +312,7 @@ Result<Input> open_live(const Config& config) {
   input.packets = std::move(packets).value();
   input.sensor = std::move(sensor).value();
   input.notes.push_back(input.packets->status());
-  input.warnings.emplace_back(std::string("this version reads CAN from recordings only; ") + kNoImu);
+  if (auto opened = open_live_imu(config.imu, input); !opened) return opened.error();
   return input;
 }
 
