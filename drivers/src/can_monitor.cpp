@@ -85,15 +85,26 @@ std::vector<CanEvent> CanMonitor::take_events() { return std::exchange(events_, 
 
 CanMonitor::Action CanMonitor::observe(const CanInterfaceState& seen, std::int64_t now_ns) {
   const CanBusState before = std::exchange(status_.state, classify(seen));
-  if (status_.state != before) {
-    if (status_.state == CanBusState::kGone) ++status_.times_gone;
-    if (status_.state == CanBusState::kDown) ++status_.times_down;
-  }
+  count_absences(seen, before);
   count_bus_offs(seen, before);
   if (const Action action = set_up_action(seen); action != Action::kNone) return action;
   report_change(seen, now_ns);
   report_missed_bus_offs(now_ns);
   return restart_action(seen, now_ns);
+}
+
+/// What was not there to begin with has not gone. An adapter that is back between two looks has another
+/// number.
+void CanMonitor::count_absences(const CanInterfaceState& seen, CanBusState before) {
+  const bool known = before != CanBusState::kUnknown;
+  if (known && status_.state != before && status_.state == CanBusState::kGone) ++status_.times_gone;
+  if (known && status_.state != before && seen.is_can && !seen.up) ++status_.times_down;
+  if (!seen.is_can) return;
+  if (before != CanBusState::kGone && index_ != 0 && seen.index != index_) {
+    ++status_.times_gone;
+    say(true, "was gone and is back");
+  }
+  index_ = seen.index;
 }
 
 /// The driver counts bus-offs also while nobody looks; a new interface begins at 0.
@@ -121,9 +132,10 @@ CanMonitor::Action CanMonitor::set_up_action(const CanInterfaceState& seen) {
   }
   if (privileged_) return Action::kSetUp;
   if (seen.up && runs_at(seen, config_.bitrate)) return Action::kNone;
-  const std::string now = seen.bitrate.value_or(0) == 0 ? "none" : std::to_string(*seen.bitrate) + " bit/s";
+  const std::string now =
+      seen.bitrate ? "its bit rate is " + std::to_string(*seen.bitrate) + " bit/s" : "it is down";
   if (!std::exchange(privilege_missed_, true))
-    say(true, "its bit rate is " + now + " and cannot be set without CAP_NET_ADMIN; as root: 'ip link set " +
+    say(true, now + ", and without CAP_NET_ADMIN it cannot be set up from here; as root: 'ip link set " +
                   config_.interface_name + " down; ip link set " + config_.interface_name +
                   " up type can bitrate " + std::to_string(config_.bitrate) + "'");
   return Action::kNone;
@@ -131,13 +143,19 @@ CanMonitor::Action CanMonitor::set_up_action(const CanInterfaceState& seen) {
 
 void CanMonitor::set_up_result(const CanInterfaceState& after) {
   if (!after.present) return;
+  const std::string wanted = std::to_string(config_.bitrate) + " bit/s";
+  if (!after.up) {
+    say(true, "cannot be set to " + wanted +
+                  " and started; give the bit rate of the bus, often 500000, 250000 or 1000000, and see the "
+                  "kernel log (dmesg)");
+    return;
+  }
   if (!runs_at(after, config_.bitrate)) {
-    say(true, "its controller cannot do " + std::to_string(config_.bitrate) +
-                  " bit/s; give the bit rate of the bus, often 500000, 250000 or 1000000");
-  } else if (!after.up) {
-    say(true, "cannot be started; the kernel log (dmesg) tells why");
+    say(true, "its controller cannot do " + wanted +
+                  "; give the bit rate of the bus, often 500000, 250000 or 1000000");
   } else {
-    say(false, "set to " + std::to_string(config_.bitrate) + " bit/s and started");
+    say(false, "set to " + std::to_string(*after.bitrate) + " bit/s and started" +
+                   (after.bitrate == config_.bitrate ? "" : ", the nearest that it can do to " + wanted));
   }
   if (after.restart_ms.value_or(0) != config_.restart_ms)
     say(false, "its driver has no automatic restart; after bus-off it is stopped and started from here");
@@ -167,7 +185,8 @@ void CanMonitor::report_change(const CanInterfaceState& seen, std::int64_t now_n
     better_since_ns_.reset();
     return;
   }
-  if (may_be_passing(reported_, status_.state)) {
+  const bool starting = status_.state == CanBusState::kDown && seen.up;
+  if (starting || may_be_passing(reported_, status_.state)) {
     if (!better_since_ns_) better_since_ns_ = now_ns;
     if (now_ns - *better_since_ns_ < kLastingNs) return;
   }

@@ -36,6 +36,7 @@ class CanMonitor {
   void say(bool problem, const std::string& text);
   [[nodiscard]] Action set_up_action(const CanInterfaceState& seen);
   [[nodiscard]] Action restart_action(const CanInterfaceState& seen, std::int64_t now_ns);
+  void count_absences(const CanInterfaceState& seen, CanBusState before);
   void count_bus_offs(const CanInterfaceState& seen, CanBusState before);
   void report_change(const CanInterfaceState& seen, std::int64_t now_ns);
   void report_missed_bus_offs(std::int64_t now_ns);
@@ -49,6 +50,7 @@ class CanMonitor {
   CanBusState reported_ = CanBusState::kUnknown;
   /// Of an improvement that has yet to last.
   std::optional<std::int64_t> better_since_ns_;
+  unsigned index_ = 0;
   unsigned set_up_index_ = 0;
   bool privilege_missed_ = false;
   std::optional<std::uint32_t> driver_bus_offs_;

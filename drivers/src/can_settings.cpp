@@ -12,8 +12,19 @@
 namespace nilio::drivers {
 namespace {
 
-/// Drivers that cannot restart. Kernels from before 2025 do not check and fall over when asked.
-bool lacks_restart(const std::string& driver) { return driver == "gs_usb" || driver == "slcan"; }
+/// Drivers that cannot restart, or may not: kernels from before 2025 do not check and fall over when asked.
+/// Serial adapters (slcan) have no device, and show the kind of their interface instead of a driver.
+bool lacks_restart(const std::string& driver) {
+  return driver.empty() || driver == "can" || driver == "gs_usb" || driver == "slcan";
+}
+
+/// Also of an interface that is down.
+bool is_set_to(const std::string& name, std::uint32_t bitrate) {
+  can_bittiming timing{};
+  CanInterfaceState state;
+  if (can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
+  return runs_at(state, bitrate);
+}
 
 }  // namespace
 
@@ -31,7 +42,7 @@ void set_up_can_interface(const std::string& name, std::uint32_t bitrate, std::u
   if (!runs_at(before, bitrate)) can_set_bitrate(name.c_str(), bitrate);
   const bool restarts = restart_ms == 0 || !lacks_restart(before.driver);
   if (restarts && before.restart_ms != restart_ms) can_set_restart_ms(name.c_str(), restart_ms);
-  if (before.up || runs_at(look_at_can_interface(name), bitrate)) can_do_start(name.c_str());
+  if (before.up || is_set_to(name, bitrate)) can_do_start(name.c_str());
 }
 
 void restart_can_controller(const std::string& name, const std::string& driver) {

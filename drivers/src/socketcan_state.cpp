@@ -70,7 +70,8 @@ void ask_driver(const std::string& name, CanInterfaceState& state) {
   can_device_stats statistics{};
   if (can_get_state(name.c_str(), &controller) != 0) return;
   state.controller = controller;
-  if (can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
+  // Before it is set for the first time there is none, which libsocketcan complains about.
+  if (state.up && can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
   if (can_get_restart_ms(name.c_str(), &restart_ms) == 0) state.restart_ms = restart_ms;
   if (can_get_device_stats(name.c_str(), &statistics) == 0) state.bus_offs = statistics.bus_off;
 }
@@ -110,8 +111,10 @@ bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate) {
 
 CanInterfaceState look_at_can_interface(const std::string& name) {
   CanInterfaceState state = look_from_outside(name);
-  if (has_controller(state)) ask_driver(name, state);
-  return state;
+  if (!has_controller(state)) return state;
+  ask_driver(name, state);
+  // No answer is mostly that of an interface that has just gone.
+  return state.controller ? state : look_from_outside(name);
 }
 
 /// A thread of its own asks and is left behind when it does not come back. Thread and waiter share the

@@ -17,14 +17,15 @@ struct CanInterfaceState {
   bool silent = false;
   unsigned index = 0;
   std::string driver{};
-  /// enum can_state, bit/s, ms and the driver's count; nothing for virtual interfaces.
+  /// enum can_state, bit/s (while up), ms and the driver's count; nothing for virtual interfaces.
   std::optional<int> controller{};
   std::optional<std::uint32_t> bitrate{};
   std::optional<std::uint32_t> restart_ms{};
   std::optional<std::uint32_t> bus_offs{};
 };
 
-/// True when the controller runs at this bit rate, as near as its clock allows: the kernel takes up to 5 % off.
+/// True when the controller runs at this bit rate, as near as its clock allows: the kernel takes up to 5 %
+/// off.
 bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate);
 
 /// May not come back, see `silent`: only for a thread that can be left behind.

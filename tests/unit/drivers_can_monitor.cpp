@@ -197,6 +197,13 @@ TEST_CASE("an interface that goes down or away and comes back is told once each,
   CHECK_THAT(can.events[2].message, Contains("down") && Contains("ip link set can0 up"));
   CHECK_THAT(can.events[3].message, Contains("up, error-active"));
   CHECK_THAT(can.events[4].message, Contains("gone"));
+  CHECK(can.monitor.status().times_gone == 1);
+  CanInterfaceState other = seen_with(CAN_STATE_ERROR_ACTIVE);
+  can.look(other, 10);
+  other.index = 9;
+  can.look(other, 10);
+  REQUIRE(can.events.size() == 7);
+  CHECK_THAT(can.last(), Contains("was gone and is back"));
   CHECK(can.monitor.status().times_gone == 2);
   CHECK(can.monitor.status().times_down == 1);
 }

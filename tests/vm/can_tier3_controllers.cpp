@@ -85,8 +85,8 @@ TEST_CASE("controllers are set to the bit rate asked for, started, and carry fra
 TEST_CASE("a controller refuses a bit rate that its clock cannot make, and keeps the one it had") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 250000, 0);
-  ControllerLog log({.interface_name = "can0", .bitrate = 987654, .restart_ms = 0});
-  CHECK(log.says("its controller cannot do 987654 bit/s"));
+  ControllerLog log({.interface_name = "can0", .bitrate = 1000, .restart_ms = 0});
+  CHECK(log.says("its controller cannot do 1000 bit/s"));
   CHECK(log.says("up, error-active, 250000 bit/s"));
 }
 
