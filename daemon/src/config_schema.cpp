@@ -171,8 +171,28 @@ void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
       {"imu.preset", &c.preset, "built-in DBC and signal mapping", "", 0, 0, {"xsens_mti", "oxts_rt3003"}});
   keys.push_back(
       {"imu.dbc", &c.dbc, "DBC file in place of the preset; then map all six signals", "", 0, 0, {}});
+  keys.push_back({"imu.interface",
+                  &c.interface_name,
+                  "CAN interface of the IMU, such as can0; empty = none live, all of a log",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"imu.bitrate",
+                  &c.bitrate,
+                  "bit rate to set the interface to, live; 0 = leave it as it is",
+                  "bit/s",
+                  0,
+                  1'000'000,
+                  {}});
   keys.push_back(
-      {"imu.interface", &c.interface_name, "CAN interface to take from the log; empty = all", "", 0, 0, {}});
+      {"imu.restart_ms",
+       &c.restart_ms,
+       "set with the bit rate: the controller restarts itself so long after bus-off; 0 = niliod does",
+       "ms",
+       0,
+       60'000,
+       {}});
   const std::array<std::string, 3> axes = {"x", "y", "z"};
   for (std::size_t i = 0; i < 3; ++i) {
     const auto add_axis = [&](const std::string& quantity, const std::string& unit, ImuAxisConfig& axis) {

@@ -8,6 +8,8 @@
 #include "nilio/drivers/pcap.hpp"
 #include "nilio/drivers/udp.hpp"
 
+#include "imu_input.hpp"
+
 #include <set>
 #include <span>
 #include <utility>
@@ -21,9 +23,6 @@ using core::Error;
 using core::Result;
 
 constexpr std::size_t kReadBatch = 64;
-constexpr const char* kNoImu =
-    "no IMU: motion is taken to be constant from scan to scan, so sharp turns and braking are tracked less "
-    "accurately";
 
 drivers::PcapSourceConfig pcap_config(const LidarConfig& config) {
   drivers::PcapSourceConfig result;
@@ -68,26 +67,6 @@ Result<CaptureHead> look_at_capture(const std::vector<std::string>& paths, const
   for (const std::string& warning : finder.warnings()) input.warnings.push_back(warning);
   head.sensor = finder.take();
   return head;
-}
-
-Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
-  if (config.dbc.empty()) {
-    Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
-    if (!preset) return preset.error();
-    return drivers::ImuDecoder::create(preset->mapping, preset->database);
-  }
-  Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
-  if (!database) return database.error();
-  drivers::ImuMapping mapping;
-  mapping.name = config.dbc;
-  for (std::size_t i = 0; i < 3; ++i) {
-    mapping.angular_velocity[i] = {config.angular_velocity[i].message, config.angular_velocity[i].signal,
-                                   config.angular_velocity[i].scale};
-    mapping.linear_acceleration[i] = {config.linear_acceleration[i].message,
-                                      config.linear_acceleration[i].signal,
-                                      config.linear_acceleration[i].scale};
-  }
-  return drivers::ImuDecoder::create(mapping, *database);
 }
 
 std::string describe(const std::vector<std::string>& parts) {
@@ -253,7 +232,7 @@ Result<Input> open_live(const Config& config) {
   input.packets = std::move(packets).value();
   input.notes.push_back(input.packets->status());
   if (auto more = open_more_sockets(config, input); !more) return more.error();
-  input.warnings.emplace_back(std::string("this version reads CAN from recordings only; ") + kNoImu);
+  if (auto opened = open_live_imu(config.imu, input); !opened) return opened.error();
   return input;
 }
 

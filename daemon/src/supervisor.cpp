@@ -43,6 +43,7 @@ class Supervisor {
   void drain();
   void report_clock(const ipc::PoseRecord& record);
   void watch_publisher();
+  void watch_can();
   void report_status();
   void report_silence(std::int64_t now);
   void report_feed();
@@ -56,6 +57,7 @@ class Supervisor {
   const RunOptions& options_;
   std::unique_ptr<ipc::PublisherProcess> publisher_;
   std::unique_ptr<Pipeline> pipeline_;
+  std::unique_ptr<CanWatch> can_watch_;
   std::unique_ptr<RunOutput> output_;
   ipc::LatencyHistograms latency_;
   std::optional<ipc::PoseRecord> last_;
@@ -115,6 +117,7 @@ Result<std::monostate> Supervisor::open() {
   for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
   if (auto opened = open_output(*input); !opened) return opened;
   if (auto opened = open_publisher(); !opened) return opened;
+  can_watch_ = std::move(input->can_watch);
   const PipelineOptions pipeline_options{options_.paced, output_ != nullptr && config_.output.map};
   auto pipeline = Pipeline::create(config_, std::move(input).value(), pipeline_options, publisher_.get());
   if (!pipeline) return pipeline.error();
@@ -182,6 +185,12 @@ void Supervisor::watch_publisher() {
   }
 }
 
+void Supervisor::watch_can() {
+  if (!can_watch_) return;
+  for (const drivers::CanEvent& event : can_watch_->poll(monotonic_ns()))
+    spdlog::log(event.problem ? spdlog::level::warn : spdlog::level::info, "{}", event.message);
+}
+
 void Supervisor::report_status() {
   const std::int64_t now = monotonic_ns();
   if (now < next_status_ns_) return;
@@ -224,6 +233,7 @@ Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
     drain();
     report_feed();
     watch_publisher();
+    watch_can();
     report_status();
   }
   pipeline_->request_stop();
@@ -336,6 +346,7 @@ nlohmann::json Supervisor::summary() const {
     json["lidars"].push_back(lidar_summary(*pipeline_->lidars()[i]));
     if (i > 0) json["lidars"].back().update(merge_summary(pipeline_->merge_counters(i)));
   }
+  if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
   if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;

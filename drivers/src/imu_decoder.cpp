@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 
 namespace nilio::drivers {
 namespace {
@@ -17,6 +18,12 @@ constexpr int kSlippedGroups = 3;
 
 const ImuAxis& axis_of(const ImuMapping& mapping, std::size_t component) {
   return component < 3 ? mapping.angular_velocity[component] : mapping.linear_acceleration[component - 3];
+}
+
+std::string describe_can_id(std::uint32_t id) {
+  std::array<char, 16> text{};
+  std::snprintf(text.data(), text.size(), "0x%X", static_cast<unsigned>(id));
+  return text.data();
 }
 
 std::string component_name(std::size_t component) {
@@ -88,6 +95,12 @@ const ImuDecoder::Route* ImuDecoder::route_of(const CanFrame& frame) const {
     if (route.id == frame.id && route.extended == frame.extended) return &route;
   }
   return nullptr;
+}
+
+std::string ImuDecoder::identifiers() const {
+  std::string text;
+  for (const Route& route : routes_) text += (text.empty() ? "" : ", ") + describe_can_id(route.id);
+  return text;
 }
 
 std::optional<core::ImuSample> ImuDecoder::add(const CanFrame& frame) {

@@ -275,7 +275,13 @@ core::Result<OpenedCan> open_for_receiving(const SocketCanConfig& config) {
 
 core::Result<std::unique_ptr<FrameSource>> open_socketcan(const SocketCanConfig& config) {
   core::Result<OpenedCan> opened = open_for_receiving(config);
-  if (!opened) return opened.error();
+  if (!opened) {
+    // What is there and cannot be used, and a kernel without CAN, do not mend themselves.
+    const bool may_come = config.wait_for_interface && make_can_socket(config.interface_name).ok() &&
+                          if_nametoindex(config.interface_name.c_str()) == 0;
+    if (!may_come) return opened.error();
+    opened = OpenedCan{{}, config.receive_buffer_bytes};
+  }
   return std::unique_ptr<FrameSource>(std::make_unique<SocketCanSource>(std::move(opened).value(), config));
 }
 

@@ -2,13 +2,14 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <cstdlib>
 #include <cstring>
 #include <linux/ethtool.h>
 #include <linux/sockios.h>
 #include <memory>
 #include <mutex>
 #include <net/if.h>
-#include <string_view>
+#include <net/if_arp.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <thread>
@@ -27,47 +28,59 @@ ifreq request_for(const std::string& name) {
   return request;
 }
 
-/// Virtual interfaces have no controller, and libsocketcan complains about them on standard error.
-bool has_controller(int descriptor, const std::string& name) {
+std::string driver_of(int descriptor, const std::string& name) {
   ethtool_drvinfo info{};
   info.cmd = ETHTOOL_GDRVINFO;
   ifreq request = request_for(name);
   request.ifr_data = reinterpret_cast<char*>(&info);
-  if (ioctl(descriptor, SIOCETHTOOL, &request) != 0) return true;
-  const std::string_view driver(info.driver);
-  return driver != "vcan" && driver != "vxcan";
+  if (ioctl(descriptor, SIOCETHTOOL, &request) != 0) return "";
+  return {info.driver, strnlen(info.driver, sizeof(info.driver))};
+}
+
+/// What every interface answers at once. Nothing else is set when it is not there.
+CanInterfaceState look_from_outside(const std::string& name) {
+  CanInterfaceState state;
+  const int descriptor = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (descriptor < 0) return state;
+  ifreq flags = request_for(name);
+  ifreq hardware = request_for(name);
+  ifreq index = request_for(name);
+  state.present = ioctl(descriptor, SIOCGIFFLAGS, &flags) == 0 &&
+                  ioctl(descriptor, SIOCGIFHWADDR, &hardware) == 0 &&
+                  ioctl(descriptor, SIOCGIFINDEX, &index) == 0;
+  if (state.present) {
+    state.up = (flags.ifr_flags & IFF_UP) != 0;
+    state.is_can = hardware.ifr_hwaddr.sa_family == ARPHRD_CAN;
+    state.index = static_cast<unsigned>(index.ifr_ifindex);
+    state.driver = driver_of(descriptor, name);
+  }
+  ::close(descriptor);
+  return state;
+}
+
+/// Virtual interfaces have no controller, and libsocketcan complains about them on standard error.
+bool has_controller(const CanInterfaceState& state) {
+  return state.is_can && state.driver != "vcan" && state.driver != "vxcan";
+}
+
+void ask_driver(const std::string& name, CanInterfaceState& state) {
+  int controller = 0;
+  can_bittiming timing{};
+  std::uint32_t restart_ms = 0;
+  can_device_stats statistics{};
+  if (can_get_state(name.c_str(), &controller) != 0) return;
+  state.controller = controller;
+  // Before it is set for the first time there is none, which libsocketcan complains about.
+  if (state.up && can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
+  if (can_get_restart_ms(name.c_str(), &restart_ms) == 0) state.restart_ms = restart_ms;
+  if (can_get_device_stats(name.c_str(), &statistics) == 0) state.bus_offs = statistics.bus_off;
 }
 
 struct Answer {
   std::mutex mutex;
   std::condition_variable arrived;
-  bool complete = false;
-  std::optional<int> controller;
-  std::optional<std::uint32_t> bitrate;
+  std::optional<CanInterfaceState> state;
 };
-
-void ask_driver(const std::string& name, Answer& answer) {
-  int state = 0;
-  can_bittiming timing{};
-  const bool state_known = can_get_state(name.c_str(), &state) == 0;
-  const bool timing_known = can_get_bittiming(name.c_str(), &timing) == 0;
-  const std::lock_guard lock(answer.mutex);
-  if (state_known) answer.controller = state;
-  if (timing_known) answer.bitrate = timing.bitrate;
-  answer.complete = true;
-  answer.arrived.notify_all();
-}
-
-/// libsocketcan does not come back when the interface vanishes at the wrong moment, so a thread of its own
-/// asks and is left behind then. Thread and waiter share the answer.
-void query_controller(const std::string& name, CanInterfaceState& state) {
-  const auto answer = std::make_shared<Answer>();
-  std::thread([name, answer] { ask_driver(name, *answer); }).detach();
-  std::unique_lock lock(answer->mutex);
-  state.silent = !answer->arrived.wait_for(lock, kLongestQuery, [&] { return answer->complete; });
-  state.controller = answer->controller;
-  state.bitrate = answer->bitrate;
-}
 
 std::string describe_controller(const std::string& name, int controller) {
   switch (controller) {
@@ -91,17 +104,36 @@ std::string describe_controller(const std::string& name, int controller) {
 
 }  // namespace
 
+bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate) {
+  const std::int64_t difference = static_cast<std::int64_t>(state.bitrate.value_or(0)) - bitrate;
+  return std::abs(difference) * 20 <= bitrate;
+}
+
+CanInterfaceState look_at_can_interface(const std::string& name) {
+  CanInterfaceState state = look_from_outside(name);
+  if (!has_controller(state)) return state;
+  ask_driver(name, state);
+  // No answer is mostly that of an interface that has just gone.
+  return state.controller ? state : look_from_outside(name);
+}
+
+/// A thread of its own asks and is left behind when it does not come back. Thread and waiter share the
+/// answer.
 CanInterfaceState query_can_interface(const std::string& name) {
-  CanInterfaceState state;
-  const int descriptor = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (descriptor < 0) return state;
-  ifreq request = request_for(name);
-  state.present = ioctl(descriptor, SIOCGIFFLAGS, &request) == 0;
-  state.up = state.present && (request.ifr_flags & IFF_UP) != 0;
-  const bool ask = state.up && has_controller(descriptor, name);
-  ::close(descriptor);
-  if (ask) query_controller(name, state);
-  return state;
+  CanInterfaceState outside = look_from_outside(name);
+  if (!has_controller(outside)) return outside;
+  const auto answer = std::make_shared<Answer>();
+  std::thread([name, answer] {
+    const CanInterfaceState state = look_at_can_interface(name);
+    const std::lock_guard lock(answer->mutex);
+    answer->state = state;
+    answer->arrived.notify_all();
+  }).detach();
+  std::unique_lock lock(answer->mutex);
+  if (answer->arrived.wait_for(lock, kLongestQuery, [&] { return answer->state.has_value(); }))
+    return *answer->state;
+  outside.silent = true;
+  return outside;
 }
 
 std::string describe_can_interface(const std::string& name, const CanInterfaceState& state) {
@@ -110,7 +142,7 @@ std::string describe_can_interface(const std::string& name, const CanInterfaceSt
   if (state.silent) return "up, but its driver does not answer; check the adapter";
   std::string text = "up";
   if (state.controller) text += ", " + describe_controller(name, *state.controller);
-  if (state.bitrate) text += ", " + std::to_string(*state.bitrate) + " bit/s";
+  if (state.bitrate && *state.bitrate > 0) text += ", " + std::to_string(*state.bitrate) + " bit/s";
   return text;
 }
 

@@ -58,6 +58,8 @@ struct ImuConfig {
   std::array<ImuAxisConfig, 3> angular_velocity;
   std::array<ImuAxisConfig, 3> linear_acceleration;
   std::string interface_name;
+  int bitrate = 0;
+  int restart_ms = 0;
   ExtrinsicConfig extrinsic;
 };
 

@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/core/se3.hpp"
+#include "nilio/daemon/can_watch.hpp"
 #include "nilio/daemon/config.hpp"
 #include "nilio/daemon/replay_files.hpp"
 #include "nilio/daemon/scan_feed.hpp"
@@ -36,6 +37,8 @@ struct Input {
   /// CAN frames and what turns them into samples; both or neither.
   std::unique_ptr<drivers::FrameSource> frames;
   std::optional<drivers::ImuDecoder> imu_decoder;
+  /// Set when the frames are live.
+  std::unique_ptr<CanWatch> can_watch;
   /// Stamp of the recording's first packet, for playing at its own pace.
   std::optional<core::Time> first_stamp;
   /// Set for data sets whose poses are stated in a camera frame.

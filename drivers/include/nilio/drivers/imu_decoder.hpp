@@ -49,6 +49,10 @@ class ImuDecoder {
   static core::Result<ImuDecoder> create(const ImuMapping& mapping, const DbcDatabase& database);
 
   std::optional<core::ImuSample> add(const CanFrame& frame);
+  /// The frame's identifier is mapped. Any thread.
+  [[nodiscard]] bool takes(const CanFrame& frame) const { return route_of(frame) != nullptr; }
+  /// The mapped identifiers as "0x32, 0x1ABCDEF0".
+  [[nodiscard]] std::string identifiers() const;
   [[nodiscard]] const ImuDecoderStats& stats() const { return stats_; }
 
  private:

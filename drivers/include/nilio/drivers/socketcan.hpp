@@ -23,6 +23,8 @@ struct SocketCanConfig {
   std::vector<CanFilter> filters{};
   /// The kernel books 768 bytes per frame: 2731 frames, 0.9 s of a full bus.
   int receive_buffer_bytes = 1024 * 1024;
+  /// Opens also while there is no such interface, and takes it up when it appears.
+  bool wait_for_interface = false;
 };
 
 /// Live CAN and CAN FD: recvmmsg, kernel time stamps (SO_TIMESTAMPNS) and drop counter (SO_RXQ_OVFL), error

@@ -1,0 +1,154 @@
+#include "nilio/drivers/can_controller.hpp"
+#include "nilio/drivers/socketcan.hpp"
+
+#include "can_settings.hpp"
+#include "controller_log.hpp"
+#include "slcan_adapter.hpp"
+#include "socketcan_state.hpp"
+#include "vm_support.hpp"
+
+#include <linux/can/error.h>
+#include <linux/can/netlink.h>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::tests;
+using Catch::Matchers::Contains;
+using drivers::CanBusState;
+
+TEST_CASE(
+    "a serial adapter is set to the bit rate that is asked for, started, and carries frames both ways") {
+  const SlcanAdapter adapter;
+  const std::string& name = adapter.interface_name();
+  ControllerLog log({.interface_name = name, .bitrate = 500000, .restart_ms = 0});
+  CHECK(log.says("set to 500000 bit/s and started"));
+  CHECK(log.says("up, error-active, 500000 bit/s"));
+  CHECK(eventually([&] { return adapter.heard().find("S6\rO\r") != std::string::npos; }));
+  CHECK(is_up(name));
+
+  const auto source = drivers::open_socketcan({.interface_name = name});
+  REQUIRE(source.ok());
+  adapter.say("t12321122");
+  const auto received = read_frames(**source, 1);
+  REQUIRE(received.size() == 1);
+  CHECK(received[0].id == 0x123);
+  CHECK(received[0].length == 2);
+  CHECK(received[0].data[1] == 0x22);
+  send_from_another_process(name, {data_frame(0x7A, {0xBE, 0xEF})});
+  CHECK(eventually([&] { return adapter.heard().find("t07A2BEEF\r") != std::string::npos; }));
+}
+
+TEST_CASE("a bit rate that is right already leaves a running interface undisturbed") {
+  const SlcanAdapter adapter;
+  drivers::set_up_can_interface(adapter.interface_name(), 250000, 0);
+  REQUIRE(is_up(adapter.interface_name()));
+  CHECK(eventually([&] { return adapter.heard().find("O\r") != std::string::npos; }));
+  const std::string before = adapter.heard();
+  ControllerLog log({.interface_name = adapter.interface_name(), .bitrate = 250000, .restart_ms = 0});
+  CHECK(log.says("up, error-active, 250000 bit/s"));
+  CHECK(adapter.heard() == before);
+  CHECK(log.events().size() == 1);
+}
+
+TEST_CASE("errors of the adapter reach sockets as error frames, and the log as changes of state, each once") {
+  const SlcanAdapter adapter;
+  const std::string& name = adapter.interface_name();
+  drivers::set_up_can_interface(name, 500000, 0);
+  const auto source = drivers::open_socketcan({.interface_name = name});
+  REQUIRE(source.ok());
+  ControllerLog log({.interface_name = name});
+  REQUIRE(log.says("error-active"));
+  adapter.say("e1a");
+  adapter.say("sw057100");
+  CHECK(log.says("error-warning: there are errors on the bus"));
+  adapter.say("sp130140");
+  CHECK(log.says("error-passive: there are errors on the bus"));
+  const auto frames = read_frames(**source, 3);
+  REQUIRE(frames.size() == 3);
+  for (const auto& frame : frames) CHECK(frame.error);
+  CHECK((frames[0].id & CAN_ERR_ACK) != 0);
+  CHECK((frames[1].id & CAN_ERR_CRTL) != 0);
+  CHECK((frames[2].id & CAN_ERR_CRTL) != 0);
+  CHECK(frames[2].data[1] != 0);
+  adapter.say("sa000000");
+  CHECK(log.says("up, error-active, 500000 bit/s$", 2));
+  CHECK(log.events().size() == 4);
+}
+
+TEST_CASE("bus-off of an adapter without restart ends by stopping and starting it, and frames come again") {
+  const SlcanAdapter adapter;
+  const std::string& name = adapter.interface_name();
+  ControllerLog log({.interface_name = name, .bitrate = 500000, .restart_ms = 100});
+  CHECK(log.says("its driver has no automatic restart"));
+  REQUIRE(log.says("up, error-active"));
+  const auto source = drivers::open_socketcan({.interface_name = name});
+  REQUIRE(source.ok());
+  for (std::uint64_t round = 1; round <= 2; ++round) {
+    const std::string before = adapter.heard();
+    adapter.say("sb000256");
+    CHECK(log.says("bus-off: the controller has given up", round));
+    CHECK(log.says("error-active, 500000 bit/s again after once bus-off, restarted once from here", round));
+    const std::string since = adapter.heard().substr(before.size());
+    CHECK(since.find("C\r") != std::string::npos);
+    CHECK(since.find("O\r") != std::string::npos);
+    CHECK(log.status().bus_offs == round);
+    CHECK(log.status().restarts == round);
+    CHECK(eventually([&] {
+      adapter.say("t1230");
+      for (const auto& frame : read_frames(**source, 1, 0.1))
+        if (!frame.error) return true;
+      return false;
+    }));
+  }
+  CHECK_THAT(source.value()->status(), Contains("2 times bus-off"));
+}
+
+TEST_CASE("an adapter that is unplugged and plugged in again is set up anew and read on") {
+  auto adapter = std::make_unique<SlcanAdapter>();
+  const std::string name = adapter->interface_name();
+  ControllerLog log({.interface_name = name, .bitrate = 500000, .restart_ms = 0});
+  REQUIRE(log.says("up, error-active"));
+  const auto source = drivers::open_socketcan({.interface_name = name});
+  REQUIRE(source.ok());
+  adapter.reset();
+  CHECK(log.says("gone; waiting for it"));
+  adapter = std::make_unique<SlcanAdapter>();
+  REQUIRE(adapter->interface_name() == name);
+  CHECK(log.says("set to 500000 bit/s and started", 2));
+  CHECK(log.says("up, error-active", 2));
+  CHECK(eventually([&] {
+    adapter->say("t1230");
+    return !read_frames(**source, 1, 0.1).empty();
+  }));
+  CHECK(log.status().times_gone == 1);
+}
+
+TEST_CASE(
+    "a bit rate that the controller cannot do is refused with a line, and the interface goes on as it was") {
+  const SlcanAdapter adapter;
+  drivers::set_up_can_interface(adapter.interface_name(), 250000, 0);
+  REQUIRE(is_up(adapter.interface_name()));
+  ControllerLog log({.interface_name = adapter.interface_name(), .bitrate = 123456, .restart_ms = 0});
+  CHECK(log.says("its controller cannot do 123456 bit/s"));
+  CHECK(log.says("up, error-active, 250000 bit/s"));
+  CHECK(is_up(adapter.interface_name()));
+}
+
+TEST_CASE("an adapter that is unplugged again and again leaves neither watcher nor reader behind") {
+  const auto source = drivers::open_socketcan({.interface_name = "can0", .wait_for_interface = true});
+  REQUIRE(source.ok());
+  ControllerLog log({.interface_name = "can0", .bitrate = 500000, .restart_ms = 0});
+  CHECK(log.says("gone; waiting for it"));
+  for (int round = 0; round < 10; ++round) {
+    const SlcanAdapter adapter;
+    REQUIRE(adapter.interface_name() == "can0");
+    CHECK(eventually([&] {
+      adapter.say("t1230");
+      return !read_frames(**source, 1, 0.05).empty();
+    }));
+  }
+  CHECK(eventually([&] { return log.status().state == CanBusState::kGone; }));
+  CHECK(log.status().times_gone == 10);
+  CHECK(log.says("set to 500000 bit/s and started", 10));
+}

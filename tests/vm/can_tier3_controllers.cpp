@@ -1,0 +1,195 @@
+#include "nilio/drivers/can_controller.hpp"
+#include "nilio/drivers/socketcan.hpp"
+
+#include "can_settings.hpp"
+#include "controller_log.hpp"
+#include "socketcan_state.hpp"
+#include "vm_support.hpp"
+
+#include <cstdlib>
+#include <fstream>
+#include <linux/can/error.h>
+#include <linux/can/netlink.h>
+#include <set>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::tests;
+using Catch::Matchers::Contains;
+using drivers::CanBusState;
+
+/// Two controllers of the kvaser_pci driver, can0 and can1, on one bus.
+namespace {
+
+std::string kernel_file(const std::string& name) {
+  return std::string(std::getenv("NILIO_KERNEL")) + "/" + name;
+}
+
+void inject(const std::string& text) {
+  static const bool loaded = shell("busybox insmod " + kernel_file("can_inject.ko")) == 0;
+  REQUIRE(loaded);
+  REQUIRE((std::ofstream("/proc/can_inject") << text << std::flush).good());
+}
+
+/// Down and without automatic restart, whatever the test before has left.
+void reset_controllers() {
+  for (const std::string name : {"can0", "can1"}) {
+    drivers::set_up_can_interface(name, 250000, 0);
+    set_up(name, false);
+  }
+}
+
+std::unique_ptr<drivers::FrameSource> listen(const drivers::SocketCanConfig& config) {
+  auto source = drivers::open_socketcan(config);
+  REQUIRE(source.ok());
+  return std::move(source).value();
+}
+
+std::vector<drivers::CanFrame> numbered_frames(std::size_t count) {
+  std::vector<drivers::CanFrame> frames;
+  for (std::size_t i = 0; i < count; ++i)
+    frames.push_back(data_frame(0x200 + static_cast<std::uint32_t>(i % 5),
+                                {static_cast<std::uint8_t>(i), static_cast<std::uint8_t>(i >> 8U)}));
+  return frames;
+}
+
+}  // namespace
+
+TEST_CASE("controllers are set to the bit rate asked for, started, and carry frames to each other in order") {
+  reset_controllers();
+  ControllerLog first({.interface_name = "can0", .bitrate = 500000, .restart_ms = 0});
+  ControllerLog second({.interface_name = "can1", .bitrate = 500000, .restart_ms = 100});
+  for (ControllerLog* log : {&first, &second}) {
+    CHECK(log->says("set to 500000 bit/s and started"));
+    CHECK(log->says("up, error-active, 500000 bit/s"));
+  }
+  CHECK(drivers::query_can_interface("can0").restart_ms == 0U);
+  CHECK(drivers::query_can_interface("can1").restart_ms == 100U);
+
+  const auto source = listen({.interface_name = "can1"});
+  auto sent = numbered_frames(400);
+  sent.push_back(data_frame(0x1ABCDEF0, {1, 2, 3, 4, 5, 6, 7, 8}));
+  send_from_another_process("can0", sent);
+  const auto received = read_frames(*source, sent.size());
+  REQUIRE(received.size() == sent.size());
+  for (std::size_t i = 0; i < sent.size(); ++i) {
+    CHECK(received[i].id == sent[i].id);
+    CHECK(received[i].extended == sent[i].extended);
+    CHECK(received[i].data == sent[i].data);
+    if (i > 0) CHECK(received[i].stamp >= received[i - 1].stamp);
+  }
+  CHECK(source->stats().kernel_dropped == 0);
+}
+
+TEST_CASE("a controller refuses a bit rate that its clock cannot make, and keeps the one it had") {
+  reset_controllers();
+  drivers::set_up_can_interface("can0", 250000, 0);
+  ControllerLog log({.interface_name = "can0", .bitrate = 1000, .restart_ms = 0});
+  CHECK(log.says("its controller cannot do 1000 bit/s"));
+  CHECK(log.says("up, error-active, 250000 bit/s"));
+}
+
+TEST_CASE("frames that find the buffer full are lost and counted to the frame") {
+  reset_controllers();
+  drivers::set_up_can_interface("can0", 500000, 0);
+  drivers::set_up_can_interface("can1", 500000, 0);
+  const auto source = listen({.interface_name = "can1", .receive_buffer_bytes = 8192});
+  send_from_another_process("can0", numbered_frames(200));
+  const std::size_t kept = read_frames(*source, 200, 0.5).size();
+  CHECK(kept > 0);
+  CHECK(kept < 100);
+  send_from_another_process("can0", numbered_frames(1));
+  CHECK(read_frames(*source, 1).size() == 1);
+  CHECK(source->stats().kernel_dropped == 200 - kept);
+}
+
+TEST_CASE("an interface that is switched off and on is told, and not switched on by the watcher") {
+  reset_controllers();
+  ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
+  REQUIRE(log.says("up, error-active"));
+  drivers::set_up_can_interface("can0", 500000, 0);
+  const auto source = listen({.interface_name = "can1"});
+  set_up("can1", false);
+  CHECK(log.says("CAN can1: down; set it up"));
+  CHECK(read_frames(*source, 1, 0.5).empty());
+  CHECK_FALSE(is_up("can1"));
+  set_up("can1", true);
+  CHECK(log.says("up, error-active", 2));
+  send_from_another_process("can0", numbered_frames(3));
+  CHECK(read_frames(*source, 3).size() == 3);
+  CHECK(log.status().times_down == 1);
+}
+
+TEST_CASE("injected errors reach sockets and log, and bus-off ends by a restart from here") {
+  reset_controllers();
+  drivers::set_up_can_interface("can0", 500000, 0);
+  ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
+  REQUIRE(log.says("up, error-active"));
+  const auto source = listen({.interface_name = "can1"});
+  inject("can1 warning");
+  CHECK(log.says("error-warning: there are errors on the bus"));
+  inject("can1 passive");
+  CHECK(log.says("error-passive: there are errors on the bus"));
+  inject("can1 bus-off");
+  CHECK(log.says("bus-off: the controller has given up"));
+  CHECK(log.says("up, error-active, 500000 bit/s again after once bus-off, restarted once from here"));
+  std::uint32_t classes = 0;
+  for (const auto& frame : read_frames(*source, 4)) {
+    CHECK(frame.error);
+    classes |= frame.id;
+  }
+  CHECK((classes & CAN_ERR_CRTL) != 0);
+  CHECK((classes & CAN_ERR_BUSOFF) != 0);
+  CHECK((classes & CAN_ERR_RESTARTED) != 0);
+  CHECK(is_up("can1"));
+  send_from_another_process("can0", numbered_frames(3));
+  CHECK(read_frames(*source, 3).size() == 3);
+  CHECK(log.status().bus_offs == 1);
+  CHECK(log.status().restarts == 1);
+  CHECK_THAT(source->status(), Contains("1 times bus-off"));
+}
+
+TEST_CASE("a controller with automatic restart is left to it, and bus-offs too short to see are counted") {
+  reset_controllers();
+  drivers::set_up_can_interface("can0", 500000, 0);
+  ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 10});
+  REQUIRE(log.says("up, error-active"));
+  for (std::uint64_t round = 1; round <= 3; ++round) {
+    inject("can1 bus-off");
+    CHECK(eventually([&] { return log.status().bus_offs == round; }));
+    CHECK(eventually(
+        [&] { return drivers::query_can_interface("can1").controller == CAN_STATE_ERROR_ACTIVE; }));
+  }
+  CHECK(log.says("was bus-off|restarts itself after 10 ms"));
+  CHECK(log.status().restarts == 0);
+}
+
+TEST_CASE("interfaces that vanish with their driver are waited for, set up again and read on") {
+  reset_controllers();
+  ControllerLog first({.interface_name = "can0", .bitrate = 500000, .restart_ms = 0});
+  ControllerLog second({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
+  REQUIRE(first.says("up, error-active"));
+  REQUIRE(second.says("up, error-active"));
+  const auto source = listen({.interface_name = "can1"});
+  REQUIRE(shell("busybox rmmod kvaser_pci") == 0);
+  CHECK(second.says("gone; waiting for it"));
+  CHECK(read_frames(*source, 1, 0.3).empty());
+  CHECK_THAT(source->status(), Contains("gone"));
+  REQUIRE(shell("busybox insmod " + kernel_file("kvaser_pci.ko")) == 0);
+  CHECK(first.says("up, error-active", 2));
+  CHECK(second.says("set to 500000 bit/s and started", 2));
+  CHECK(second.says("up, error-active", 2));
+  CHECK(eventually([&] {
+    send_from_another_process("can0", numbered_frames(1));
+    return !read_frames(*source, 1, 0.1).empty();
+  }));
+  CHECK(second.status().times_gone == 1);
+}
+
+TEST_CASE("the watcher of a controller is gone as soon as it is let go") {
+  reset_controllers();
+  for (int i = 0; i < 20; ++i) ControllerLog log({.interface_name = "can0"});
+  std::set<std::string> sockets;
+  CHECK(shell("test $(ls /proc/$PPID/fd | wc -l) -lt 16") == 0);
+}

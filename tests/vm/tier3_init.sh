@@ -1,0 +1,29 @@
+#!/bin/busybox sh
+# First process of the QEMU guest: its root becomes this computer's files, read-only, with memory over them.
+export PATH=/bin:/usr/sbin:/usr/bin:/sbin HOME=/root
+b=/bin/busybox
+
+finish() {
+  $b echo "nilio-guest-status=$1"
+  $b poweroff -f
+}
+
+$b mount -t proc proc /proc
+$b mount -t sysfs sys /sys
+$b mount -t devtmpfs dev /dev
+while read -r module; do
+  $b insmod "/modules/$module" || finish 97
+done </modules/order
+$b mount -t 9p -o trans=virtio,version=9p2000.L,msize=512000,ro,cache=loose host /host || finish 97
+$b mount -t tmpfs -o size=50% tmpfs /memory
+$b mkdir /memory/upper /memory/work
+$b mount -t overlay -o lowerdir=/host,upperdir=/memory/upper,workdir=/memory/work overlay /root || finish 97
+for folder in proc sys dev; do $b mount --move /$folder /root/$folder; done
+$b mkdir -p /root/dev/pts /root/dev/shm
+$b mount -t devpts -o ptmxmode=666 devpts /root/dev/pts
+$b mount -t tmpfs tmpfs /root/dev/shm
+$b mount -t tmpfs tmpfs /root/run
+$b ip link set lo up
+run=$($b sed 's/.*nilio_run=\([^ ]*\).*/\1/' /root/proc/cmdline)
+$b chroot /root "$run"
+finish $?
