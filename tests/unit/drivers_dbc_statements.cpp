@@ -80,7 +80,8 @@ TEST_CASE("multiplexing that cannot be is refused with the place") {
   const std::string message = "BO_ 1 M: 8 X\n" + signal("root M", "0|8@1+") + signal("a m0M", "8|8@1+");
   CHECK_THAT(error_of(message + "SG_MUL_VAL_ 1 a a 0-0;\n"),
              Contains("'a'") && Contains("select each other"));
-  CHECK_THAT(error_of(message + "SG_MUL_VAL_ 1 root a 0-0;\n"), Contains("select each other"));
+  CHECK_THAT(error_of(message + "SG_MUL_VAL_ 1 a root 0-0;\nSG_MUL_VAL_ 1 root a 0-0;\n"),
+             Contains("select each other"));
   CHECK_THAT(error_of(message + "SG_MUL_VAL_ 1 a nobody 0-0;\n"),
              Contains("t.dbc:4") && Contains("'nobody'"));
   CHECK_THAT(error_of(message + "SG_MUL_VAL_ 2 a root 0-0;\n"), Contains("t.dbc:4") && Contains("'2'"));
