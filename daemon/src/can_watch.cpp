@@ -77,14 +77,14 @@ void CanTraffic::count(const drivers::CanFrame& frame, bool takes) {
   other_frames.fetch_add(1, relaxed);
 }
 
-WatchedFrames::WatchedFrames(std::unique_ptr<drivers::FrameSource> source, drivers::ImuDecoder decoder,
+WatchedFrames::WatchedFrames(std::unique_ptr<drivers::FrameSource> source, drivers::ImuFrameFilter filter,
                              std::shared_ptr<CanTraffic> traffic)
-    : source_(std::move(source)), decoder_(std::move(decoder)), traffic_(std::move(traffic)) {}
+    : source_(std::move(source)), filter_(std::move(filter)), traffic_(std::move(traffic)) {}
 
 drivers::SourceRead WatchedFrames::read(std::span<drivers::CanFrame> slots, core::Duration timeout) {
   const drivers::SourceRead read = source_->read(slots, timeout);
   for (const drivers::CanFrame& frame : slots.first(read.count))
-    traffic_->count(frame, decoder_.takes(frame));
+    traffic_->count(frame, filter_.takes(frame));
   return read;
 }
 
@@ -166,9 +166,9 @@ core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuD
   if (!source) return core::Error{"imu.interface: " + source.error().message};
   auto traffic = std::make_shared<CanTraffic>();
   LiveCan live;
-  live.frames = std::make_unique<WatchedFrames>(std::move(source).value(), decoder, traffic);
+  live.frames = std::make_unique<WatchedFrames>(std::move(source).value(), decoder.frame_filter(), traffic);
   live.watch =
-      std::make_unique<CanWatch>(std::move(controller).value(), std::move(traffic), decoder.identifiers());
+      std::make_unique<CanWatch>(std::move(controller).value(), std::move(traffic), decoder.frame_filter().text());
   return live;
 }
 

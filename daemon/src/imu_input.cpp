@@ -46,7 +46,7 @@ Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input) {
   input.frames = std::move(live->frames);
   input.can_watch = std::move(live->watch);
   input.notes.push_back("IMU " + (config.dbc.empty() ? config.preset : config.dbc) + " on CAN " +
-                        config.interface_name + ", frames " + decoder->identifiers());
+                        config.interface_name + ", frames " + decoder->frame_filter().text());
   input.imu_decoder.emplace(std::move(decoder).value());
   return std::monostate{};
 }

@@ -1,10 +1,9 @@
 #include "nilio/drivers/dbc.hpp"
 
-#include "dbc_lexer.hpp"
+#include "dbc_statements.hpp"
 
+#include <algorithm>
 #include <cerrno>
-#include <charconv>
-#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <sstream>
@@ -14,197 +13,186 @@ namespace {
 
 using core::Error;
 
-constexpr std::uint32_t kExtendedFlag = 0x80000000U;
-constexpr std::uint32_t kIdMask = 0x1FFFFFFFU;
 /// Vector's tools park signals that belong to no message in this one.
 constexpr std::uint32_t kIndependentSignals = 0xC0000000U;
 constexpr std::uint16_t kLongestSignal = 64;
-constexpr std::size_t kQuotedLength = 40;
-
-std::string quoted(std::string_view text) {
-  std::string result = "'";
-  for (const char c : text.substr(0, kQuotedLength)) result.push_back(c >= ' ' && c < '\x7F' ? c : '?');
-  return result + (text.size() > kQuotedLength ? "...'" : "'");
-}
+constexpr const char* kMarkExpected = "':' or a multiplexing mark (M, m3 or m3M)";
 
 /// Recursive descent over the statements; the first error ends it.
 class DbcParser {
  public:
-  DbcParser(std::string_view text, const std::string& path) : lexer_(text) { database_.path = path; }
+  DbcParser(std::string_view text, const std::string& path) : reader_(text, path) { database_.path = path; }
 
   core::Result<DbcDatabase> parse() {
-    while (lexer_.peek().kind != DbcTokenKind::kEnd && !error_) parse_statement();
-    if (error_) return *error_;
+    while (!reader_.at_end()) parse_statement();
+    if (reader_.error()) return *reader_.error();
     if (database_.messages.empty()) {
       return Error{database_.path + ": no message (BO_) in this file; is it a DBC file?"};
     }
+    if (auto problem = resolve_multiplexers(database_)) return *problem;
+    for (std::size_t i = 0; i < database_.messages.size(); ++i) {
+      note_oddities(database_.messages[i], message_lines_[i], notes_);
+    }
+    attributes_.apply(database_, index_);
+    database_.notes = notes_.texts();
     return std::move(database_);
   }
 
  private:
   void parse_statement() {
-    const DbcToken keyword = lexer_.take();
-    if (keyword.is("BO_")) return parse_message();
+    const DbcToken keyword = reader_.take();
+    if (keyword.kind == DbcTokenKind::kUnterminatedString) {
+      return reader_.fail(keyword, "this string is never closed");
+    }
+    if (keyword.is("BO_")) return parse_message(keyword);
     if (keyword.is("SG_")) return parse_signal(keyword);
     if (keyword.is("SIG_VALTYPE_")) return parse_value_type();
     if (keyword.is("NS_")) return skip_new_symbols();
-    skip_statement(keyword);
+    parse_loose_statement(keyword, reader_.take_statement());
+  }
+
+  /// Statements that are taken whole, since a file that is odd in them can be used all the same.
+  void parse_loose_statement(const DbcToken& keyword, const std::vector<DbcToken>& statement) {
+    if (reader_.error()) return;
+    if (keyword.is("SG_MUL_VAL_")) {
+      return read_extended_multiplexing(keyword, statement, database_, index_, reader_);
+    }
+    if (keyword.is("CM_")) return read_comment(statement, database_, index_, notes_);
+    if (keyword.is("VAL_TABLE_")) return value_tables_.define(statement, notes_);
+    if (keyword.is("VAL_")) return value_tables_.assign(statement, database_, index_, notes_);
+    if (keyword.is("BA_DEF_")) return attributes_.define(statement);
+    if (keyword.is("BA_DEF_DEF_")) return attributes_.set_default(statement);
+    if (keyword.is("BA_")) return attributes_.assign(statement);
+    const bool header = keyword.is("VERSION") || keyword.is("BS_") || keyword.is("BU_") || keyword.is(";");
+    if (!header) notes_.add(keyword.line, quoted(keyword.text) + " is not used");
   }
 
   /// The keywords listed after NS_ are no statements.
   void skip_new_symbols() {
-    if (lexer_.peek().is(":")) lexer_.take();
-    while (lexer_.peek().kind == DbcTokenKind::kWord && !lexer_.peek().is("BS_") &&
-           !lexer_.peek().is("BU_") && !lexer_.peek().is("BO_") && !lexer_.peek().is("SG_")) {
-      lexer_.take();
+    if (reader_.peek().is(":")) reader_.take();
+    while (reader_.peek().kind == DbcTokenKind::kWord && !reader_.peek().is("BS_") &&
+           !reader_.peek().is("BU_") && !reader_.peek().is("BO_") && !reader_.peek().is("SG_")) {
+      reader_.take();
     }
   }
 
-  /// To the semicolon, or to the next line that begins as a statement does (VERSION, BU_ and BS_ have no
-  /// semicolon).
-  void skip_statement(const DbcToken& keyword) {
-    DbcToken token = keyword;
-    while (token.kind != DbcTokenKind::kEnd) {
-      if (token.kind == DbcTokenKind::kUnterminatedString) return fail(token, "this string is never closed");
-      if (token.is(";")) return;
-      const DbcToken& next = lexer_.peek();
-      if (next.first_on_line && next.kind == DbcTokenKind::kWord && next.text.ends_with('_')) return;
-      token = lexer_.take();
-    }
-  }
-
-  void parse_message() {
+  void parse_message(const DbcToken& keyword) {
     DbcMessage message;
-    const auto id = take_number<std::uint32_t>("the message's identifier");
-    message.name = take_word("the message's name");
-    expect(":");
-    message.length = take_number<std::uint16_t>("the message's length in bytes");
-    take_word("the message's sender");
-    message.extended = (id & kExtendedFlag) != 0;
-    message.id = id & kIdMask;
-    if (error_) return;
-    independent_signals_ = id == kIndependentSignals;
+    const auto id = reader_.take_number<std::uint32_t>("the message's identifier");
+    message.name = reader_.take_word("the message's name");
+    reader_.expect(":");
+    message.length = reader_.take_number<std::uint16_t>("the message's length in bytes");
+    reader_.take_word("the message's sender");
+    message.extended = (id & kDbcExtendedFlag) != 0;
+    message.id = id & kDbcIdMask;
+    if (reader_.error()) return;
     has_message_ = true;
-    if (!independent_signals_) database_.messages.push_back(std::move(message));
+    independent_signals_ = id == kIndependentSignals;
+    if (independent_signals_) return;
+    if (!index_.add(id, database_.messages.size())) {
+      notes_.add(keyword.line, "message " + quoted(message.name) +
+                                   " has the identifier of a message above, " + std::to_string(id) +
+                                   "; what the file adds to that goes to the first");
+    }
+    message_lines_.push_back(keyword.line);
+    database_.messages.push_back(std::move(message));
   }
 
   void parse_signal(const DbcToken& keyword) {
-    if (!has_message_) return fail(keyword, "signal (SG_) before any message (BO_)");
+    if (!has_message_) return reader_.fail(keyword, "signal (SG_) before any message (BO_)");
     DbcSignal signal;
-    signal.name = take_word("the signal's name");
-    if (!lexer_.peek().is(":")) {
-      // "M" is the multiplexer itself and always there; "m3" and "m3M" are there when it says so.
-      signal.multiplexed = take_word("':' or a multiplexing mark").starts_with('m');
-    }
-    expect(":");
+    signal.name = reader_.take_word("the signal's name");
+    if (!reader_.peek().is(":")) parse_multiplexing(signal);
+    reader_.expect(":");
     parse_layout(signal);
-    expect("(");
-    signal.factor = take_number<double>("the factor");
-    expect(",");
-    signal.offset = take_number<double>("the offset");
-    expect(")");
-    expect("[");
-    signal.minimum = take_number<double>("the minimum");
-    expect("|");
-    signal.maximum = take_number<double>("the maximum");
-    expect("]");
-    signal.unit = take_string("the unit");
+    reader_.expect("(");
+    signal.factor = reader_.take_number<double>("the factor");
+    reader_.expect(",");
+    signal.offset = reader_.take_number<double>("the offset");
+    reader_.expect(")");
+    reader_.expect("[");
+    signal.minimum = reader_.take_number<double>("the minimum");
+    reader_.expect("|");
+    signal.maximum = reader_.take_number<double>("the maximum");
+    reader_.expect("]");
+    signal.unit = reader_.take_string("the unit");
     skip_receivers();
-    if (!error_ && !independent_signals_) database_.messages.back().signals.push_back(std::move(signal));
+    if (!reader_.error() && !independent_signals_) {
+      database_.messages.back().signals.push_back(std::move(signal));
+    }
+  }
+
+  /// "M" is the multiplexer itself and always there; "m3" is there when it says 3, "m3M" besides selects
+  /// others.
+  void parse_multiplexing(DbcSignal& signal) {
+    if (reader_.error()) return;
+    DbcToken mark = reader_.take();
+    const DbcToken whole = mark;
+    signal.multiplexer = mark.text.ends_with('M');
+    if (mark.kind == DbcTokenKind::kWord && mark.text == "M") return;
+    signal.multiplexed = mark.text.starts_with('m');
+    if (signal.multiplexed) mark.text.remove_prefix(1);
+    if (signal.multiplexer) mark.text.remove_suffix(1);
+    DbcRange range;
+    if (!signal.multiplexed || !parse_dbc_number(mark, range.first)) {
+      return reader_.fail_expected(whole, kMarkExpected);
+    }
+    range.last = range.first;
+    signal.selected_by.push_back(range);
   }
 
   /// start|length@order-and-sign, as "7|16@0-".
   void parse_layout(DbcSignal& signal) {
-    signal.start_bit = take_number<std::uint16_t>("the start bit");
-    expect("|");
-    const DbcToken length_token = lexer_.peek();
-    signal.length = take_number<std::uint16_t>("the length in bits");
-    if (!error_ && (signal.length == 0 || signal.length > kLongestSignal)) {
-      return fail(length_token, "a signal has 1 to 64 bits, not " + quoted(length_token.text));
+    signal.start_bit = reader_.take_number<std::uint16_t>("the start bit");
+    reader_.expect("|");
+    const DbcToken length_token = reader_.peek();
+    signal.length = reader_.take_number<std::uint16_t>("the length in bits");
+    if (reader_.error()) return;
+    if (signal.length == 0 || signal.length > kLongestSignal) {
+      return reader_.fail(length_token, "a signal has 1 to 64 bits, not " + quoted(length_token.text));
     }
-    expect("@");
-    const DbcToken order = lexer_.take();
+    reader_.expect("@");
+    if (reader_.error()) return;
+    const DbcToken order = reader_.take();
     const bool valid = order.text.size() == 2 && (order.text[0] == '0' || order.text[0] == '1') &&
                        (order.text[1] == '+' || order.text[1] == '-');
-    if (!valid)
-      return fail(order,
-                  "expected byte order and sign ('0+', '0-', '1+' or '1-'), found " + quoted(order.text));
+    if (!valid) return reader_.fail_expected(order, "byte order and sign ('0+', '0-', '1+' or '1-')");
     signal.little_endian = order.text[0] == '1';
     signal.is_signed = order.text[1] == '-';
   }
 
   void skip_receivers() {
-    while (lexer_.peek().kind != DbcTokenKind::kEnd && !lexer_.peek().first_on_line) lexer_.take();
+    while (!reader_.at_end() && !reader_.peek().first_on_line) reader_.take();
   }
 
   /// SIG_VALTYPE_ id signal : 1;
   void parse_value_type() {
-    const auto id = take_number<std::uint32_t>("the message's identifier");
-    const DbcToken name_token = lexer_.peek();
-    const std::string name = take_word("the signal's name");
-    if (lexer_.peek().is(":")) lexer_.take();
-    const auto type = take_number<int>("the value type (0, 1 or 2)");
-    expect(";");
-    if (error_ || type == 0) return;
-    const std::uint16_t length = type == 1 ? 32 : 64;
-    for (DbcMessage& message : database_.messages) {
-      if (message.id != (id & kIdMask) || message.extended != ((id & kExtendedFlag) != 0)) continue;
-      for (DbcSignal& signal : message.signals) {
-        if (signal.name != name) continue;
-        if (signal.length != length)
-          return fail(name_token, "floating-point signal " + quoted(name) + " has not 32 or 64 bits");
-        signal.value_type = type == 1 ? DbcValueType::kFloat32 : DbcValueType::kFloat64;
-      }
+    const auto id = reader_.take_number<std::uint32_t>("the message's identifier");
+    const DbcToken name_token = reader_.peek();
+    const std::string name = reader_.take_word("the signal's name");
+    if (reader_.peek().is(":")) reader_.take();
+    const DbcToken type_token = reader_.peek();
+    const auto type = reader_.take_number<int>("the value type (0 to 2)");
+    reader_.expect(";");
+    if (reader_.error() || type == 0) return;
+    if (type != 1 && type != 2) return reader_.fail_expected(type_token, "the value type (0 to 2)");
+    DbcSignal* signal = index_.find(database_, id, name);
+    if (signal == nullptr) {
+      return notes_.add(name_token.line, "value type (SIG_VALTYPE_) of a signal that is not in the file");
     }
+    if (signal->length != (type == 1 ? 32 : 64)) {
+      return reader_.fail(name_token, "floating-point signal " + quoted(name) + " has not 32 or 64 bits");
+    }
+    signal->value_type = type == 1 ? DbcValueType::kFloat32 : DbcValueType::kFloat64;
   }
 
-  template <class Number>
-  Number take_number(const char* what) {
-    if (error_) return Number{};
-    const DbcToken token = lexer_.take();
-    std::string_view text = token.text;
-    if (text.starts_with('+')) text.remove_prefix(1);
-    Number value{};
-    const auto [end, code] = std::from_chars(text.data(), text.data() + text.size(), value);
-    bool valid = token.kind == DbcTokenKind::kWord && code == std::errc{} && end == text.data() + text.size();
-    if constexpr (std::is_floating_point_v<Number>) valid = valid && std::isfinite(value);
-    if (!valid) fail(token, std::string("expected ") + what + ", found " + describe(token));
-    return value;
-  }
-
-  std::string take_word(const char* what) {
-    if (error_) return {};
-    const DbcToken token = lexer_.take();
-    if (token.kind != DbcTokenKind::kWord)
-      fail(token, std::string("expected ") + what + ", found " + describe(token));
-    return std::string(token.text);
-  }
-
-  std::string take_string(const char* what) {
-    if (error_) return {};
-    const DbcToken token = lexer_.take();
-    if (token.kind != DbcTokenKind::kString)
-      fail(token, std::string("expected ") + what + " in quotes, found " + describe(token));
-    return std::string(token.text);
-  }
-
-  void expect(std::string_view symbol) {
-    if (error_) return;
-    const DbcToken token = lexer_.take();
-    if (!token.is(symbol)) fail(token, "expected '" + std::string(symbol) + "', found " + describe(token));
-  }
-
-  static std::string describe(const DbcToken& token) {
-    return token.kind == DbcTokenKind::kEnd ? "the end of the file" : quoted(token.text);
-  }
-
-  void fail(const DbcToken& token, const std::string& what) {
-    if (!error_) error_ = Error{database_.path + ":" + std::to_string(token.line) + ": " + what};
-  }
-
-  DbcLexer lexer_;
+  DbcReader reader_;
   DbcDatabase database_;
-  std::optional<Error> error_;
+  DbcMessageIndex index_;
+  DbcAttributes attributes_;
+  DbcValueTables value_tables_;
+  DbcNotes notes_;
+  std::vector<int> message_lines_;
   bool has_message_ = false;
   bool independent_signals_ = false;
 };

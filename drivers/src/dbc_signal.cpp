@@ -88,6 +88,30 @@ std::size_t required_length(const DbcSignal& signal) {
   return (first + signal.length + 7U) / 8U;
 }
 
+bool is_selected(const DbcMessage& message, const DbcSignal& signal, std::span<const std::uint8_t> data) {
+  const DbcSignal* selected = &signal;
+  // As many steps as there are signals: a database not made by parse_dbc may go round in circles.
+  for (std::size_t step = 0; step <= message.signals.size(); ++step) {
+    if (!selected->multiplexed) return true;
+    if (!selected->selector || *selected->selector >= message.signals.size()) return false;
+    const DbcSignal& selector = message.signals[*selected->selector];
+    const std::optional<std::int64_t> raw = decode_raw(selector, data);
+    if (!raw) return false;
+    const auto value = static_cast<std::uint64_t>(*raw);
+    const bool matches =
+        std::any_of(selected->selected_by.begin(), selected->selected_by.end(),
+                    [value](const DbcRange& r) { return r.first <= value && value <= r.last; });
+    if (!matches) return false;
+    selected = &selector;
+  }
+  return false;
+}
+
+std::optional<double> decode_physical(const DbcMessage& message, const DbcSignal& signal,
+                                      std::span<const std::uint8_t> data) {
+  return is_selected(message, signal, data) ? decode_physical(signal, data) : std::nullopt;
+}
+
 std::optional<std::int64_t> decode_raw(const DbcSignal& signal, std::span<const std::uint8_t> data) {
   if (signal.length == 0 || signal.length > 64 || data.size() < required_length(signal)) return std::nullopt;
   std::uint64_t value =

@@ -1,11 +1,13 @@
-// Bytes as a candump log and as its lines.
+// Bytes as a candump log, as its lines, and as a capture.
 
+#include "nilio/drivers/can_capture.hpp"
 #include "nilio/drivers/candump.hpp"
 
 #include "fuzz_support.hpp"
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <string_view>
 
 namespace nilio::fuzz {
@@ -27,9 +29,7 @@ void check_line(std::string_view line) {
           "a line that was written reads back the same");
 }
 
-void read_log(std::span<const std::uint8_t> bytes) {
-  const MemoryFile file(bytes);
-  auto source = drivers::open_candump(file.path(), "");
+void read_all(core::Result<std::unique_ptr<drivers::FrameSource>> source) {
   if (!source) return;
   static std::array<drivers::CanFrame, 5> slots;
   std::uint64_t delivered = 0;
@@ -43,6 +43,15 @@ void read_log(std::span<const std::uint8_t> bytes) {
   require(!(*source)->status().empty(), "the status says something");
 }
 
+void read_file(std::span<const std::uint8_t> bytes) {
+  const MemoryFile file(bytes);
+  read_all(drivers::open_candump(file.path(), ""));
+  read_all(drivers::open_candump(file.path(), "can1"));
+  for (const char* interface_name : {"", "can0", "3"}) {
+    read_all(drivers::open_can_capture(file.path(), interface_name));
+  }
+}
+
 }  // namespace
 }  // namespace nilio::fuzz
 
@@ -53,6 +62,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     nilio::fuzz::check_line(rest.substr(0, length));
     rest.remove_prefix(std::min(length + 1, rest.size()));
   }
-  nilio::fuzz::read_log({data, size});
+  nilio::fuzz::read_file({data, size});
   return 0;
 }

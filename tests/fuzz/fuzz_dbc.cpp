@@ -11,7 +11,7 @@
 namespace nilio::fuzz {
 namespace {
 
-void check_signal(const drivers::DbcSignal& signal) {
+void check_signal(const drivers::DbcMessage& message, const drivers::DbcSignal& signal) {
   std::array<std::uint8_t, 64> payload{};
   for (std::size_t i = 0; i < payload.size(); ++i) payload[i] = static_cast<std::uint8_t>(37 * i + 11);
   const std::size_t needed = drivers::required_length(signal);
@@ -21,6 +21,10 @@ void check_signal(const drivers::DbcSignal& signal) {
     require(raw.has_value() == (length >= needed), "a signal decodes when the payload is long enough");
     const auto physical = drivers::decode_physical(signal, data);
     require(physical.has_value() == raw.has_value(), "raw and physical values come together");
+    const bool selected = drivers::is_selected(message, signal, data);
+    require(selected || signal.multiplexed, "what is not multiplexed is always selected");
+    require(drivers::decode_physical(message, signal, data).has_value() == (selected && physical.has_value()),
+            "a signal has a value in the frames that hold it");
     if (!physical || !drivers::encode_physical(signal, *physical, data)) continue;
     require(drivers::decode_raw(signal, data).has_value(), "what was encoded decodes");
   }
@@ -38,7 +42,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return 0;
   }
   for (const nilio::drivers::DbcMessage& message : database->messages) {
-    for (const nilio::drivers::DbcSignal& signal : message.signals) nilio::fuzz::check_signal(signal);
+    for (const nilio::drivers::DbcSignal& signal : message.signals)
+      nilio::fuzz::check_signal(message, signal);
   }
   return 0;
 }

@@ -154,6 +154,44 @@ void write_candump_seeds(const SeedFolder& folder) {
              "(1.000000) can0 7FF##3112233 R\n(2.000000) can1 20000080#0000000000000000\nbroken\n");
 }
 
+/// A CAN frame as it is captured, in network order.
+std::string captured_can(std::uint32_t id, const std::string& data, std::size_t size) {
+  const std::string length{static_cast<char>(data.size()), '\0', '\0', '\0'};
+  return tests::ByteText(true).u32(id).text(length).text(data).pad(size).bytes();
+}
+
+void write_can_capture_seeds(const SeedFolder& folder) {
+  const std::string frame = captured_can(0x123, "abcdef", 16);
+  const std::string flexible = captured_can(0x98765432U, std::string(48, 'f'), 72);
+  folder.add("socketcan",
+             tests::PcapText(tests::kLinkCan).packet(kStampNs, frame).packet(kStampNs + 1, flexible).bytes());
+  const std::string cooked =
+      tests::ByteText(true).u16(0x000C).u16(0).u32(3).u16(280).u16(0).u32(0).u32(0).text(frame).bytes();
+  folder.add("cooked", tests::PcapText(tests::kLinkCooked2).packet(kStampNs, cooked).bytes());
+  tests::PcapngText mixed;
+  mixed.interface(tests::kLinkEthernet).interface(tests::kLinkCan, mixed.option(2, "can0"));
+  folder.add("pcapng", mixed.packet(1, kStampNs / 1000, frame).packet(1, kStampNs / 1000, flexible).bytes());
+}
+
+/// As fuzz_imu reads them: preset, then for each frame message, data and step of time.
+void write_imu_seeds(const SeedFolder& folder) {
+  const std::vector<std::string> names = drivers::imu_preset_names();
+  for (std::size_t number = 0; number < names.size(); ++number) {
+    const auto preset = drivers::imu_preset(names[number]);
+    if (!preset) throw std::runtime_error(preset.error().message);
+    std::string input{static_cast<char>(number)};
+    for (std::uint8_t i = 0; i < 200; ++i) {
+      for (std::size_t m = 0; m < preset->database.messages.size(); ++m) {
+        std::string data(preset->database.messages[m].length, '\x40');
+        if (!data.empty()) data[0] = static_cast<char>(i);
+        if (data.size() > 6) data[6] = static_cast<char>(i % 16);
+        input += static_cast<char>(m) + data + static_cast<char>(m == 0 ? 40 : 2);
+      }
+    }
+    folder.add(names[number], input);
+  }
+}
+
 void write_telemetry_seeds(const SeedFolder& folder) {
   drivers::PositionPacket packet;
   packet.timestamp_us = 800'000'000;
@@ -192,7 +230,11 @@ void write_seed_folder(const fs::path& root, const std::string& target, const Wr
 void write_seeds(const fs::path& root, const fs::path& sources) {
   write_seed_folder(root, "packets", write_packet_seeds);
   write_seed_folder(root, "pcap", write_capture_seeds);
-  write_seed_folder(root, "candump", write_candump_seeds);
+  write_seed_folder(root, "candump", [](const SeedFolder& folder) {
+    write_candump_seeds(folder);
+    write_can_capture_seeds(folder);
+  });
+  write_seed_folder(root, "imu", write_imu_seeds);
   write_seed_folder(root, "calibration",
                     [&](const SeedFolder& folder) { folder.add_files(sources / "config/calibration"); });
   write_seed_folder(root, "telemetry", write_telemetry_seeds);

@@ -132,7 +132,7 @@ TEST_CASE("what files of the field contain is read or passed over") {
   CHECK(message.signals[1].factor == 1e-5);
   CHECK(message.signals[1].offset == 3.0);
   CHECK(message.signals[1].minimum == -150.0);
-  CHECK(message.signals[1].unit == "\xB0/s");
+  CHECK(message.signals[1].unit == "\xC2\xB0/s");
   CHECK(message.signals[2].multiplexed);
   CHECK(database->messages[1].name == "Empty");
   CHECK(database->find("Lost") == nullptr);
@@ -168,24 +168,4 @@ TEST_CASE("every beginning of a DBC file is read or refused") {
   }
   CHECK(refused > 0);
   CHECK(parse_dbc(text, "whole.dbc").ok());
-}
-
-TEST_CASE("real DBC files are read whole") {
-  NILIO_REQUIRE_DATA(folder, "can");
-  const auto xsens = load_dbc((folder / "xsens_mti.dbc").string());
-  REQUIRE(xsens.ok());
-  const DbcSignal* acceleration = xsens->find("Acceleration", "accZ");
-  REQUIRE(acceleration != nullptr);
-  CHECK(acceleration->factor == 0.00390625);
-  CHECK(xsens->find("VECTOR__INDEPENDENT_SIG_MSG") == nullptr);
-  const auto sbg = load_dbc((folder / "sbg_ellipse.dbc").string());
-  REQUIRE(sbg.ok());
-  CHECK(sbg->messages.size() > 20);
-  const auto toyota = load_dbc((folder / "toyota_2017.dbc").string());
-  REQUIRE(toyota.ok());
-  const DbcSignal* yaw_rate = toyota->find("KINEMATICS", "YAW_RATE");
-  REQUIRE(yaw_rate != nullptr);
-  CHECK(yaw_rate->start_bit == 1);
-  CHECK(yaw_rate->length == 10);
-  CHECK_FALSE(yaw_rate->little_endian);
 }

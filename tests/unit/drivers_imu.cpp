@@ -2,6 +2,7 @@
 #include "nilio/drivers/nearest_name.hpp"
 
 #include "drivers_support.hpp"
+#include "imu_support.hpp"
 
 #include <numbers>
 
@@ -9,36 +10,12 @@
 
 using namespace nilio;
 using namespace nilio::drivers;
+using namespace nilio::tests;
 using Catch::Matchers::Contains;
 
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-
-ImuPreset preset_of(const char* name) {
-  auto preset = imu_preset(name);
-  REQUIRE(preset.ok());
-  return *preset;
-}
-
-ImuDecoder decoder_of(const ImuPreset& preset) {
-  auto decoder = ImuDecoder::create(preset.mapping, preset.database);
-  REQUIRE(decoder.ok());
-  return *decoder;
-}
-
-CanFrame frame_of(std::uint32_t id, const std::vector<std::uint8_t>& data, std::int64_t stamp_ns) {
-  CanFrame frame;
-  frame.stamp.ns = stamp_ns;
-  frame.id = id;
-  frame.length = static_cast<std::uint8_t>(data.size());
-  std::copy(data.begin(), data.end(), frame.data.begin());
-  return frame;
-}
-
-std::vector<std::uint8_t> bytes_of(const CanFrame& frame) {
-  return {frame.data.begin(), frame.data.begin() + frame.length};
-}
 
 const std::vector<std::uint8_t> kXsensRate{0x01, 0x00, 0xFF, 0x80, 0x02, 0x00};
 const std::vector<std::uint8_t> kXsensAcceleration{0x00, 0x00, 0x00, 0x00, 0x09, 0xCF};
@@ -159,7 +136,7 @@ TEST_CASE("signals that cannot serve are refused when the decoder is made") {
   for (auto* axes : {&mapping.angular_velocity, &mapping.linear_acceleration}) axes->fill({"M", "a", 1.0});
   CHECK(ImuDecoder::create(mapping, *database).ok());
   mapping.angular_velocity[2].signal = "b";
-  CHECK_THAT(ImuDecoder::create(mapping, *database).error().message, Contains("multiplexed"));
+  CHECK_THAT(ImuDecoder::create(mapping, *database).error().message, Contains("no multiplexer"));
   mapping.angular_velocity[2].signal = "c";
   CHECK_THAT(ImuDecoder::create(mapping, *database).error().message, Contains("does not fit"));
   mapping.angular_velocity[2] = {"M", "a", 0.0};

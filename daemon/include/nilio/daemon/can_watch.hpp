@@ -34,7 +34,7 @@ struct CanTraffic {
 /// Hands on the frames of another source and counts them on the way.
 class WatchedFrames final : public drivers::FrameSource {
  public:
-  WatchedFrames(std::unique_ptr<drivers::FrameSource> source, drivers::ImuDecoder decoder,
+  WatchedFrames(std::unique_ptr<drivers::FrameSource> source, drivers::ImuFrameFilter filter,
                 std::shared_ptr<CanTraffic> traffic);
   drivers::SourceRead read(std::span<drivers::CanFrame> slots, core::Duration timeout) override;
   [[nodiscard]] drivers::SourceStats stats() const override { return source_->stats(); }
@@ -43,7 +43,7 @@ class WatchedFrames final : public drivers::FrameSource {
  private:
   std::unique_ptr<drivers::FrameSource> source_;
   /// Only asked which identifiers are the IMU's.
-  const drivers::ImuDecoder decoder_;
+  const drivers::ImuFrameFilter filter_;
   std::shared_ptr<CanTraffic> traffic_;
 };
 

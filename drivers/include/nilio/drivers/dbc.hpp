@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -14,7 +15,19 @@ namespace nilio::drivers {
 /// What the raw bits of a signal are (SIG_VALTYPE_).
 enum class DbcValueType { kInteger, kFloat32, kFloat64 };
 
-/// One signal of a DBC message: physical = raw * factor + offset.
+/// Raw values of a multiplexer, both ends included.
+struct DbcRange {
+  std::uint64_t first = 0;
+  std::uint64_t last = 0;
+};
+
+/// What a raw value means (VAL_).
+struct DbcValueName {
+  std::int64_t raw = 0;
+  std::string name;
+};
+
+/// One signal of a DBC message: physical = raw * factor + offset. Texts are UTF-8, whatever the file has.
 struct DbcSignal {
   std::string name;
   /// Bit 8 * byte + bit (bit 0 = least significant): of the least significant bit of a little-endian (Intel)
@@ -24,39 +37,68 @@ struct DbcSignal {
   bool little_endian = true;
   bool is_signed = false;
   DbcValueType value_type = DbcValueType::kInteger;
-  /// Present only in the frames that a multiplexer signal selects. Which ones is not kept.
+  /// Its raw value says which other signals a frame holds (M, m3M).
+  bool multiplexer = false;
+  /// Present only in the frames that a multiplexer selects (m3, m3M, SG_MUL_VAL_).
   bool multiplexed = false;
+  /// The multiplexer of a multiplexed signal, counted in DbcMessage::signals. Nothing when the message has
+  /// none: then no frame has the signal.
+  std::optional<std::size_t> selector;
+  /// Values of the multiplexer with which this signal is there.
+  std::vector<DbcRange> selected_by;
   double factor = 1.0;
   double offset = 0.0;
+  /// Physical limits; both zero = none.
   double minimum = 0.0;
   double maximum = 0.0;
   std::string unit;
+  std::vector<DbcValueName> values;
+  std::string comment;
 };
 
 struct DbcMessage {
   std::uint32_t id = 0;
   bool extended = false;
   std::string name;
+  /// Bytes; more than 64 in messages that a transport protocol cuts into several frames.
   std::uint16_t length = 0;
   std::vector<DbcSignal> signals;
+  /// VFrameFormat says CAN FD.
+  bool flexible_data_rate = false;
+  /// VFrameFormat says J1939: the last byte of the identifier is the sender's address, and any is meant.
+  bool j1939 = false;
+  /// GenMsgCycleTime; 0 = not known.
+  double cycle_ms = 0.0;
+  std::string comment;
 };
 
 struct DbcDatabase {
   std::string path;
   std::vector<DbcMessage> messages;
+  /// What the file says that is not used, or that cannot be right, with its line: for a person.
+  std::vector<std::string> notes;
 
   [[nodiscard]] const DbcMessage* find(std::string_view message_name) const;
   [[nodiscard]] const DbcSignal* find(std::string_view message_name, std::string_view signal_name) const;
 };
 
-/// Messages, signals and value types are read; every other statement is passed over. Errors name file, line
-/// and token. `path` is only for messages in parse_dbc.
+/// Reads messages, signals, value types, multiplexing, value tables, comments, and of the attributes
+/// GenMsgCycleTime and VFrameFormat. Statements that are not used are named in the notes. Errors name file,
+/// line, token and what was expected there. `path` is only for messages in parse_dbc.
 core::Result<DbcDatabase> parse_dbc(std::string_view text, const std::string& path);
 core::Result<DbcDatabase> load_dbc(const std::string& path);
 
 /// Bytes a payload must have to hold the signal.
 std::size_t required_length(const DbcSignal& signal);
 
+/// True when the multiplexers above the signal select it in this payload, and always for signals that are not
+/// multiplexed. `signal` is one of the message's.
+bool is_selected(const DbcMessage& message, const DbcSignal& signal, std::span<const std::uint8_t> data);
+/// Nothing, too, when the signal is not selected in this payload.
+std::optional<double> decode_physical(const DbcMessage& message, const DbcSignal& signal,
+                                      std::span<const std::uint8_t> data);
+
+/// For signals that are in every frame, or known to be in this one.
 /// Nothing when the payload is too short for the signal. Exact to the DBC's bit numbering. An unsigned signal
 /// of 64 bits comes as the two's complement of the same bits, a floating-point signal as its bit pattern.
 std::optional<std::int64_t> decode_raw(const DbcSignal& signal, std::span<const std::uint8_t> data);

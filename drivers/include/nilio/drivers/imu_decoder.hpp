@@ -3,99 +3,100 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/scan.hpp"
 #include "nilio/drivers/dbc.hpp"
+#include "nilio/drivers/imu_mapping.hpp"
 #include "nilio/drivers/packet.hpp"
 
-#include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
-#include <string>
-#include <string_view>
 #include <vector>
 
 namespace nilio::drivers {
 
-/// One axis of the IMU: which DBC signal carries it and how to bring it to SI units and the IMU's x-forward,
-/// y-left, z-up axes: value = scale * physical.
-struct ImuAxis {
-  std::string message;
-  std::string signal;
-  double scale = 1.0;
-};
-
-struct ImuMapping {
-  std::string name;
-  std::array<ImuAxis, 3> angular_velocity;     ///< to rad/s
-  std::array<ImuAxis, 3> linear_acceleration;  ///< to m/s^2, specific force
-};
-
 struct ImuDecoderStats {
   std::uint64_t frames = 0;        ///< frames that carry a mapped signal
   std::uint64_t other_frames = 0;  ///< ids that are not mapped
-  std::uint64_t short_frames =
-      0;  ///< payload shorter than a mapped signal, or a value that is no number: dropped
+  /// Of the identifiers mapped, but of a J1939 sender other than the one taken.
+  std::uint64_t other_sources = 0;
+  /// Payload shorter than a mapped signal, or a value that is no number: dropped.
+  std::uint64_t short_frames = 0;
   std::uint64_t incomplete = 0;  ///< sample groups closed before all signals had arrived
   std::uint64_t samples = 0;
-  std::uint64_t out_of_order = 0;  ///< stamps that went back: dropped
+  std::uint64_t out_of_order = 0;  ///< stamps that went back, or that are no time: dropped
+  /// The device's counter says that they were sent, and they did not come out of here whole.
+  std::uint64_t lost_samples = 0;
+  std::uint64_t bad_status = 0;  ///< the device says that they are bad: dropped
+  std::uint64_t invalid = 0;     ///< raw values that say "error" or "not available": dropped
+  std::uint64_t repeated = 0;    ///< the device's counter or clock stood: dropped
+  /// Beyond the same six values more than 100 times in a row: passed on, since a still, coarse IMU does so,
+  /// too.
+  std::uint64_t frozen = 0;
+  std::uint64_t saturated = 0;  ///< a value at the limit of its bits or of the device: passed on
+  /// Intervals of more than one and a half times the usual one.
+  std::uint64_t gaps = 0;
+  core::Duration longest_gap;
+  std::uint64_t device_stamped = 0;  ///< samples that have their time from the device's clock
+  std::uint64_t clock_jumps = 0;     ///< of the device's clock or the host's, one against the other
+};
+
+/// Tells which frames carry an IMU's signals; a value of its own, for other threads than the decoder's.
+class ImuFrameFilter {
+ public:
+  struct Identifier {
+    std::uint32_t id = 0;
+    bool extended = false;
+    /// From any source address.
+    bool j1939 = false;
+  };
+
+  explicit ImuFrameFilter(std::vector<Identifier> identifiers) : identifiers_(std::move(identifiers)) {}
+  [[nodiscard]] bool takes(const CanFrame& frame) const;
+  /// "0x32, 0x1ABCDEF0".
+  [[nodiscard]] std::string text() const;
+
+ private:
+  std::vector<Identifier> identifiers_;
 };
 
 /// Groups frames into samples: a sample is complete when each mapped signal has arrived once; a signal that
-/// arrives twice before that closes the group as incomplete. When the frames of a group come far apart and
-/// close to the next group's, the grouping has slipped (a frame was lost): it is put right, and the frames
-/// left over count as incomplete. The sample's time is that of its first frame. One thread; no allocation.
+/// arrives twice before that closes the group as incomplete, and so does a frame with another counter.
+/// Without a counter, when the frames of a group come far apart and close to the next group's, the grouping
+/// has slipped (a frame was lost): it is put right, and the frames left over count as incomplete.
+///
+/// The sample's time is what the device says, fitted onto the times of arrival (offset and drift), or else
+/// the stamp of the group's first frame. One thread; nothing is allocated after creation.
 class ImuDecoder {
  public:
   /// Fails when a mapped message or signal is not in the database, naming it, the file and the nearest name
-  /// there is.
+  /// there is, and when the device lacks one of the six axes, naming it.
   static core::Result<ImuDecoder> create(const ImuMapping& mapping, const DbcDatabase& database);
+  /// For inspection: axes that the device lacks are not numbers (NaN) in the samples. At least one must be
+  /// there.
+  static core::Result<ImuDecoder> create_partial(const ImuMapping& mapping, const DbcDatabase& database);
+
+  ImuDecoder(ImuDecoder&&) noexcept;
+  ImuDecoder& operator=(ImuDecoder&&) noexcept;
+  ImuDecoder(const ImuDecoder&) = delete;
+  ImuDecoder& operator=(const ImuDecoder&) = delete;
+  ~ImuDecoder();
 
   std::optional<core::ImuSample> add(const CanFrame& frame);
-  /// The frame's identifier is mapped. Any thread.
-  [[nodiscard]] bool takes(const CanFrame& frame) const { return route_of(frame) != nullptr; }
-  /// The mapped identifiers as "0x32, 0x1ABCDEF0".
-  [[nodiscard]] std::string identifiers() const;
-  [[nodiscard]] const ImuDecoderStats& stats() const { return stats_; }
+  /// The frames that add() looks at.
+  [[nodiscard]] ImuFrameFilter frame_filter() const;
+  [[nodiscard]] const ImuDecoderStats& stats() const;
+  /// The latest, in degrees Celsius; nothing where the device sends none.
+  [[nodiscard]] std::optional<double> temperature_degc() const;
 
  private:
-  struct Axis {
-    DbcSignal signal;
-    double scale = 1.0;
-    /// 0..2 angular velocity, 3..5 linear acceleration.
-    std::size_t component = 0;
-  };
-  struct Route {
-    std::uint32_t id = 0;
-    bool extended = false;
-    std::vector<Axis> axes;
-    unsigned mask = 0;
-  };
-
-  ImuDecoder() = default;
-  [[nodiscard]] const Route* route_of(const CanFrame& frame) const;
-  bool begins_after_slip(const CanFrame& frame);
-  std::optional<core::ImuSample> complete(core::Time stamp);
-
-  std::vector<Route> routes_;
-  ImuDecoderStats stats_;
-  std::array<double, 6> values_{};
-  unsigned present_ = 0;
-  core::Time group_start_;
-  /// Of the last complete group.
-  core::Time last_start_;
-  core::Time last_end_;
-  bool has_sample_ = false;
-  int slipped_groups_ = 0;
+  struct State;
+  explicit ImuDecoder(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
 };
-
-/// Built-in IMUs: "xsens_mti", "oxts_rt3003". The DBC texts are those under config/dbc.
-struct ImuPreset {
-  ImuMapping mapping;
-  DbcDatabase database;
-};
-core::Result<ImuPreset> imu_preset(std::string_view name);
-std::vector<std::string> imu_preset_names();
 
 /// The inverse of decoding, for simulation and conversion: the frames (in mapping order, grouped by message)
-/// that carry one sample, all stamped with the sample's time.
-std::vector<CanFrame> encode_imu_sample(const core::ImuSample& sample, const ImuPreset& preset);
+/// that carry one sample, all stamped with the sample's time. Status, time and counter are set where they are
+/// in the same messages as the axes; the counter is `number`, or the stamp in cycles of the message.
+std::vector<CanFrame> encode_imu_sample(const core::ImuSample& sample, const ImuPreset& preset,
+                                        std::optional<std::uint64_t> number = std::nullopt);
 
 }  // namespace nilio::drivers
