@@ -83,8 +83,7 @@ WatchedFrames::WatchedFrames(std::unique_ptr<drivers::FrameSource> source, drive
 
 drivers::SourceRead WatchedFrames::read(std::span<drivers::CanFrame> slots, core::Duration timeout) {
   const drivers::SourceRead read = source_->read(slots, timeout);
-  for (const drivers::CanFrame& frame : slots.first(read.count))
-    traffic_->count(frame, filter_.takes(frame));
+  for (const drivers::CanFrame& frame : slots.first(read.count)) traffic_->count(frame, filter_.takes(frame));
   return read;
 }
 
@@ -167,8 +166,8 @@ core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuD
   auto traffic = std::make_shared<CanTraffic>();
   LiveCan live;
   live.frames = std::make_unique<WatchedFrames>(std::move(source).value(), decoder.frame_filter(), traffic);
-  live.watch =
-      std::make_unique<CanWatch>(std::move(controller).value(), std::move(traffic), decoder.frame_filter().text());
+  live.watch = std::make_unique<CanWatch>(std::move(controller).value(), std::move(traffic),
+                                          decoder.frame_filter().text());
   return live;
 }
 

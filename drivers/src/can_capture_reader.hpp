@@ -1,8 +1,7 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
-
-#include "capture_reader.hpp"
+#include "nilio/drivers/capture_reader.hpp"
 
 #include <array>
 #include <cstdint>
