@@ -1,6 +1,6 @@
 #include "nilio/drivers/can_controller.hpp"
 
-#include "can_monitor.hpp"
+#include "../../drivers/src/can_monitor.hpp"
 
 #include <linux/can/netlink.h>
 #include <unistd.h>
