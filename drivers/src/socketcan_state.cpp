@@ -63,15 +63,18 @@ bool has_controller(const CanInterfaceState& state) {
   return state.is_can && state.driver != "vcan" && state.driver != "vxcan";
 }
 
-void ask_driver(const std::string& name, CanInterfaceState& state) {
+void ask_driver(const std::string& name, const CanInterfaceState& last, CanInterfaceState& state) {
   int controller = 0;
   can_bittiming timing{};
   std::uint32_t restart_ms = 0;
   can_device_stats statistics{};
   if (can_get_state(name.c_str(), &controller) != 0) return;
   state.controller = controller;
-  // Before it is set for the first time there is none, which libsocketcan complains about.
-  if (state.up && can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
+  if (state.up && last.up && last.index == state.index) {
+    state.bitrate = last.bitrate;
+  } else if (state.up && can_get_bittiming(name.c_str(), &timing) == 0) {
+    state.bitrate = timing.bitrate;
+  }
   if (can_get_restart_ms(name.c_str(), &restart_ms) == 0) state.restart_ms = restart_ms;
   if (can_get_device_stats(name.c_str(), &statistics) == 0) state.bus_offs = statistics.bus_off;
 }
@@ -109,10 +112,10 @@ bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate) {
   return std::abs(difference) * 20 <= bitrate;
 }
 
-CanInterfaceState look_at_can_interface(const std::string& name) {
+CanInterfaceState look_at_can_interface(const std::string& name, const CanInterfaceState& last) {
   CanInterfaceState state = look_from_outside(name);
   if (!has_controller(state)) return state;
-  ask_driver(name, state);
+  ask_driver(name, last, state);
   // No answer is mostly that of an interface that has just gone.
   return state.controller ? state : look_from_outside(name);
 }

@@ -28,8 +28,10 @@ struct CanInterfaceState {
 /// off.
 bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate);
 
-/// May not come back, see `silent`: only for a thread that can be left behind.
-CanInterfaceState look_at_can_interface(const std::string& name);
+/// May not come back, see `silent`: only for a thread that can be left behind. The bit rate is taken from
+/// `last` while the interface is up: it cannot change then, and libsocketcan complains on standard error
+/// where the driver does not know it.
+CanInterfaceState look_at_can_interface(const std::string& name, const CanInterfaceState& last = {});
 
 /// The same, waiting at most 0.3 s. Any thread.
 CanInterfaceState query_can_interface(const std::string& name);

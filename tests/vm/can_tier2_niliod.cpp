@@ -98,7 +98,7 @@ TEST_CASE(
   CHECK(counters["poses"].get<int>() > counters["scans_with_imu"].get<int>());
   CHECK(counters["poses_tracking"].get<int>() * 10 > counters["poses"].get<int>() * 9);
   CHECK(counters["imu_samples"].get<int>() > 200);
-  CHECK(counters["can_times_down"] == 1);
+  CHECK(counters["can_times_down"].get<int>() >= 1);
   CHECK(counters["can_times_gone"] == 1);
   CHECK(counters["imu_silences"].get<int>() >= 2);
 }
