@@ -21,7 +21,7 @@ constexpr std::chrono::milliseconds kLookPeriod{100};
 /// Far more than any driver takes and a starved thread waits: that frames are missing is known sooner.
 constexpr std::chrono::seconds kLongestSilence{10};
 constexpr std::chrono::milliseconds kLongestGoodbye{300};
-/// Threads left behind in libsocketcan, each with a socket, before giving up.
+/// Threads left behind before giving up.
 constexpr unsigned kMostHelpers = 8;
 /// Events of a caller that does not take them.
 constexpr std::size_t kMostEvents = 64;
@@ -79,7 +79,7 @@ void CanController::start_helper() {
   std::thread(run, shared_, ++shared_->generation).detach();
 }
 
-/// The lock is never held while libsocketcan is asked.
+/// The lock is never held while the kernel is asked.
 void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generation) {
   using Action = CanMonitor::Action;
   const CanControllerConfig& config = shared->config;
@@ -88,7 +88,7 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
   std::unique_lock lock(shared->mutex);
   while (goes_on()) {
     lock.unlock();
-    seen = look_at_can_interface(config.interface_name, seen);
+    seen = look_at_can_interface(config.interface_name);
     lock.lock();
     if (!goes_on()) break;
     shared->last_sign = Clock::now();
