@@ -6,6 +6,7 @@
 #include <condition_variable>
 #include <cstdlib>
 #include <cstring>
+#include <linux/can/netlink.h>
 #include <linux/ethtool.h>
 #include <linux/sockios.h>
 #include <memory>
