@@ -11,8 +11,16 @@ packages=(
 )
 if [[ ${1:-} == --tests ]]; then
   packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy xz-utils procps clang-format-14 clang-tidy-14
-    clang-14 libclang-rt-14-dev)
+    clang-14 libclang-rt-14-dev
+    user-mode-linux busybox-static qemu-system-x86 cpio kmod)
 fi
+
+# The kernel that tests/vm boots is not installed, only unpacked; without it those tests are skipped.
+finish() {
+  [[ ${1:-} == --tests ]] || return 0
+  "$(dirname "$0")/../tests/vm/tier3_prepare.sh" "$(dirname "$0")/../build/vm" ||
+    echo "setup: the kernel for tests/vm cannot be had; its tests will be skipped" >&2
+}
 
 missing=()
 for package in "${packages[@]}"; do
@@ -21,6 +29,7 @@ for package in "${packages[@]}"; do
 done
 if ((${#missing[@]} == 0)); then
   echo "setup: all packages are installed"
+  finish "$@"
   exit 0
 fi
 
@@ -33,3 +42,4 @@ echo "setup: installing ${missing[*]}"
 export DEBIAN_FRONTEND=noninteractive
 "${as_root[@]}" apt-get update -q
 "${as_root[@]}" apt-get install -q -y --no-install-recommends "${missing[@]}"
+finish "$@"

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets up, builds and passes the tests.
-#   test.sh            release build, all tests, the sanitizer runs, and a short run of every fuzz target
+#   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), the sanitizer runs, and a short run
+#                      of every fuzz target
 #   test.sh --quick    release build and its tests only
 set -euo pipefail
 cd "$(dirname "$0")/.."

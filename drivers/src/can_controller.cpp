@@ -18,10 +18,10 @@ using Clock = std::chrono::steady_clock;
 namespace {
 
 constexpr std::chrono::milliseconds kLookPeriod{100};
-/// Setting up an adapter on a serial line takes some 100 ms.
-constexpr std::chrono::seconds kLongestSilence{3};
+/// Far more than any driver takes and a starved thread waits: that frames are missing is known sooner.
+constexpr std::chrono::seconds kLongestSilence{10};
 constexpr std::chrono::milliseconds kLongestGoodbye{300};
-/// Threads left behind in libsocketcan, each with a socket, before giving up.
+/// Threads left behind before giving up.
 constexpr unsigned kMostHelpers = 8;
 /// Events of a caller that does not take them.
 constexpr std::size_t kMostEvents = 64;
@@ -79,15 +79,16 @@ void CanController::start_helper() {
   std::thread(run, shared_, ++shared_->generation).detach();
 }
 
-/// The lock is never held while libsocketcan is asked.
+/// The lock is never held while the kernel is asked.
 void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generation) {
   using Action = CanMonitor::Action;
   const CanControllerConfig& config = shared->config;
   const auto goes_on = [&] { return !shared->stop && shared->generation == generation; };
+  CanInterfaceState seen;
   std::unique_lock lock(shared->mutex);
   while (goes_on()) {
     lock.unlock();
-    const CanInterfaceState seen = look_at_can_interface(config.interface_name);
+    seen = look_at_can_interface(config.interface_name);
     lock.lock();
     if (!goes_on()) break;
     shared->last_sign = Clock::now();
@@ -97,11 +98,11 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
       if (action == Action::kSetUp)
         set_up_can_interface(config.interface_name, config.bitrate, config.restart_ms);
       if (action == Action::kRestart) restart_can_controller(config.interface_name, seen.driver);
-      const CanInterfaceState after = look_at_can_interface(config.interface_name);
+      seen = look_at_can_interface(config.interface_name);
       lock.lock();
       if (!goes_on()) break;
       shared->last_sign = Clock::now();
-      if (action == Action::kSetUp) shared->monitor.set_up_result(after);
+      if (action == Action::kSetUp) shared->monitor.set_up_result(seen);
     }
     for (CanEvent& event : shared->monitor.take_events())
       if (shared->events.size() < kMostEvents) shared->events.push_back(std::move(event));

@@ -98,7 +98,7 @@ CanMonitor::Action CanMonitor::observe(const CanInterfaceState& seen, std::int64
 void CanMonitor::count_absences(const CanInterfaceState& seen, CanBusState before) {
   const bool known = before != CanBusState::kUnknown;
   if (known && status_.state != before && status_.state == CanBusState::kGone) ++status_.times_gone;
-  if (known && status_.state != before && seen.is_can && !seen.up) ++status_.times_down;
+  if (known && before < CanBusState::kDown && seen.is_can && !seen.up) ++status_.times_down;
   if (!seen.is_can) return;
   if (before != CanBusState::kGone && index_ != 0 && seen.index != index_) {
     ++status_.times_gone;

@@ -18,14 +18,6 @@ bool lacks_restart(const std::string& driver) {
   return driver.empty() || driver == "can" || driver == "gs_usb" || driver == "slcan";
 }
 
-/// Also of an interface that is down.
-bool is_set_to(const std::string& name, std::uint32_t bitrate) {
-  can_bittiming timing{};
-  CanInterfaceState state;
-  if (can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
-  return runs_at(state, bitrate);
-}
-
 }  // namespace
 
 bool may_set_up_interfaces() {
@@ -42,7 +34,7 @@ void set_up_can_interface(const std::string& name, std::uint32_t bitrate, std::u
   if (!runs_at(before, bitrate)) can_set_bitrate(name.c_str(), bitrate);
   const bool restarts = restart_ms == 0 || !lacks_restart(before.driver);
   if (restarts && before.restart_ms != restart_ms) can_set_restart_ms(name.c_str(), restart_ms);
-  if (before.up || is_set_to(name, bitrate)) can_do_start(name.c_str());
+  if (before.up || runs_at(look_at_can_interface(name), bitrate)) can_do_start(name.c_str());
 }
 
 void restart_can_controller(const std::string& name, const std::string& driver) {

@@ -1,9 +1,12 @@
 #include "socketcan_state.hpp"
 
+#include "can_link_query.hpp"
+
 #include <chrono>
 #include <condition_variable>
 #include <cstdlib>
 #include <cstring>
+#include <linux/can/netlink.h>
 #include <linux/ethtool.h>
 #include <linux/sockios.h>
 #include <memory>
@@ -14,8 +17,6 @@
 #include <sys/socket.h>
 #include <thread>
 #include <unistd.h>
-
-#include <libsocketcan.h>
 
 namespace nilio::drivers {
 namespace {
@@ -58,24 +59,6 @@ CanInterfaceState look_from_outside(const std::string& name) {
   return state;
 }
 
-/// Virtual interfaces have no controller, and libsocketcan complains about them on standard error.
-bool has_controller(const CanInterfaceState& state) {
-  return state.is_can && state.driver != "vcan" && state.driver != "vxcan";
-}
-
-void ask_driver(const std::string& name, CanInterfaceState& state) {
-  int controller = 0;
-  can_bittiming timing{};
-  std::uint32_t restart_ms = 0;
-  can_device_stats statistics{};
-  if (can_get_state(name.c_str(), &controller) != 0) return;
-  state.controller = controller;
-  // Before it is set for the first time there is none, which libsocketcan complains about.
-  if (state.up && can_get_bittiming(name.c_str(), &timing) == 0) state.bitrate = timing.bitrate;
-  if (can_get_restart_ms(name.c_str(), &restart_ms) == 0) state.restart_ms = restart_ms;
-  if (can_get_device_stats(name.c_str(), &statistics) == 0) state.bus_offs = statistics.bus_off;
-}
-
 struct Answer {
   std::mutex mutex;
   std::condition_variable arrived;
@@ -111,17 +94,15 @@ bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate) {
 
 CanInterfaceState look_at_can_interface(const std::string& name) {
   CanInterfaceState state = look_from_outside(name);
-  if (!has_controller(state)) return state;
-  ask_driver(name, state);
-  // No answer is mostly that of an interface that has just gone.
-  return state.controller ? state : look_from_outside(name);
+  if (state.is_can) ask_can_driver(state);
+  return state;
 }
 
-/// A thread of its own asks and is left behind when it does not come back. Thread and waiter share the
-/// answer.
+/// The kernel answers one question at a time, and a driver in trouble can keep it busy: a thread of its own
+/// asks and is left to itself when it takes longer. Thread and waiter share the answer.
 CanInterfaceState query_can_interface(const std::string& name) {
   CanInterfaceState outside = look_from_outside(name);
-  if (!has_controller(outside)) return outside;
+  if (!outside.is_can) return outside;
   const auto answer = std::make_shared<Answer>();
   std::thread([name, answer] {
     const CanInterfaceState state = look_at_can_interface(name);

@@ -12,12 +12,11 @@ struct CanInterfaceState {
   /// ARPHRD_CAN. Nothing else may be given to libsocketcan: it would stop a network card, too.
   bool is_can = false;
   bool up = false;
-  /// The driver was asked before and has not answered: libsocketcan waits for ever for a device that was
-  /// unplugged at the wrong moment.
+  /// The kernel has not answered in time.
   bool silent = false;
   unsigned index = 0;
   std::string driver{};
-  /// enum can_state, bit/s (while up), ms and the driver's count; nothing for virtual interfaces.
+  /// enum can_state, bit/s, ms and the driver's count; nothing for virtual interfaces.
   std::optional<int> controller{};
   std::optional<std::uint32_t> bitrate{};
   std::optional<std::uint32_t> restart_ms{};
@@ -28,7 +27,7 @@ struct CanInterfaceState {
 /// off.
 bool runs_at(const CanInterfaceState& state, std::uint32_t bitrate);
 
-/// May not come back, see `silent`: only for a thread that can be left behind.
+/// Waits for the kernel, which a driver in trouble can keep busy: not for real-time threads.
 CanInterfaceState look_at_can_interface(const std::string& name);
 
 /// The same, waiting at most 0.3 s. Any thread.

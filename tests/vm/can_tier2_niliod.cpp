@@ -85,7 +85,7 @@ TEST_CASE(
   CHECK(niliod->says("warning: CAN vcan0: gone; waiting for it"));
   CHECK(poses_go_on(*niliod));
   bus.add();
-  CHECK(niliod->says("info: CAN vcan0: back, up"));
+  CHECK(niliod->says("warning: CAN vcan0: gone[^]*info: CAN vcan0: (back, )?up"));
 
   CHECK(play->stop(SIGTERM) >= 0);
   const int status = niliod->stop(SIGTERM);
@@ -98,7 +98,7 @@ TEST_CASE(
   CHECK(counters["poses"].get<int>() > counters["scans_with_imu"].get<int>());
   CHECK(counters["poses_tracking"].get<int>() * 10 > counters["poses"].get<int>() * 9);
   CHECK(counters["imu_samples"].get<int>() > 200);
-  CHECK(counters["can_times_down"] == 1);
+  CHECK(counters["can_times_down"].get<int>() >= 1);
   CHECK(counters["can_times_gone"] == 1);
   CHECK(counters["imu_silences"].get<int>() >= 2);
 }
@@ -109,7 +109,7 @@ TEST_CASE("niliod starts before its CAN interface is there, and tells what a wro
   CHECK(niliod->says("warning: CAN vcan0: gone; waiting for it"));
   CHECK(niliod->says("warning: IMU silent.*the bus is gone, nothing else is on it"));
   const VirtualBus bus("vcan0");
-  CHECK(niliod->says("info: CAN vcan0: back, up"));
+  CHECK(niliod->says("warning: CAN vcan0: gone[^]*info: CAN vcan0: (back, )?up"));
   CHECK(niliod->says("a virtual bus has no bit rate"));
   send_from_another_process("vcan0",
                             {data_frame(0x32, {0, 0, 0, 0, 0, 0}), data_frame(0x34, {0, 0, 0, 0, 0, 0})});

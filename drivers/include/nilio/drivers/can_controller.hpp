@@ -52,14 +52,14 @@ struct CanControllerStatus {
   std::uint64_t times_gone = 0;
 };
 
-/// Looks after a CAN interface through libsocketcan, ten times a second on a thread of its own: tells each
-/// change of its state, sets the bit rate when asked, and takes a controller out of bus-off with waits from
-/// 0.1 s doubling to 5 s, by a restart or, where the driver has none, by stopping and starting. An interface
-/// that is not there is waited for. Reading needs no privilege; what would need CAP_NET_ADMIN and is not to
-/// be had is said once, with the command that does it.
+/// Looks after a CAN interface ten times a second on a thread of its own: tells each change of its state,
+/// sets the bit rate when asked, and takes a controller out of bus-off with waits from 0.1 s doubling to 5 s,
+/// by a restart or, where the driver has none, by stopping and starting. An interface that is not there is
+/// waited for. Reading needs no privilege; what would need CAP_NET_ADMIN and is not to be had is said once,
+/// with the command that does it. Settings go through libsocketcan, states are read by rtnetlink.
 ///
-/// libsocketcan waits for ever when the interface vanishes at the wrong moment: such a thread is left behind,
-/// and another takes over. One thread calls the members; none of them waits longer than 0.3 s.
+/// A thread that the kernel keeps longer than 10 s is left behind, and another takes over. One thread calls
+/// the members; none of them waits longer than 0.3 s.
 class CanController {
  public:
   /// Fails for a name that no interface can have, and for an interface that is not of CAN: stopping it could

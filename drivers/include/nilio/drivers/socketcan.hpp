@@ -32,7 +32,7 @@ struct SocketCanConfig {
 /// interface that goes down or is unplugged is not an end: it is counted, waited for and taken up again.
 /// Fails naming the interface, the reason and the command that helps.
 ///
-/// status() asks the interface's driver over netlink (libsocketcan), which takes some 100 us and at most 0.3
+/// status() asks the interface's driver over rtnetlink, which takes some 100 us and at most 0.3
 /// s: not for real-time threads.
 core::Result<std::unique_ptr<FrameSource>> open_socketcan(const SocketCanConfig& config);
 
