@@ -103,6 +103,8 @@ std::optional<std::string_view> CandumpSource::next_line() {
 /// What the beginning says about the rest: the format, and whether relative times ever fall, as differences
 /// do.
 void CandumpSource::look_ahead() {
+  // A pipe cannot be read twice: it is taken for what candump -L writes.
+  if (std::fseek(file_.get(), 0, SEEK_CUR) != 0) return;
   core::Time last;
   for (int i = 0; i < kLinesLookedAt; ++i) {
     const std::optional<std::string_view> line = next_line();

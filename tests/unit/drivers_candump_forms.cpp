@@ -89,6 +89,20 @@ TEST_CASE("frames without a time are read, and status() says what they are good 
   CHECK_THAT(contents.status, Contains("2 frames without a time") && Contains("candump -L"));
 }
 
+TEST_CASE("a log can come through a pipe") {
+  const TemporaryFile log("(1.0) can0 001#11\n(2.0) can0 002#22\n", ".log");
+  const TemporaryFile pipe("", ".fifo");
+  const std::string make = "rm '" + pipe.path() + "' && mkfifo '" + pipe.path() + "'";
+  REQUIRE(std::system(make.c_str()) == 0);
+  const std::string feed = "cat '" + log.path() + "' > '" + pipe.path() + "' &";
+  REQUIRE(std::system(feed.c_str()) == 0);
+  auto source = open_candump(pipe.path(), "");
+  REQUIRE(source.ok());
+  std::array<CanFrame, 4> slots;
+  CHECK((*source)->read(slots, {}).count == 2);
+  CHECK(slots[1].id == 2);
+}
+
 TEST_CASE("broken lines of a terminal's log are counted") {
   for (const char* line :
        {"  can0  034   [6]  00 00 00 00 09", "  can0  034   [9]  00 00 00 00 09 00 00 00 00",
