@@ -1,7 +1,8 @@
 #include "nilio/drivers/candump.hpp"
 
+#include "candump_words.hpp"
+
 #include <algorithm>
-#include <charconv>
 #include <cstdio>
 
 namespace nilio::drivers {
@@ -13,54 +14,6 @@ constexpr std::uint32_t kStandardMask = 0x7FFU;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 /// Seconds that still are int64 nanoseconds.
 constexpr std::int64_t kLargestSeconds = 9'000'000'000;
-
-template <class Number>
-bool parse_whole(std::string_view text, Number& value, int base = 10) {
-  const auto [end, code] = std::from_chars(text.data(), text.data() + text.size(), value, base);
-  return !text.empty() && code == std::errc{} && end == text.data() + text.size();
-}
-
-/// The next word, taken off the front of `line`.
-std::string_view take_word(std::string_view& line) {
-  const std::size_t begin = std::min(line.find_first_not_of(" \t"), line.size());
-  line.remove_prefix(begin);
-  const std::size_t end = std::min(line.find_first_of(" \t"), line.size());
-  const std::string_view word = line.substr(0, end);
-  line.remove_prefix(end);
-  return word;
-}
-
-/// "(seconds.fraction)", exactly.
-bool parse_stamp(std::string_view word, core::Time& stamp) {
-  if (word.size() < 5 || word.front() != '(' || word.back() != ')') return false;
-  word = word.substr(1, word.size() - 2);
-  const std::size_t dot = word.find('.');
-  if (dot == std::string_view::npos) return false;
-  const std::string_view fraction = word.substr(dot + 1);
-  std::uint64_t seconds = 0;
-  std::uint32_t value = 0;
-  if (fraction.size() > 9 || !parse_whole(word.substr(0, dot), seconds) || !parse_whole(fraction, value))
-    return false;
-  if (seconds > static_cast<std::uint64_t>(kLargestSeconds)) return false;
-  std::int64_t ns = value;
-  for (std::size_t digits = fraction.size(); digits < 9; ++digits) ns *= 10;
-  stamp.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + ns;
-  return true;
-}
-
-bool parse_id(std::string_view text, CanFrame& frame) {
-  std::uint32_t id = 0;
-  if (!parse_whole(text, id, 16)) return false;
-  if (text.size() == 3) {
-    frame.id = id;
-    return id <= kStandardMask;
-  }
-  if (text.size() != 8) return false;
-  frame.error = (id & kErrorFlag) != 0;
-  frame.extended = !frame.error;
-  frame.id = id & kExtendedMask;
-  return (id & ~(kExtendedMask | kErrorFlag)) == 0;
-}
 
 /// Hexadecimal byte pairs, which may be separated by points.
 bool parse_data(std::string_view text, CanFrame& frame, std::size_t largest) {
@@ -99,6 +52,37 @@ bool parse_content(std::string_view text, CanFrame& frame) {
 
 }  // namespace
 
+bool parse_candump_stamp(std::string_view word, core::Time& stamp) {
+  if (word.size() < 5 || word.front() != '(' || word.back() != ')') return false;
+  word = word.substr(1, word.size() - 2);
+  const std::size_t dot = word.find('.');
+  if (dot == std::string_view::npos) return false;
+  const std::string_view fraction = word.substr(dot + 1);
+  std::uint64_t seconds = 0;
+  std::uint32_t value = 0;
+  if (fraction.size() > 9 || !parse_whole(word.substr(0, dot), seconds) || !parse_whole(fraction, value))
+    return false;
+  if (seconds > static_cast<std::uint64_t>(kLargestSeconds)) return false;
+  std::int64_t ns = value;
+  for (std::size_t digits = fraction.size(); digits < 9; ++digits) ns *= 10;
+  stamp.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + ns;
+  return true;
+}
+
+bool parse_candump_id(std::string_view text, CanFrame& frame) {
+  std::uint32_t id = 0;
+  if (!parse_whole(text, id, 16)) return false;
+  if (text.size() == 3) {
+    frame.id = id;
+    return id <= kStandardMask;
+  }
+  if (text.size() != 8) return false;
+  frame.error = (id & kErrorFlag) != 0;
+  frame.extended = !frame.error;
+  frame.id = id & kExtendedMask;
+  return (id & ~(kExtendedMask | kErrorFlag)) == 0;
+}
+
 std::optional<CandumpLine> parse_candump_line(std::string_view line) {
   while (!line.empty() && (line.back() == '\n' || line.back() == '\r')) line.remove_suffix(1);
   CandumpLine result;
@@ -109,7 +93,8 @@ std::optional<CandumpLine> parse_candump_line(std::string_view line) {
   const std::size_t hash = content.find('#');
   const bool direction_valid = direction.empty() || direction == "R" || direction == "T";
   if (hash == std::string_view::npos || !direction_valid || !take_word(line).empty()) return std::nullopt;
-  if (!parse_stamp(stamp, result.frame.stamp) || !parse_id(content.substr(0, hash), result.frame) ||
+  if (!parse_candump_stamp(stamp, result.frame.stamp) ||
+      !parse_candump_id(content.substr(0, hash), result.frame) ||
       !parse_content(content.substr(hash + 1), result.frame)) {
     return std::nullopt;
   }

@@ -1,5 +1,7 @@
 #include "nilio/drivers/candump.hpp"
 
+#include "can_log_asc.hpp"
+#include "candump_words.hpp"
 #include "source_support.hpp"
 
 #include <array>
@@ -18,8 +20,14 @@ namespace {
 using core::Error;
 
 constexpr std::size_t kQuotedLength = 60;
-/// A CAN FD frame of 64 bytes needs about 190 characters; what is longer is no frame.
+/// A CAN FD frame of 64 bytes needs about 300 characters; what is longer is no frame.
 constexpr std::size_t kLongestLine = 512;
+
+/// A silence of a day is no log any more, and sums stay 64 bits.
+constexpr std::int64_t kLongestStepNs = 86'400'000'000'000;
+constexpr std::int64_t kLatestNs = 4'000'000'000'000'000'000;
+/// Enough lines that differences in a row are not all rising by chance.
+constexpr int kLinesLookedAt = 1000;
 
 struct FileCloser {
   void operator()(std::FILE* file) const { std::fclose(file); }
@@ -28,21 +36,31 @@ struct FileCloser {
 class CandumpSource final : public FrameSource {
  public:
   CandumpSource(std::unique_ptr<std::FILE, FileCloser> file, std::string path, std::string interface_name)
-      : file_(std::move(file)), path_(std::move(path)), interface_name_(std::move(interface_name)) {}
+      : file_(std::move(file)), path_(std::move(path)), interface_name_(std::move(interface_name)) {
+    look_ahead();
+  }
 
   SourceRead read(std::span<CanFrame> slots, core::Duration timeout) override;
   [[nodiscard]] SourceStats stats() const override { return counters_.read(); }
   [[nodiscard]] std::string status() const override;
 
  private:
+  void look_ahead();
   std::optional<std::string_view> next_line();
   bool accept_line(std::string_view line, CanFrame& slot);
+  AscLog::Kind parse_line(std::string_view line, CandumpLine& parsed);
+  AscLog::Kind parse_text_line(std::string_view line, CandumpLine& parsed);
   void note_broken(std::string_view line);
 
   std::unique_ptr<std::FILE, FileCloser> file_;
   const std::string path_;
   const std::string interface_name_;
+  std::optional<AscLog> asc_;
+  /// Relative times are those since the line before (candump -td).
+  bool times_are_steps_ = false;
+  core::Time last_stamp_;
   SourceCounters counters_;
+  std::atomic<std::uint64_t> untimed_{0};
   std::atomic<std::uint64_t> line_number_{0};
   std::atomic<bool> ended_{false};
   std::atomic<int> read_error_{0};
@@ -82,23 +100,76 @@ std::optional<std::string_view> CandumpSource::next_line() {
   return line;
 }
 
+/// What the beginning says about the rest: the format, and whether relative times ever fall, as differences
+/// do.
+void CandumpSource::look_ahead() {
+  // A pipe cannot be read twice: it is taken for what candump -L writes.
+  if (std::fseek(file_.get(), 0, SEEK_CUR) != 0) return;
+  core::Time last;
+  for (int i = 0; i < kLinesLookedAt; ++i) {
+    const std::optional<std::string_view> line = next_line();
+    if (!line) break;
+    if (i == 0 && AscLog::is_first_line(*line)) {
+      asc_.emplace();
+      break;
+    }
+    const std::optional<CandumpTextLine> text = parse_candump_text_line(*line);
+    if (!text || text->clock != CandumpClock::kRelative) continue;
+    times_are_steps_ = times_are_steps_ || text->line.frame.stamp < last;
+    last = text->line.frame.stamp;
+  }
+  std::rewind(file_.get());
+  line_number_.store(0, std::memory_order_relaxed);
+  ended_.store(false, std::memory_order_relaxed);
+  read_error_.store(0, std::memory_order_relaxed);
+}
+
+AscLog::Kind CandumpSource::parse_line(std::string_view line, CandumpLine& parsed) {
+  if (asc_) return asc_->read(line, parsed);
+  // What candump shows is indented and has the length in brackets.
+  if (line.starts_with(' ')) return parse_text_line(line, parsed);
+  if (!line.starts_with('(')) return AscLog::Kind::kOther;
+  std::optional<CandumpLine> log_line = parse_candump_line(line);
+  if (!log_line) return AscLog::Kind::kBroken;
+  parsed = std::move(*log_line);
+  return AscLog::Kind::kFrame;
+}
+
+AscLog::Kind CandumpSource::parse_text_line(std::string_view line, CandumpLine& parsed) {
+  if (line.find('[') == std::string_view::npos) return AscLog::Kind::kOther;
+  std::optional<CandumpTextLine> text = parse_candump_text_line(line);
+  if (!text) return AscLog::Kind::kBroken;
+  parsed = std::move(text->line);
+  core::Time& stamp = parsed.frame.stamp;
+  if (text->clock == CandumpClock::kNone) {
+    untimed_.fetch_add(1, std::memory_order_relaxed);
+    stamp = last_stamp_;
+  } else if (text->clock == CandumpClock::kRelative && times_are_steps_) {
+    stamp.ns = last_stamp_.ns + std::min(stamp.ns, kLongestStepNs);
+    if (stamp.ns > kLatestNs) return AscLog::Kind::kBroken;
+  }
+  last_stamp_ = stamp;
+  return AscLog::Kind::kFrame;
+}
+
 bool CandumpSource::accept_line(std::string_view line, CanFrame& slot) {
-  if (!line.starts_with('(')) return false;
-  const std::optional<CandumpLine> parsed = parse_candump_line(line);
-  if (!parsed) {
+  CandumpLine parsed;
+  const AscLog::Kind kind = parse_line(line, parsed);
+  if (kind == AscLog::Kind::kOther) return false;
+  if (kind == AscLog::Kind::kBroken) {
     if (counters_.read().malformed == 0) note_broken(line);
     counters_.add_malformed(1);
     return false;
   }
-  if (!interface_name_.empty() && parsed->interface_name != interface_name_) {
+  if (!interface_name_.empty() && parsed.interface_name != interface_name_) {
     if (counters_.read().other == 0) {
       const std::lock_guard lock(names_mutex_);
-      other_interface_ = parsed->interface_name;
+      other_interface_ = parsed.interface_name;
     }
     counters_.add_other(1);
     return false;
   }
-  slot = parsed->frame;
+  slot = parsed.frame;
   slot.received_ns = clock_ns(CLOCK_MONOTONIC);
   return true;
 }
@@ -122,6 +193,10 @@ std::string CandumpSource::status() const {
   if (stats.other > 0) {
     text +=
         ", " + std::to_string(stats.other) + " frames of other interfaces (first " + other_interface_ + ")";
+  }
+  if (const auto untimed = untimed_.load(std::memory_order_relaxed); untimed > 0) {
+    text += ", " + std::to_string(untimed) +
+            " frames without a time, which no IMU can be read from: record with candump -L";
   }
   if (const int error = read_error_.load(std::memory_order_relaxed); error != 0) {
     return text + "; reading failed: " + std::strerror(error);

@@ -29,7 +29,8 @@ const std::vector<drivers::ImuPreset>& presets() {
   static const std::vector<drivers::ImuPreset> all = [] {
     std::vector<drivers::ImuPreset> made;
     for (const std::string& name : drivers::imu_preset_names()) made.push_back(*drivers::imu_preset(name));
-    __sanitizer_install_malloc_and_free_hooks(count_allocation, ignore_free);
+    const int installed = __sanitizer_install_malloc_and_free_hooks(count_allocation, ignore_free);
+    require(installed > 0, "allocations can be counted");
     return made;
   }();
   return all;
@@ -82,6 +83,7 @@ void decode(ByteReader input) {
   const drivers::ImuPreset& preset = presets()[input.u8() % presets().size()];
   auto decoder = drivers::ImuDecoder::create_partial(preset.mapping, preset.database);
   require(decoder.ok(), "every preset can be decoded");
+  require(allocations > 0, "allocations are counted");
   std::int64_t stamp_ns = 1'700'000'000'000'000'000;
   std::uint64_t added = 0;
   std::uint64_t samples = 0;

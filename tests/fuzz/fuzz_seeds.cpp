@@ -192,6 +192,21 @@ void write_imu_seeds(const SeedFolder& folder) {
   }
 }
 
+void write_can_log_seeds(const SeedFolder& folder) {
+  folder.add("terminal",
+             " (1700000000.123456)  can0  034   [6]  00 00 00 00 09 CF\n (000.010000)  can1  RX - -  "
+             "1ABCDEF0   [2]  01 "
+             "02   '..'\n (000.009000)  can0  123   [4]  remote request\n  can0  124  [12]  01 02 03 04 05 "
+             "06 07 08 09 "
+             "0A 0B 0C\n  can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME\n");
+  folder.add("asc",
+             "date Tue Nov 14 10:13:20.5 pm 2023\nbase hex  timestamps relative\n   0.000000 1  123          "
+             "   Rx   d "
+             "3 01 02 FF\n 0.1 1  1ABCDEF0x       Rx   r 2\n 1.2 1  ErrorFrame\n 1.8 CANFD   1 Rx        123 "
+             " name 1 0 "
+             "9 12 01 02 03 04 05 06 07 08 09 0A 0B 0C   130000\n");
+}
+
 void write_telemetry_seeds(const SeedFolder& folder) {
   drivers::PositionPacket packet;
   packet.timestamp_us = 800'000'000;
@@ -232,6 +247,7 @@ void write_seeds(const fs::path& root, const fs::path& sources) {
   write_seed_folder(root, "pcap", write_capture_seeds);
   write_seed_folder(root, "candump", [](const SeedFolder& folder) {
     write_candump_seeds(folder);
+    write_can_log_seeds(folder);
     write_can_capture_seeds(folder);
   });
   write_seed_folder(root, "imu", write_imu_seeds);

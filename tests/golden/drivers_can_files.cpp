@@ -2,6 +2,7 @@
 
 #include "nilio/drivers/candump.hpp"
 #include "nilio/drivers/dbc.hpp"
+#include "nilio/drivers/imu_decoder.hpp"
 
 #include "../unit/drivers_support.hpp"
 #include "../unit/test_data.hpp"
@@ -140,4 +141,66 @@ TEST_CASE("a car's yaw rate is decoded from every frame and follows a phone's gy
   std::vector<double> at_car;
   for (const double t : car.seconds) at_car.push_back(interpolate(gyro, t));
   CHECK(correlation(car.values, at_car) == Approx(-0.78).margin(0.01));
+}
+
+TEST_CASE("a car's three axes are samples that can be looked at, with their gaps") {
+  NILIO_REQUIRE_DATA(folder, "can");
+  const TemporaryFile log("", ".log");
+  unpack(folder / "toyota_rav4_60s_candump.log.xz", log);
+  const auto database = load_dbc((folder / "toyota_2017.dbc").string());
+  REQUIRE(database.ok());
+  const ImuMapping mapping{
+      .name = "toyota",
+      .angular_velocity = {{{}, {}, {"KINEMATICS", "YAW_RATE", std::numbers::pi / 180.0}}},
+      .linear_acceleration = {{{"KINEMATICS", "ACCEL_X"}, {"KINEMATICS", "ACCEL_Y"}, {}}}};
+  CHECK_FALSE(ImuDecoder::create(mapping, *database).ok());
+  auto decoder = ImuDecoder::create_partial(mapping, *database);
+  REQUIRE(decoder.ok());
+  auto source = open_candump(log.path(), "");
+  REQUIRE(source.ok());
+  std::array<CanFrame, 64> slots;
+  while (const std::size_t count = (*source)->read(slots, {}).count) {
+    for (const CanFrame& frame : std::span(slots).first(count)) decoder->add(frame);
+  }
+  const ImuDecoderStats& stats = decoder->stats();
+  CHECK(stats.frames == 4974);
+  CHECK(stats.samples == 4974);
+  CHECK(stats.other_frames == 98'800 - 4974);
+  CHECK(stats.out_of_order == 0);
+  CHECK(stats.saturated == 0);
+  CHECK(stats.frozen == 0);
+  // The log's stamps are those of a gateway that hands frames on in batches.
+  CHECK(stats.gaps == 664);
+  CHECK(stats.longest_gap.milliseconds() == Approx(29.27).margin(0.01));
+}
+
+TEST_CASE("our DBC files lay signals out as the manufacturers' do") {
+  NILIO_REQUIRE_DATA(folder, "can");
+  for (const char* name : {"xsens_mti", "sbg_ellipse"}) {
+    CAPTURE(name);
+    const auto theirs = load_dbc((folder / (std::string(name) + ".dbc")).string());
+    REQUIRE(theirs.ok());
+    const auto ours = imu_preset(name);
+    REQUIRE(ours.ok());
+    std::size_t same = 0;
+    for (const auto* axes : {&ours->mapping.angular_velocity, &ours->mapping.linear_acceleration}) {
+      for (const ImuAxis& axis : *axes) {
+        const DbcMessage* message = ours->database.find(axis.message);
+        const DbcSignal* signal = ours->database.find(axis.message, axis.signal);
+        for (const DbcMessage& candidate : theirs->messages) {
+          if (candidate.id != message->id) continue;
+          for (const DbcSignal& their : candidate.signals) {
+            if (their.start_bit != signal->start_bit) continue;
+            CHECK(their.length == signal->length);
+            CHECK(their.little_endian == signal->little_endian);
+            CHECK(their.is_signed == signal->is_signed);
+            CHECK(their.factor == signal->factor);
+            CHECK(their.offset == signal->offset);
+            ++same;
+          }
+        }
+      }
+    }
+    CHECK(same == 6);
+  }
 }

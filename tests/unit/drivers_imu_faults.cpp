@@ -147,6 +147,13 @@ TEST_CASE("values at the limit of their bits or of the device are counted and ke
   CHECK(sample(Bytes(6), {0x80, 0x00, 0, 0, 0, 0}));
   CHECK(decoder.stats().saturated == 3);
   CHECK(decoder.stats().samples == 4);
+  // No stated range: only the ends of the bits, which one step before is not.
+  for (const auto& [low_byte, saturated] : {std::pair{0xFF, 1}, std::pair{0xFE, 0}}) {
+    ImuDecoder oxts = decoder_of(preset_of("oxts_rt3003"));
+    oxts.add(frame_of(0x605, {static_cast<std::uint8_t>(low_byte), 0x7F, 0, 0, 0x2B, 0xFC}, stamp));
+    CHECK(oxts.add(frame_of(0x608, Bytes(6), stamp + 1)).has_value());
+    CHECK(oxts.stats().saturated == static_cast<std::uint64_t>(saturated));
+  }
 }
 
 TEST_CASE("values that do not move at all are counted from the hundredth on, and passed on") {
@@ -189,6 +196,34 @@ TEST_CASE("a device's clock takes the jitter of arrival out of the sample times"
   CHECK(decoder.stats().samples == 12'000);
   CHECK(decoder.stats().device_stamped > 11'800);
   CHECK(decoder.stats().clock_jumps == 0);
+}
+
+TEST_CASE("frames that come less late than before move the sample times evenly") {
+  ImuDecoder decoder = decoder_of(preset_of("sbg_ellipse"));
+  const Ellipse device;
+  std::size_t uneven = 0;
+  std::int64_t last = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const auto sample = feed(decoder, device.frames(i, i < 400 ? 4'000'000 : 0));
+    REQUIRE(sample.has_value());
+    const bool by_device = decoder.stats().device_stamped > 1;
+    if (by_device && std::abs(sample->stamp.ns - last - device.period_ns) > device.period_ns / 400) ++uneven;
+    last = sample->stamp.ns;
+  }
+  CHECK(uneven == 0);
+  CHECK(std::abs(last - device.time_ns(2999)) < 50'000);
+}
+
+TEST_CASE("a counter that begins again is not taken for lost samples") {
+  ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
+  for (std::int64_t i = 0; i < 40; ++i) {
+    const auto counter = static_cast<std::uint64_t>(i < 20 ? 500 + i : i - 20);
+    const std::int64_t stamp = kStartNs + i * kPeriodNs;
+    feed(decoder, {frame_of(0x06, big_endian(counter, 2), stamp), frame_of(0x32, Bytes(6), stamp + 1),
+                   frame_of(0x34, Bytes(6), stamp + 2)});
+  }
+  CHECK(decoder.stats().samples == 40);
+  CHECK(decoder.stats().lost_samples == 0);
 }
 
 TEST_CASE("the unit of a device's time is told by the times of arrival") {
@@ -245,6 +280,7 @@ TEST_CASE("a device that starts again and a host clock that is set back do not b
     last = sample->stamp.ns;
   }
   CHECK(uneven == 0);
+  CHECK(std::abs(last - device.time_ns(3999)) < 100'000);
   CHECK(decoder.stats().clock_jumps == 2);
   CHECK(decoder.stats().out_of_order == 0);
 }
