@@ -2,6 +2,7 @@
 
 #include "commands.hpp"
 #include "number_between.hpp"
+#include "simulation/imu_faults.hpp"
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
 #include "simulation/ray_scene.hpp"
@@ -61,6 +62,7 @@ struct SimulateArguments {
   double accel_noise_ug = 120.0;
   double accel_bias_m_s2 = 0.02;
   double accel_drift_ug = 30.0;
+  std::vector<std::string> imu_faults;
   double scene_density = 1.0;
   std::optional<unsigned> moving_cars;
   std::uint64_t seed = 1;
@@ -142,8 +144,11 @@ Result<bool> write_inertial_data(const SimulateArguments& arguments, const Vehic
                                  const fs::path& path) {
   const Result<drivers::ImuPreset> preset = drivers::imu_preset(arguments.imu);
   if (!preset) return preset.error();
-  const auto samples =
-      write_imu_recording(ImuModel(imu_config(arguments), trajectory), *preset, path.string());
+  const Result<ImuFaultConfig> faults = parse_imu_faults(arguments.imu_faults);
+  if (!faults) return faults.error();
+  const auto samples = write_imu_recording(
+      ImuModel(imu_config(arguments), trajectory),
+      ImuFaults(*faults, kStart, trajectory.duration_s(), arguments.seed), *preset, path.string());
   if (!samples) return samples.error();
   std::printf("%s: %llu samples\n", path.c_str(), static_cast<unsigned long long>(*samples));
   return true;
@@ -266,6 +271,11 @@ void add_imu_options(CLI::App& command, SimulateArguments& a) {
   add_error("--accel-noise", a.accel_noise_ug, "micro-g/sqrt(Hz)");
   add_error("--accel-bias", a.accel_bias_m_s2, "constant bias of each axis, m/s^2");
   add_error("--accel-drift", a.accel_drift_ug, "in-run bias, micro-g");
+  command
+      .add_option("--imu-fault", a.imu_faults,
+                  "what is wrong with the IMU; may be given several times:\n" + describe_imu_faults())
+      ->allow_extra_args(false)
+      ->type_name("NAME[=VALUE]");
 }
 
 /// An option that the chosen trajectory does not use is a mistake, not something to pass over.
@@ -273,6 +283,9 @@ std::optional<Error> find_useless_option(const CLI::App& command, const Simulate
   const bool town = a.trajectory == "town";
   if (!town && command.count("--speed") > 0)
     return Error{"--speed is for the town; a pose file has its own speed"};
+  if (a.imu == "none" && !a.imu_faults.empty())
+    return Error{"--imu-fault is for an IMU; --imu none records without one"};
+  if (const auto faults = parse_imu_faults(a.imu_faults); !faults) return faults.error();
   for (const char* name : {"--calib", "--pose-interval"}) {
     if (town && command.count(name) > 0)
       return Error{std::string(name) + " is for a pose file given by --trajectory"};

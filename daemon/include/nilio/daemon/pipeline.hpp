@@ -43,6 +43,7 @@ class Pipeline {
 
   [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
+  [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
   /// Woken after every pose and at the end.
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
@@ -74,6 +75,7 @@ class Pipeline {
   ipc::Ring<core::ImuSample> imu_ring_;
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;
+  ipc::Ring<core::ImuHealth> imu_health_;
   ipc::WakeEvent data_event_;
   ipc::WakeEvent output_event_;
 
