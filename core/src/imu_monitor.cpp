@@ -107,6 +107,7 @@ void ImuMonitor::skip() {
 
 void ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
   State& s = *state_;
+  if (!imu.latest()) return;
   const bool covered = motion.from < motion.to && motion.seconds() < kLongestMotion &&
                        imu.covers(motion.from, motion.to, s.config.max_gap);
   if (!covered) {
@@ -134,6 +135,10 @@ void ImuMonitor::State::judge_rotation(const ImuBuffer& imu, const Vector3& gyro
     bias_sum = kBiasMemory * bias_sum + gyro_rate - registered;
     bias_weight = kBiasMemory * bias_weight + 1.0;
   }
+  if (accel.unchanged() >= kStuckAfter || accel.clipped_since(motion.from)) {
+    force.interrupt();
+    return;
+  }
   force.add(motion.to, motion.T_odom_to, motion.T_odom_to * config.imu_position,
             mean_specific_force(imu, motion.from, motion.to));
 }
@@ -156,7 +161,7 @@ void ImuMonitor::State::learn_shifts(const ImuBuffer& imu, const RegisteredMotio
   std::array<Vector3, kTimeShifts> rates;
   for (std::size_t i = 0; i < kTimeShifts; ++i)
     rates[i] = mean_angular_velocity(imu, motion.from + time_shift(i), motion.to + time_shift(i));
-  rotation.add(motion.mean_rate(), rates);
+  rotation.add(motion.undistorted_rate(), rates);
 }
 
 void ImuMonitor::State::fill_table(Time now) {
@@ -182,7 +187,9 @@ void ImuMonitor::State::fill_signals(Time now) {
   set(ImuCheck::kSampleGap, timing.longest_gap(now).seconds());
   set(ImuCheck::kGyroStuck, gyro.unchanged().seconds());
   set(ImuCheck::kAccelStuck, accel.unchanged().seconds());
-  set(ImuCheck::kGyroNoise, gyro.noise() * kDegreesPerRadian);
+  const double scale =
+      health[ImuCheck::kGyroScale].state == ImuCheckState::kBad ? health[ImuCheck::kGyroScale].value : 1.0;
+  set(ImuCheck::kGyroNoise, gyro.noise() / scale * kDegreesPerRadian);
   set(ImuCheck::kAccelVibration, accel.noise());
   set_flag_row(health, ImuCheck::kGyroSaturation, gyro.full_scale() * kDegreesPerRadian);
   set_flag_row(health, ImuCheck::kAccelSaturation, accel.full_scale());
@@ -193,17 +200,23 @@ void ImuMonitor::State::fill_rotation() {
   fill_directions(estimate, health);
   health.time_offset_sigma_ms = 1e3 * estimate.time_offset_sigma_s;
   if (estimate.time_offset_known) {
-    set_row(health, ImuCheck::kTimeOffset, 1e3 * estimate.time_offset_s);
+    set_row(health, ImuCheck::kTimeOffset, 1e3 * estimate.time_offset_s, 1e3 * estimate.time_offset_sigma_s);
   } else {
     forget_row(health, ImuCheck::kTimeOffset);
   }
-  if (bias_weight >= kLeastBiasWeight) {
+  const bool in_rad_s = health[ImuCheck::kGyroScale].state != ImuCheckState::kBad;
+  if (!in_rad_s) {
+    forget_row(health, ImuCheck::kGyroBias);
+  } else if (bias_weight >= kLeastBiasWeight) {
     Eigen::Index axis = 0;
     const Vector3 bias = bias_sum / bias_weight * kDegreesPerRadian;
     bias.cwiseAbs().maxCoeff(&axis);
     set_row(health, ImuCheck::kGyroBias, bias[axis]);
   }
-  if (trust.compared()) set_row(health, ImuCheck::kGyroAgreement, trust.gyro_error() * kDegreesPerRadian);
+  // While it is not trusted the row keeps its largest value: on a straight road any gyro agrees.
+  const double disagreement = trust.gyro_error() * kDegreesPerRadian;
+  if (trust.compared() && (trust.given() || disagreement > health[ImuCheck::kGyroAgreement].value))
+    set_row(health, ImuCheck::kGyroAgreement, disagreement);
 }
 
 void ImuMonitor::State::fill_force() {

@@ -17,9 +17,13 @@ constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
 // A minute of turning.
 constexpr double kMemory = 1.0 - 1.0 / 600.0;
 constexpr double kLeastWeight = 20.0;
+// The beginning of a turn alone fits any large shift.
+constexpr double kLeastWeightAtEdge = 100.0;
 // Variance that keeps directions without motion out of the fit, (0.06 deg/s)^2.
 constexpr double kRidge = 1e-6;
 constexpr double kLargestAngleSigma = 1.5 * kRadiansPerDegree;
+// Weaker directions carry what the strongest one leaks into them by small errors of deskewing.
+constexpr double kStrongShare = 0.1;
 constexpr double kLargestOffsetSigma = 3e-3;
 // Share of the registered rotation that the gyro has to explain before its time is worth anything.
 constexpr double kLeastExplained = 0.8;
@@ -60,7 +64,8 @@ void RotationFit::estimate_offset(std::size_t best, double least, RotationEstima
   result.time_offset_s = time_shift(best).seconds();
   if (best == 0 || best + 1 == kTimeShifts) {
     result.time_offset_sigma_s = kShiftStep.seconds();
-    result.time_offset_known = least < (1.0 - kLeastExplained) * registered_variance();
+    result.time_offset_known =
+        weight_ > kLeastWeightAtEdge && least < (1.0 - kLeastExplained) * registered_variance();
     return;
   }
   const double before = residual(best - 1);
@@ -84,7 +89,8 @@ void RotationFit::find_directions(std::size_t best, double least, RotationEstima
     const Vector3 registered = c.rg * direction / variance;
     const double sigma = std::sqrt(std::max(0.0, least) / (3.0 * weight_ * variance));
     if (sigma > kLargestAngleSigma * registered.norm()) break;
-    result.directions[result.observed++] = {direction, registered, sigma / registered.norm()};
+    const bool strong = variance > kStrongShare * solver.eigenvalues()[2];
+    result.directions[result.observed++] = {direction, registered, sigma / registered.norm(), strong};
   }
 }
 

@@ -20,7 +20,8 @@ constexpr Duration time_shift(std::size_t index) {
 struct ObservedDirection {
   Vector3 gyro = Vector3::Zero();        ///< unit vector
   Vector3 registered = Vector3::Zero();  ///< its length is 1 / scale
-  double angle_sigma = 0.0;              ///< rad
+  double angle_sigma = 0.0;              ///< rad; also the relative one of the scale
+  bool strong = false;                   ///< good enough for small angles
 };
 
 struct RotationEstimate {

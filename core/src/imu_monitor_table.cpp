@@ -14,6 +14,7 @@ constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kGravity = 9.81;
 // From here on, a direction belongs to another axis rather than to a crooked mounting.
 constexpr double kOtherAxisDegrees = 45.0;
+constexpr double kOtherUnit = 2.0;
 constexpr double kBetterBelow = 0.8;
 
 /// Thresholds hold for the distance from `normal`.
@@ -31,7 +32,7 @@ constexpr std::array<Row, kImuChecks> kRows = {{
     {"gyro_agreement", "deg/scan", 0.0, 0.3, 1.0,
      "the gyroscope and the LiDAR see different rotations; the rows that are bad say why"},
     {"gyro_axes", "deg", 0.0, 45.0, 45.0, ""},
-    {"gyro_mounting", "deg", 0.0, 4.0, 15.0,
+    {"gyro_mounting", "deg", 0.0, 4.0, 8.0,
      "the gyroscope is mounted at an angle that imu.extrinsic.rotation_rpy_deg does not have (or "
      "lidar.extrinsic); measure or correct it"},
     {"gyro_scale", "1", 1.0, 0.03, 0.1,
@@ -49,7 +50,7 @@ constexpr std::array<Row, kImuChecks> kRows = {{
      "specific force at steady speed should be 9.81 m/s^2; check the accelerometer's unit and scale"},
     {"gravity_direction", "deg", 0.0, 12.0, 25.0,
      "gravity is not along base_link's z; check imu.extrinsic.rotation_rpy_deg and the axes of the mapping"},
-    {"accel_mounting", "deg", 0.0, 4.0, 15.0,
+    {"accel_mounting", "deg", 0.0, 4.0, 8.0,
      "accelerometer and registered acceleration differ by this rotation; check "
      "imu.extrinsic.rotation_rpy_deg"},
     {"accel_vibration", "m/s^2", 0.0, 3.0, 10.0,
@@ -134,11 +135,11 @@ std::string hint_for(ImuCheck check, const ImuHealth& health) {
   return usual;
 }
 
-void set_row(ImuHealth& health, ImuCheck check, double value) {
+void set_row(ImuHealth& health, ImuCheck check, double value, double sigma) {
   const Row& limits = row_of(check);
   ImuDiagnosis& row = health.rows[static_cast<std::size_t>(check)];
   row.value = value;
-  const double distance = std::abs(value - limits.normal);
+  const double distance = std::max(0.0, std::abs(value - limits.normal) - 3.0 * sigma);
   const double bad = row.state == ImuCheckState::kBad ? kBetterBelow * limits.bad : limits.bad;
   const double warn = row.state >= ImuCheckState::kWarn ? kBetterBelow * limits.warn : limits.warn;
   if (distance > bad) {
@@ -158,38 +159,70 @@ void forget_row(ImuHealth& health, ImuCheck check) {
   health.rows[static_cast<std::size_t>(check)].state = ImuCheckState::kUnknown;
 }
 
+namespace {
+
+double angle_between(const Vector3& a, const Vector3& b) {
+  return std::acos(std::clamp(a.dot(b), -1.0, 1.0)) * kDegreesPerRadian;
+}
+
+/// Notes on which axis the direction's main axis is measured.
+void note_axis(const Vector3& gyro, const Vector3& registered, ImuHealth& health) {
+  Eigen::Index from = 0;
+  Eigen::Index to = 0;
+  registered.cwiseAbs().maxCoeff(&from);
+  gyro.cwiseAbs().maxCoeff(&to);
+  const int sign = registered[from] * gyro[to] < 0.0 ? -1 : 1;
+  health.measured_on[static_cast<std::size_t>(from)] =
+      static_cast<std::int8_t>(sign * (static_cast<int>(to) + 1));
+}
+
+void fill_axes(const RotationEstimate& estimate, ImuHealth& health) {
+  double worst = 0.0;
+  double worst_sigma = 0.0;
+  health.measured_on = {};
+  for (std::size_t k = 0; k < estimate.observed; ++k) {
+    const ObservedDirection& d = estimate.directions[k];
+    const Vector3 registered = d.registered.normalized();
+    note_axis(d.gyro, registered, health);
+    const double angle = angle_between(d.gyro, registered);
+    if (angle <= std::max(kOtherAxisDegrees, worst)) continue;
+    worst = angle;
+    worst_sigma = d.angle_sigma * kDegreesPerRadian;
+  }
+  set_row(health, ImuCheck::kGyroAxes, worst, worst_sigma);
+}
+
+void fill_mounting(const RotationEstimate& estimate, ImuHealth& health) {
+  double worst = 0.0;
+  double worst_sigma = 0.0;
+  for (std::size_t k = 0; k < estimate.observed; ++k) {
+    const ObservedDirection& d = estimate.directions[k];
+    const double angle = angle_between(d.gyro, d.registered.normalized());
+    if (!d.strong || angle < worst) continue;
+    worst = angle;
+    worst_sigma = d.angle_sigma * kDegreesPerRadian;
+  }
+  set_row(health, ImuCheck::kGyroMounting, worst, worst_sigma);
+}
+
+}  // namespace
+
 void fill_directions(const RotationEstimate& estimate, ImuHealth& health) {
   if (estimate.observed == 0) {
     for (const ImuCheck check : {ImuCheck::kGyroAxes, ImuCheck::kGyroMounting, ImuCheck::kGyroScale})
       forget_row(health, check);
     return;
   }
-  double worst_axis = 0.0;
-  double worst_mounting = 0.0;
-  health.measured_on = {};
-  for (std::size_t k = 0; k < estimate.observed; ++k) {
-    const ObservedDirection& d = estimate.directions[k];
-    const Vector3 registered = d.registered.normalized();
-    const double angle = std::acos(std::clamp(d.gyro.dot(registered), -1.0, 1.0)) * kDegreesPerRadian;
-    if (angle > kOtherAxisDegrees) {
-      worst_axis = std::max(worst_axis, angle);
-    } else {
-      worst_mounting = std::max(worst_mounting, angle);
-    }
-    Eigen::Index from = 0;
-    Eigen::Index to = 0;
-    registered.cwiseAbs().maxCoeff(&from);
-    d.gyro.cwiseAbs().maxCoeff(&to);
-    const int sign = registered[from] * d.gyro[to] < 0.0 ? -1 : 1;
-    health.measured_on[static_cast<std::size_t>(from)] =
-        static_cast<std::int8_t>(sign * (static_cast<int>(to) + 1));
-  }
-  set_row(health, ImuCheck::kGyroAxes, worst_axis);
-  set_row(health, ImuCheck::kGyroScale, 1.0 / estimate.directions[0].registered.norm());
-  if (worst_axis > 0.0) {
+  fill_axes(estimate, health);
+  const ObservedDirection& strongest = estimate.directions[0];
+  const double scale = 1.0 / strongest.registered.norm();
+  // Small errors can be told only once the time offset is: at the beginning of a turn they look alike.
+  if (estimate.time_offset_known || scale > kOtherUnit || scale * kOtherUnit < 1.0)
+    set_row(health, ImuCheck::kGyroScale, scale, strongest.angle_sigma * scale);
+  if (health[ImuCheck::kGyroAxes].state == ImuCheckState::kBad) {
     forget_row(health, ImuCheck::kGyroMounting);
-  } else {
-    set_row(health, ImuCheck::kGyroMounting, worst_mounting);
+  } else if (estimate.time_offset_known) {
+    fill_mounting(estimate, health);
   }
 }
 

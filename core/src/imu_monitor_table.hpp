@@ -7,8 +7,8 @@
 namespace nilio::core {
 
 /// Puts a value into its row and judges it by the table's thresholds, with hysteresis: a row becomes worse
-/// above a threshold and better only well below it.
-void set_row(ImuHealth& health, ImuCheck check, double value);
+/// above a threshold and better only well below it. What three standard deviations explain counts as nothing.
+void set_row(ImuHealth& health, ImuCheck check, double value, double sigma = 0.0);
 /// For rows whose value is 0 while all is well and whose size says nothing.
 void set_flag_row(ImuHealth& health, ImuCheck check, double value);
 /// The value is not known any more.

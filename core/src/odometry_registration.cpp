@@ -143,6 +143,7 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
   for (int pass = 0; pass < config.max_passes; ++pass) {
     motion.deskew(selected_sweep, selected);
+    deskew_rate = motion.mean_angular_velocity();
     const SE3 T_assumed = registration.T_map_moving;
     if (coarse && pass == 0) register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
@@ -177,7 +178,8 @@ void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
 }
 
 RegisteredMotion Odometry::State::registered_motion() const {
-  return {span.previous, span.end, T_odom_base, registration.T_map_moving};
+  const double sweep_s = motion_compensated ? 0.0 : (span.end - span.start).seconds();
+  return {span.previous, span.end, T_odom_base, registration.T_map_moving, deskew_rate, sweep_s};
 }
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.

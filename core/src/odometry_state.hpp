@@ -98,6 +98,7 @@ struct Odometry::State {
   SweepMotion::Span span;
   Vector3 body_velocity = Vector3::Zero();
   Vector3 angular_velocity = Vector3::Zero();
+  Vector3 deskew_rate = Vector3::Zero();  ///< of the last deskewing before registration
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;
