@@ -17,7 +17,8 @@ constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
 // A minute of turning.
 constexpr double kMemory = 1.0 - 1.0 / 600.0;
 constexpr double kLeastWeight = 20.0;
-// The beginning of a turn alone fits any large shift.
+// The beginning of a turn alone fits many shifts.
+constexpr double kLeastWeightForOffset = 60.0;
 constexpr double kLeastWeightAtEdge = 100.0;
 // Variance that keeps directions without motion out of the fit, (0.06 deg/s)^2.
 constexpr double kRidge = 1e-6;
@@ -75,7 +76,8 @@ void RotationFit::estimate_offset(std::size_t best, double least, RotationEstima
   const double step = kShiftStep.seconds();
   result.time_offset_s += 0.5 * step * (before - after) / bend;
   result.time_offset_sigma_s = step * std::sqrt(2.0 * least / (3.0 * weight_ * bend));
-  result.time_offset_known = result.time_offset_sigma_s < kLargestOffsetSigma &&
+  result.time_offset_known = weight_ > kLeastWeightForOffset &&
+                             result.time_offset_sigma_s < kLargestOffsetSigma &&
                              least < (1.0 - kLeastExplained) * registered_variance();
 }
 

@@ -178,7 +178,8 @@ void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
 }
 
 RegisteredMotion Odometry::State::registered_motion() const {
-  const double sweep_s = motion_compensated ? 0.0 : (span.end - span.start).seconds();
+  const bool bent = !motion_compensated && !imu_used;
+  const double sweep_s = bent ? (span.end - span.start).seconds() : 0.0;
   return {span.previous, span.end, T_odom_base, registration.T_map_moving, deskew_rate, sweep_s};
 }
 

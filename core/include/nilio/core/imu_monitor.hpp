@@ -82,7 +82,8 @@ struct ImuMonitorConfig {
   Duration max_gap = Duration::from_milliseconds(150.0);
 };
 
-/// Share of the sweep by which a wrong deskewing rate turns a registered pose.
+/// Share of the sweep by which an error of the constant rate turns a pose. For points evenly in time it is a
+/// half, less what the map has in common with the scan, whose newest points come from scans bent alike.
 inline constexpr double kDeskewShare = 1.0 / 3.0;
 
 /// Motion of base_link between two registered poses.
@@ -91,7 +92,8 @@ struct RegisteredMotion {
   Time to;
   SE3 T_odom_from;
   SE3 T_odom_to;
-  /// Mean rate with which the scan was deskewed, rad/s, and how long its sweep took: 0 = not deskewed.
+  /// Mean rate with which the scan was deskewed, rad/s, and how long its sweep took; 0 when it was deskewed
+  /// with the gyro or not at all.
   Vector3 deskew_rate = Vector3::Zero();
   double sweep_s = 0.0;
 
@@ -100,9 +102,8 @@ struct RegisteredMotion {
   [[nodiscard]] Vector3 mean_rate() const {
     return so3_log(T_odom_from.rotation.conjugate() * T_odom_to.rotation) / seconds();
   }
-  /// The same without what wrong deskewing did to it. Deskewed at too high a rate, a scan is turned by that
-  /// error times the mean time from a point to the end of the sweep, which is half the sweep; a third of the
-  /// error is in the map already, whose newest points come from scans that were bent alike.
+  /// The same without what deskewing at a constant rate did to it: where the rate changes, the scan is turned
+  /// by the error of the rate times the mean time to the end of the sweep, and every later pose with it.
   [[nodiscard]] Vector3 undistorted_rate() const {
     const Vector3 rate = mean_rate();
     return sweep_s > 0.0 ? Vector3(rate - kDeskewShare * sweep_s / seconds() * (deskew_rate - rate)) : rate;
