@@ -173,7 +173,7 @@ void ImuMonitor::State::fill_table(Time now) {
   if (obstacle != ImuCheck::kCount) {
     withdraw(obstacle);
   } else if (!trust.given()) {
-    withdraw(trust.compared() ? ImuCheck::kGyroAgreement : ImuCheck::kCount);
+    withdraw(trust.refused() ? ImuCheck::kGyroAgreement : ImuCheck::kCount);
   } else {
     health.trusted = true;
     health.reason = ImuCheck::kCount;
@@ -199,7 +199,8 @@ void ImuMonitor::State::fill_rotation() {
   const RotationEstimate estimate = rotation.estimate();
   fill_directions(estimate, health);
   health.time_offset_sigma_ms = 1e3 * estimate.time_offset_sigma_s;
-  if (estimate.time_offset_known) {
+  const bool was_known = health[ImuCheck::kTimeOffset].state != ImuCheckState::kUnknown;
+  if (estimate.time_offset_known || (was_known && estimate.time_offset_found)) {
     set_row(health, ImuCheck::kTimeOffset, 1e3 * estimate.time_offset_s, 1e3 * estimate.time_offset_sigma_s);
   } else {
     forget_row(health, ImuCheck::kTimeOffset);

@@ -62,11 +62,12 @@ double RotationFit::residual(std::size_t shift) const {
 }
 
 void RotationFit::estimate_offset(std::size_t best, double least, RotationEstimate& result) const {
+  const bool explains = least < (1.0 - kLeastExplained) * registered_variance();
   result.time_offset_s = time_shift(best).seconds();
   if (best == 0 || best + 1 == kTimeShifts) {
     result.time_offset_sigma_s = kShiftStep.seconds();
-    result.time_offset_known =
-        weight_ > kLeastWeightAtEdge && least < (1.0 - kLeastExplained) * registered_variance();
+    result.time_offset_known = explains && weight_ > kLeastWeightAtEdge;
+    result.time_offset_found = result.time_offset_known;
     return;
   }
   const double before = residual(best - 1);
@@ -76,9 +77,9 @@ void RotationFit::estimate_offset(std::size_t best, double least, RotationEstima
   const double step = kShiftStep.seconds();
   result.time_offset_s += 0.5 * step * (before - after) / bend;
   result.time_offset_sigma_s = step * std::sqrt(2.0 * least / (3.0 * weight_ * bend));
-  result.time_offset_known = weight_ > kLeastWeightForOffset &&
-                             result.time_offset_sigma_s < kLargestOffsetSigma &&
-                             least < (1.0 - kLeastExplained) * registered_variance();
+  result.time_offset_found = explains && result.time_offset_sigma_s < 2.0 * kLargestOffsetSigma;
+  result.time_offset_known =
+      explains && weight_ > kLeastWeightForOffset && result.time_offset_sigma_s < kLargestOffsetSigma;
 }
 
 void RotationFit::find_directions(std::size_t best, double least, RotationEstimate& result) const {

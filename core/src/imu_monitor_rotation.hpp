@@ -30,7 +30,9 @@ struct RotationEstimate {
   /// Where gyro and registration agree best, s, with its standard deviation; +-0.15 may mean beyond.
   double time_offset_s = 0.0;
   double time_offset_sigma_s = 0.0;
+  /// Sharp enough to be told; good enough to be kept once told.
   bool time_offset_known = false;
+  bool time_offset_found = false;
 };
 
 /// Linear fit of registered to gyro rates, for each time shift: registered = A gyro + constant. The constant

@@ -17,6 +17,8 @@ class GyroTrust {
   void interrupt() { has_rate_ = false; }
 
   [[nodiscard]] bool given() const { return given_; }
+  /// Agreement has been lost, or not come within three seconds.
+  [[nodiscard]] bool refused() const;
   /// Enough scans have been compared to speak of an error.
   [[nodiscard]] bool compared() const;
   /// Root mean squares of the last second, rad per scan.
