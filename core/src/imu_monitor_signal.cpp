@@ -21,12 +21,15 @@ constexpr Duration kGapMemory = Duration::from_seconds(10.0);
 
 bool TriadSignal::update_clipping(Axis& axis, double value) const {
   const double size = std::abs(value);
+  axis.least = std::min(axis.least, size);
   if (size > axis.extreme) {
-    axis = {size, 0.0, 1};
+    axis = {size, axis.least, 0.0, 1};
     return false;
   }
   axis.run = size == axis.extreme ? axis.run + 1 : 0;
-  if (axis.run >= kClippedRun && size > least_full_scale_) axis.full_scale = size;
+  // An axis that has never moved is no clipped one.
+  const bool has_moved = axis.least < 0.5 * axis.extreme;
+  if (axis.run >= kClippedRun && size > least_full_scale_ && has_moved) axis.full_scale = size;
   return axis.full_scale > 0.0 && size == axis.full_scale;
 }
 

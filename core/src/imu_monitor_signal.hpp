@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 namespace nilio::core {
 
@@ -27,7 +28,8 @@ class TriadSignal {
 
  private:
   struct Axis {
-    double extreme = 0.0;     ///< largest absolute value so far
+    double extreme = 0.0;                                    ///< largest absolute value so far
+    double least = std::numeric_limits<double>::infinity();  ///< smallest absolute value so far
     double full_scale = 0.0;  ///< an extreme that has come too often in a row to be chance
     std::uint32_t run = 0;    ///< samples in a row at the extreme
   };

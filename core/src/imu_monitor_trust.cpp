@@ -55,7 +55,7 @@ void GyroTrust::update(double gyro_angle, double constant_angle, double turned) 
   if (!compared()) return;
   const double gyro = gyro_error();
   const double constant = std::max(constant_rate_error(), kIndifferent);
-  if (given_ && gyro > kPlainlyWorse * constant) withdraw();
+  if ((given_ || turned > kTurning) && gyro > kPlainlyWorse * constant) withdraw();
   if (withdrawn_ && turned > kTurning) consistent_turns_ = gyro_angle <= constant ? consistent_turns_ + 1 : 0;
   if (!given_ && gyro <= constant && (!withdrawn_ || consistent_turns_ >= kConsistentTurns)) {
     given_ = true;

@@ -111,8 +111,8 @@ std::vector<NamedFault> disqualifying_faults() {
       {"degrees for radians", ImuCheck::kGyroScale, 57.3, 1.5, changed([](ImuSample& s) {
          for (double& rate : s.angular_velocity) rate /= kRadiansPerDegree;
        })},
-      {"100 ms late", ImuCheck::kTimeOffset, 100.0, 5.0, shifted(100.0)},
-      {"100 ms early", ImuCheck::kTimeOffset, -100.0, 5.0, shifted(-100.0)},
+      {"100 ms late", ImuCheck::kTimeOffset, 100.0, 8.0, shifted(100.0)},
+      {"100 ms early", ImuCheck::kTimeOffset, -100.0, 8.0, shifted(-100.0)},
   };
 }
 

@@ -50,7 +50,8 @@ ImuHealth watch(const Drive& drive) {
   SE3 previous = drive.pose(0.0);
   double sample_time = -0.5;
   for (double end = kScanPeriod; end < drive.seconds; end += kScanPeriod) {
-    for (; sample_time < end + kSamplePeriod; sample_time += kSamplePeriod) {
+    for (; !buffer.latest() || *buffer.latest() < Time::from_seconds(end); sample_time += kSamplePeriod) {
+      if (sample_time > end + 6.0) break;
       ImuSample sample = imu_sample(drive.pose, sample_time, noise(0.001));
       for (double& force : sample.linear_acceleration) force += 0.02 * normal(generator);
       const std::optional<ImuSample> sent = drive.fault(sample);
@@ -210,7 +211,7 @@ TEST_CASE("clipping is told from a fast turn, with the full scale, and clipped s
   CHECK(health[ImuCheck::kGyroSaturation].value == Approx(15.0).margin(0.01));
   CHECK(health[ImuCheck::kGyroSaturation].state == ImuCheckState::kBad);
   CHECK(health[ImuCheck::kAccelSaturation].state == ImuCheckState::kOk);
-  CHECK(health[ImuCheck::kGyroScale].state == ImuCheckState::kOk);
+  CHECK(health[ImuCheck::kGyroScale].worst_state <= ImuCheckState::kOk);
 }
 
 TEST_CASE("clipped and repeated samples are not used from the first tenth of a second on") {
@@ -275,9 +276,10 @@ TEST_CASE("noise and vibration are measured as their root mean square") {
 }
 
 TEST_CASE("trust comes back after agreement while turning, not on a straight road") {
-  // Wrong for 8 s, then sound; the memory of the wrong ones has faded at the end.
+  // Wrong for 5 s, then sound; the memory of the wrong ones has faded at the end.
   const Fault wrong_at_first = changed([](ImuSample& s) {
-    if (s.stamp < Time::from_seconds(8.0)) s.angular_velocity[1] += 6.0 * s.angular_velocity[2];
+    if (s.stamp > Time::from_seconds(3.0) && s.stamp < Time::from_seconds(8.0))
+      s.angular_velocity[1] += 6.0 * s.angular_velocity[2];
   });
   Drive turning;
   turning.fault = wrong_at_first;
