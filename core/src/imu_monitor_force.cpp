@@ -14,7 +14,7 @@ namespace {
 constexpr double kMemory = 1.0 - 1.0 / 600.0;
 constexpr double kSteadyMemory = 1.0 - 1.0 / 100.0;
 constexpr double kLeastWeight = 50.0;
-constexpr double kLeastSteadyWeight = 10.0;
+constexpr double kLeastSteadyWeight = 30.0;
 constexpr double kSteadyAcceleration = 1.0;
 constexpr double kUnevenness = 0.1;
 constexpr double kLargestMountingSigma = 1.0 * std::numbers::pi / 180.0;

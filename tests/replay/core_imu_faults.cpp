@@ -1,6 +1,6 @@
 #include "nilio/core/odometry.hpp"
 
-#include "synthetic_room.hpp"
+#include "../unit/synthetic_room.hpp"
 
 #include <algorithm>
 #include <functional>
