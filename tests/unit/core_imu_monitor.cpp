@@ -192,6 +192,8 @@ TEST_CASE("an offset beyond what is tried is reported as the largest that is, no
   drive.fault = changed([](ImuSample& s) { s.stamp = s.stamp + Duration::from_milliseconds(200.0); });
   const ImuHealth health = watch(drive);
   CHECK_FALSE(health.trusted);
+  CHECK(health[ImuCheck::kTimeOffset].state == ImuCheckState::kBad);
+  CHECK(health[ImuCheck::kTimeOffset].value == Approx(150.0));
 }
 
 TEST_CASE("a bias is measured on straight pieces and does not pass for scale") {
