@@ -4,6 +4,31 @@
 
 namespace nilio::core {
 
+namespace {
+
+Vector3 mean_of(const ImuBuffer& buffer, Vector3 BaseImuSample::*member, Time from, Time to) {
+  std::size_t next = buffer.lower_bound(from);
+  if (buffer[next].stamp == from) ++next;
+  const auto interpolated = [&](std::size_t after, Time time) -> Vector3 {
+    const BaseImuSample& a = buffer[after - 1];
+    const BaseImuSample& b = buffer[after];
+    const double share = (time - a.stamp).seconds() / (b.stamp - a.stamp).seconds();
+    return a.*member + share * (b.*member - a.*member);
+  };
+  Vector3 sum = Vector3::Zero();
+  Vector3 left = interpolated(next, from);
+  Time time = from;
+  for (; buffer[next].stamp < to; ++next) {
+    sum += 0.5 * (buffer[next].stamp - time).seconds() * (left + buffer[next].*member);
+    left = buffer[next].*member;
+    time = buffer[next].stamp;
+  }
+  sum += 0.5 * (to - time).seconds() * (left + interpolated(next, to));
+  return sum / (to - from).seconds();
+}
+
+}  // namespace
+
 ImuBuffer::ImuBuffer(std::size_t capacity) : samples_(capacity) {}
 
 bool ImuBuffer::add(const ImuSample& sample, const Eigen::Quaterniond& R_base_imu) {
@@ -59,6 +84,14 @@ Vector3 ImuBuffer::angular_velocity_at(Time time) const {
   const BaseImuSample& b = (*this)[next];
   const double share = (time - a.stamp).seconds() / (b.stamp - a.stamp).seconds();
   return a.angular_velocity + share * (b.angular_velocity - a.angular_velocity);
+}
+
+Vector3 mean_angular_velocity(const ImuBuffer& buffer, Time from, Time to) {
+  return mean_of(buffer, &BaseImuSample::angular_velocity, from, to);
+}
+
+Vector3 mean_specific_force(const ImuBuffer& buffer, Time from, Time to) {
+  return mean_of(buffer, &BaseImuSample::linear_acceleration, from, to);
 }
 
 ImuStatistics imu_statistics(const ImuBuffer& buffer, Time from, Time to) {

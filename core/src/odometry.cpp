@@ -13,10 +13,14 @@ Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 Odometry::~Odometry() = default;
 
 bool Odometry::add_imu(const ImuSample& sample) {
-  return state_->imu.add(sample, state_->config.T_base_imu.rotation);
+  if (!state_->imu.add(sample, state_->config.T_base_imu.rotation)) return false;
+  state_->monitor.add(sample);
+  return true;
 }
 
 std::optional<Time> Odometry::latest_imu() const { return state_->imu.latest(); }
+
+const ImuHealth& Odometry::imu_health() const { return state_->monitor.health(); }
 
 const std::vector<Eigen::Vector3f>& Odometry::deskewed_points() const { return state_->deskewed; }
 
@@ -54,7 +58,10 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
     s.predict(scan, result);
     s.select_points();
     s.stamp(result, OdometryStage::kFiltered);
-    s.arena.execute([&] { s.register_sweep(scan, result); });
+    s.arena.execute([&] {
+      s.register_sweep(scan, result);
+      s.reconsider_imu(scan, result);
+    });
     s.stamp(result, OdometryStage::kFine);
     s.judge(result);
     s.update_map(result);

@@ -16,6 +16,8 @@ constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
 constexpr double kStillForceDeviation = 0.5;
 constexpr double kGravity = 9.81;
+// No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
+constexpr double kLeastUprightness = 0.9;
 
 double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
   if (config.plane_voxel_m > 0.0) return config.plane_voxel_m;
@@ -49,6 +51,7 @@ void Odometry::State::align_with_gravity(const Scan& scan) {
   const double force = statistics.mean_acceleration.norm();
   if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
   if (std::abs(force - kGravity) > kStillForceDeviation) return;
+  if (statistics.mean_acceleration.z() < kLeastUprightness * force) return;
   T_odom_base.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
 }
 
@@ -57,7 +60,6 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   first_sweep = sweep;
   first_span = {scan.start, scan.start, scan.end};
   span = first_span;
-  imu_used = imu.covers(scan.start, scan.end, config.max_imu_gap);
   T_predicted = T_odom_base;
   rebuild_first_map();
   result.stop_reason = StopReason::kConverged;
@@ -67,7 +69,8 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
 
 void Odometry::State::rebuild_first_map() {
   SweepMotion first_motion;
-  set_rotation(first_span, imu.covers(first_span.start, first_span.end, config.max_imu_gap), first_motion);
+  // The gyro has not shown yet what it is worth.
+  set_rotation(first_span, false, first_motion);
   first_motion.predict(body_velocity);
   first_motion.deskew(first_sweep, deskewed);
   planes->clear();

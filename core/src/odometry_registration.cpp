@@ -39,6 +39,7 @@ constexpr double kMaxSpeed = 90.0;
 constexpr double kMaxTurnRate = 6.0;
 constexpr double kGyroBiasGain = 0.02;
 constexpr double kMaxGyroBias = 0.1;
+constexpr double kCalmTurnRate = 0.02;
 
 /// Every k-th element, at most `target` of them.
 void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
@@ -61,7 +62,8 @@ void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool wi
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   span = {time, scan.start, scan.end};
-  imu_used = imu.covers(time, scan.end, config.max_imu_gap);
+  imu_covers = imu.covers(time, scan.end, config.max_imu_gap);
+  imu_used = imu_covers && monitor.usable(time, scan.end);
   set_rotation(span, imu_used, motion);
   T_predicted = T_odom_base * motion.predict(body_velocity);
   result.imu_used = imu_used;
@@ -141,6 +143,7 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
   for (int pass = 0; pass < config.max_passes; ++pass) {
     motion.deskew(selected_sweep, selected);
+    deskew_rate = motion.mean_angular_velocity();
     const SE3 T_assumed = registration.T_map_moving;
     if (coarse && pass == 0) register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
@@ -174,6 +177,25 @@ void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
                                                static_cast<double>(selected.size());
 }
 
+RegisteredMotion Odometry::State::registered_motion() const {
+  const bool bent = !motion_compensated && !imu_used;
+  const double sweep_s = bent ? (span.end - span.start).seconds() : 0.0;
+  return {span.previous, span.end, T_odom_base, registration.T_map_moving, deskew_rate, sweep_s};
+}
+
+/// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
+void Odometry::State::reconsider_imu(const Scan& scan, OdometryResult& result) {
+  if (!imu_used || !is_plausible(result) || !monitor.contradicts(imu, gyro_bias, registered_motion())) return;
+  monitor.demote();
+  imu_used = false;
+  result.imu_used = false;
+  angular_velocity = monitor.registered_rate();
+  set_rotation(span, false, motion);
+  T_predicted = T_odom_base * motion.predict(body_velocity);
+  select_points();
+  register_sweep(scan, result);
+}
+
 bool Odometry::State::is_plausible(const OdometryResult& result) const {
   const RegistrationResult& r = registration;
   if (!r.T_map_moving.is_finite() || r.stop_reason == StopReason::kTooFewPoints ||
@@ -185,11 +207,13 @@ bool Odometry::State::is_plausible(const OdometryResult& result) const {
   return scans < kInitialScans || result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
 }
 
-void Odometry::State::learn_gyro_bias(const OdometryResult& result) {
-  const double span_s = (span.end - span.previous).seconds();
-  if (!result.imu_used || span_s <= 0.0) return;
-  const Vector3 error =
-      so3_log(registration.T_map_moving.rotation.conjugate() * T_predicted.rotation) / span_s;
+void Odometry::State::learn_gyro_bias() {
+  const RegisteredMotion step = registered_motion();
+  if (!imu_covers || step.seconds() <= 0.0) return;
+  const Vector3 rate = step.mean_rate();
+  // While turning, a gyro that is not trusted may differ by more than its bias.
+  if (!imu_used && rate.norm() > kCalmTurnRate) return;
+  const Vector3 error = mean_angular_velocity(imu, span.previous, span.end) - gyro_bias - rate;
   const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
   ++bias_updates;
   gyro_bias = (gyro_bias + gain * error).cwiseMax(-kMaxGyroBias).cwiseMin(kMaxGyroBias);
@@ -205,7 +229,8 @@ void Odometry::State::learn_prediction_error() {
 }
 
 void Odometry::State::accept(OdometryResult& result) {
-  learn_gyro_bias(result);
+  monitor.observe(imu, gyro_bias, registered_motion());
+  learn_gyro_bias();
   learn_prediction_error();
   body_velocity = motion.body_velocity();
   angular_velocity = motion.mean_angular_velocity();
@@ -225,6 +250,7 @@ void Odometry::State::accept(OdometryResult& result) {
 
 void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
+  monitor.skip();
   motion.predict(body_velocity);
   T_odom_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);

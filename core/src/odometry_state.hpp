@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/imu_buffer.hpp"
+#include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/odometry.hpp"
 #include "nilio/core/point_selection.hpp"
 #include "nilio/core/sweep.hpp"
@@ -32,6 +33,7 @@ struct Odometry::State {
         clock(clock_function),
         arena(configuration.threads),
         imu(configuration.imu_capacity),
+        monitor({config.T_base_imu.translation, config.max_imu_gap}),
         coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
         filter(config.max_filtered_points),
         coarse_filter(config.max_filtered_points),
@@ -49,6 +51,7 @@ struct Odometry::State {
   void select_points();
   [[nodiscard]] bool coarse_is_due(const Scan& scan) const;
   void register_sweep(const Scan& scan, OdometryResult& result);
+  void reconsider_imu(const Scan& scan, OdometryResult& result);
   void register_coarse(OdometryResult& result);
   void register_from_standstill(OdometryResult& result);
   void register_points(bool coarse, OdometryResult& result);
@@ -69,13 +72,15 @@ struct Odometry::State {
   [[nodiscard]] MotionGain motion_gain() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
                                    OdometryResult& result);
-  void learn_gyro_bias(const OdometryResult& result);
+  [[nodiscard]] RegisteredMotion registered_motion() const;
+  void learn_gyro_bias();
   void learn_prediction_error();
 
   OdometryConfig config;
   ClockFunction clock;
   tbb::task_arena arena;
   ImuBuffer imu;
+  ImuMonitor monitor;
   std::optional<VoxelMap> planes;
   VoxelMap coarse_map;
   VoxelFilter filter;
@@ -88,10 +93,12 @@ struct Odometry::State {
   Time time;
   SE3 T_predicted;
   bool imu_used = false;
+  bool imu_covers = false;
   bool motion_compensated = false;
   SweepMotion::Span span;
   Vector3 body_velocity = Vector3::Zero();
   Vector3 angular_velocity = Vector3::Zero();
+  Vector3 deskew_rate = Vector3::Zero();  ///< of the last deskewing before registration
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;

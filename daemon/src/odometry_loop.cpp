@@ -28,6 +28,14 @@ std::int64_t stage_of(const core::OdometryResult& result, core::OdometryStage st
   return result.stage_ns[static_cast<std::size_t>(stage)];
 }
 
+bool same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
+  const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
+    return x.state == y.state;
+  };
+  return a.trusted == b.trusted && a.reason == b.reason &&
+         std::equal(a.rows.begin(), a.rows.end(), b.rows.begin(), same_state);
+}
+
 }  // namespace
 
 ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core::Scan& scan) {
@@ -88,7 +96,7 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
   while (!stop.load(std::memory_order_relaxed)) {
     counters.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const FeedState state = feed_.next(scan, kFeedTimeout);
-    if (state == FeedState::kEnd) return;
+    if (state == FeedState::kEnd) break;
     if (state == FeedState::kIdle) continue;
     counters.scans.fetch_add(1, std::memory_order_relaxed);
     // Backlog does more harm than a missing scan: live, the newest complete scan wins.
@@ -99,6 +107,7 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     wait_for_imu(scan.end, stop, counters);
     register_and_hand_over(scan, stop, counters);
   }
+  push_imu_health(true);
 }
 
 bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
@@ -144,6 +153,13 @@ void OdometryLoop::push_cloud(const core::OdometryResult& result) {
   outputs_.clouds->commit(1);
 }
 
+void OdometryLoop::push_imu_health(bool always) {
+  if (outputs_.imu_health == nullptr) return;
+  const core::ImuHealth& health = odometry_.imu_health();
+  if (!always && same_states(health, pushed_health_)) return;
+  if (outputs_.imu_health->try_push(health)) pushed_health_ = health;
+}
+
 void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
                                           OdometryCounters& counters) {
   const core::OdometryResult result = odometry_.register_scan(scan);
@@ -160,6 +176,7 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::ato
     outputs_.poses->try_push(record);
   }
   if (outputs_.clouds != nullptr) push_cloud(result);
+  push_imu_health(false);
   counters.poses.fetch_add(1, std::memory_order_relaxed);
   if (outputs_.event != nullptr) outputs_.event->notify();
 }

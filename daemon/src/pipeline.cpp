@@ -18,6 +18,7 @@ constexpr std::size_t kPacketSlots = 4096;
 constexpr std::size_t kSampleSlots = 4096;
 constexpr std::size_t kPoseSlots = 1024;
 constexpr std::size_t kCloudSlots = 64;
+constexpr std::size_t kHealthSlots = 256;
 // Time for all threads to be up before the first packet of a paced recording is due.
 constexpr std::int64_t kPaceLeadNs = 100'000'000;
 
@@ -52,6 +53,7 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
       imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
       poses_(ipc::Ring<ipc::PoseRecord>::in_private_memory(kPoseSlots)),
       clouds_(ipc::Ring<CloudRecord>::in_private_memory(kCloudSlots)),
+      imu_health_(ipc::Ring<core::ImuHealth>::in_private_memory(kHealthSlots)),
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
   policy_.wait_when_full = !input_.live;
@@ -111,6 +113,7 @@ void Pipeline::odometry_body() {
   outputs.event = &output_event_;
   outputs.publisher = publisher_;
   const bool with_imu = input_.frames != nullptr;
+  outputs.imu_health = with_imu ? &imu_health_ : nullptr;
   const OdometryLoopConfig loop_config{!input_.live,
                                        core::Duration::from_milliseconds(config_.odometry.imu_wait_ms)};
   core::OdometryConfig odometry = odometry_config(config_);

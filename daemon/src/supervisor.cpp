@@ -2,6 +2,7 @@
 
 #include "nilio/daemon/config_schema.hpp"
 #include "nilio/daemon/config_terms.hpp"
+#include "nilio/daemon/imu_report.hpp"
 #include "nilio/daemon/pipeline.hpp"
 #include "nilio/daemon/run_output.hpp"
 #include "nilio/ipc/histogram.hpp"
@@ -60,6 +61,7 @@ class Supervisor {
   std::unique_ptr<CanWatch> can_watch_;
   std::unique_ptr<RunOutput> output_;
   ipc::LatencyHistograms latency_;
+  ImuReport imu_report_;
   std::optional<ipc::PoseRecord> last_;
   std::uint64_t poses_ = 0;
   std::uint64_t poses_at_last_status_ = 0;
@@ -141,6 +143,8 @@ void Supervisor::drain() {
     report_clock(*record);
     last_ = record;
   }
+  while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop())
+    imu_report_.update(*health);
   for (auto slots = pipeline_->clouds().begin_read(); !slots.empty();
        slots = pipeline_->clouds().begin_read()) {
     if (output_) output_->add(slots.front());
@@ -347,6 +351,7 @@ nlohmann::json Supervisor::summary() const {
     if (i > 0) json["lidars"].back().update(merge_summary(pipeline_->merge_counters(i)));
   }
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
+  json["imu"] = imu_report_.json();
   if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;

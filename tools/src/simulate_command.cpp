@@ -4,6 +4,7 @@
 #include "commands.hpp"
 #include "simulate_options.hpp"
 #include "simulation/hdl64e_stream.hpp"
+#include "simulation/imu_faults.hpp"
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
 #include "simulation/position_model.hpp"
@@ -150,8 +151,11 @@ Result<bool> write_inertial_data(const SimulateArguments& arguments, const Vehic
                                  const fs::path& path) {
   const Result<drivers::ImuPreset> preset = drivers::imu_preset(arguments.imu);
   if (!preset) return preset.error();
-  const auto samples =
-      write_imu_recording(ImuModel(imu_config(arguments), trajectory), *preset, path.string());
+  const Result<ImuFaultConfig> faults = parse_imu_faults(arguments.imu_faults);
+  if (!faults) return faults.error();
+  const auto samples = write_imu_recording(
+      ImuModel(imu_config(arguments), trajectory),
+      ImuFaults(*faults, kStart, trajectory.duration_s(), arguments.seed), *preset, path.string());
   if (!samples) return samples.error();
   std::printf("%s: %llu samples\n", path.c_str(), static_cast<unsigned long long>(*samples));
   return true;

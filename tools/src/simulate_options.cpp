@@ -2,6 +2,7 @@
 
 #include "number_between.hpp"
 #include "simulation/hdl64e_stream.hpp"
+#include "simulation/imu_faults.hpp"
 
 #include <sstream>
 #include <utility>
@@ -134,6 +135,12 @@ void add_imu_options(CLI::App& command, SimulateArguments& a) {
   add_error("--accel-noise", a.accel_noise_ug, "micro-g/sqrt(Hz)");
   add_error("--accel-bias", a.accel_bias_m_s2, "constant bias of each axis, m/s^2");
   add_error("--accel-drift", a.accel_drift_ug, "in-run bias, micro-g");
+  command
+      .add_option(
+          "--imu-fault", a.imu_faults,
+          "what is wrong with the IMU; may be given several times:\n" + simulation::describe_imu_faults())
+      ->allow_extra_args(false)
+      ->type_name("NAME[=VALUE]");
 }
 
 /// What the chosen LiDAR cannot do.
@@ -178,6 +185,9 @@ std::optional<Error> find_useless_option(const CLI::App& command, const Simulate
   const bool town = a.trajectory == "town";
   if (!town && command.count("--speed") > 0)
     return Error{"--speed is for the town; a pose file has its own speed"};
+  if (a.imu == "none" && !a.imu_faults.empty())
+    return Error{"--imu-fault is for an IMU; --imu none records without one"};
+  if (const auto faults = simulation::parse_imu_faults(a.imu_faults); !faults) return faults.error();
   for (const char* name : {"--calib", "--pose-interval"}) {
     if (town && command.count(name) > 0)
       return Error{std::string(name) + " is for a pose file given by --trajectory"};

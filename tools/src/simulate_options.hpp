@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -42,6 +43,7 @@ struct SimulateArguments {
   double accel_noise_ug = 120.0;
   double accel_bias_m_s2 = 0.02;
   double accel_drift_ug = 30.0;
+  std::vector<std::string> imu_faults;
   double scene_density = 1.0;
   std::optional<unsigned> moving_cars;
   std::uint64_t seed = 1;

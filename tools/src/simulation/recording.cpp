@@ -70,18 +70,23 @@ Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model, con
   return summary;
 }
 
-Result<std::uint64_t> write_imu_recording(ImuModel model, const drivers::ImuPreset& preset,
+Result<std::uint64_t> write_imu_recording(ImuModel model, ImuFaults faults, const drivers::ImuPreset& preset,
                                           const std::string& path) {
   errno = 0;
   std::ofstream file(path);
+  std::uint64_t written = 0;
   for (std::uint64_t i = 0; i < model.sample_count() && file; ++i) {
-    for (const drivers::CanFrame& frame : drivers::encode_imu_sample(model.next(), preset)) {
+    const std::optional<core::ImuSample> sample = faults.apply(model.next());
+    if (!sample) continue;
+    ++written;
+    for (const drivers::CanFrame& frame : drivers::encode_imu_sample(*sample, preset)) {
+      if (faults.loses_frame()) continue;
       file << drivers::format_candump_line(frame, "can0") << '\n';
     }
   }
   file.close();
   if (!file) return cannot_write(path);
-  return model.sample_count();
+  return written;
 }
 
 Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, core::Time start,

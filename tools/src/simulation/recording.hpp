@@ -4,6 +4,7 @@
 #include "nilio/core/time.hpp"
 #include "nilio/drivers/imu_decoder.hpp"
 
+#include "simulation/imu_faults.hpp"
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
 #include "simulation/position_model.hpp"
@@ -29,8 +30,8 @@ struct LidarRecordingSummary {
 core::Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model,
                                                           const PositionModel* positions,
                                                           const std::string& path);
-core::Result<std::uint64_t> write_imu_recording(ImuModel model, const drivers::ImuPreset& preset,
-                                                const std::string& path);
+core::Result<std::uint64_t> write_imu_recording(ImuModel model, ImuFaults faults,
+                                                const drivers::ImuPreset& preset, const std::string& path);
 /// T_world_base every 5 ms as a TUM file; world is the first pose.
 core::Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, core::Time start,
                                         const std::string& path);

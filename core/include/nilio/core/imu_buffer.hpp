@@ -45,6 +45,11 @@ class ImuBuffer {
   std::size_t size_ = 0;
 };
 
+/// Means over [from, to] of values that are linear between the samples; the buffer has to cover the span,
+/// which must not be empty.
+Vector3 mean_angular_velocity(const ImuBuffer& buffer, Time from, Time to);
+Vector3 mean_specific_force(const ImuBuffer& buffer, Time from, Time to);
+
 /// Mean and spread of the samples in [from, to].
 struct ImuStatistics {
   std::size_t count = 0;

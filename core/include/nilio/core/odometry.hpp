@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/registration.hpp"
 #include "nilio/core/scan.hpp"
 #include "nilio/core/se3.hpp"
@@ -107,6 +108,8 @@ class Odometry {
   /// back, not finite).
   bool add_imu(const ImuSample& sample);
   [[nodiscard]] std::optional<Time> latest_imu() const;
+  /// What is known of the IMU after the last scan: OdometryResult::imu_used follows from it.
+  [[nodiscard]] const ImuHealth& imu_health() const;
 
   /// Always gives a pose. Scans in order of time.
   OdometryResult register_scan(const Scan& scan);

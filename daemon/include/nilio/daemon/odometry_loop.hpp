@@ -35,9 +35,10 @@ struct OdometryCounters {
 
 /// Where the odometry thread's results go. Null = not wanted.
 struct OdometryOutputs {
-  ipc::Ring<ipc::PoseRecord>* poses = nullptr;  ///< to the supervisor
-  ipc::Ring<CloudRecord>* clouds = nullptr;     ///< to the supervisor
-  ipc::WakeEvent* event = nullptr;              ///< woken after every pose
+  ipc::Ring<ipc::PoseRecord>* poses = nullptr;       ///< to the supervisor
+  ipc::Ring<CloudRecord>* clouds = nullptr;          ///< to the supervisor
+  ipc::Ring<core::ImuHealth>* imu_health = nullptr;  ///< to the supervisor, when something changes
+  ipc::WakeEvent* event = nullptr;                   ///< woken after every pose
   ipc::PublisherProcess* publisher = nullptr;
 };
 
@@ -67,6 +68,7 @@ class OdometryLoop {
   void register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
                               OdometryCounters& counters);
   void push_cloud(const core::OdometryResult& result);
+  void push_imu_health(bool always);
 
   core::Odometry odometry_;
   ScanFeed& feed_;
@@ -75,6 +77,7 @@ class OdometryLoop {
   const ReceiveState* imu_state_;
   OdometryOutputs outputs_;
   OdometryLoopConfig config_;
+  core::ImuHealth pushed_health_;
 };
 
 /// The record of a result; stage stamps come from the scan and the result.

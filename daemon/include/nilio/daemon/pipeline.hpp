@@ -61,6 +61,7 @@ class Pipeline {
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
   /// Lines for the log that the odometry thread says; to be taken by the owner.
   [[nodiscard]] FeedLog& feed_log() { return feed_log_; }
+  [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
   /// Woken after every pose and at the end.
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
@@ -100,6 +101,7 @@ class Pipeline {
   ipc::Ring<core::ImuSample> imu_ring_;
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;
+  ipc::Ring<core::ImuHealth> imu_health_;
   ipc::WakeEvent data_event_;
   ipc::WakeEvent output_event_;
 

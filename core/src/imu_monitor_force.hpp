@@ -1,0 +1,63 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+#include "nilio/core/time.hpp"
+
+#include <array>
+#include <cstddef>
+
+#include <Eigen/Core>
+
+namespace nilio::core {
+
+struct ForceEstimate {
+  /// Rotation vector from the measured to the true specific force in base_link, rad; components that the
+  /// drive does not show are 0.
+  Vector3 mounting = Vector3::Zero();
+  bool mounting_known = false;
+  /// Mean specific force in base_link while not accelerating, m/s^2.
+  Vector3 steady = Vector3::Zero();
+  bool steady_known = false;
+};
+
+/// Compares the accelerometer with the acceleration that the registered positions show. The mounting is
+/// fitted together with the direction of gravity in odom, so that neither a slope at the start nor a wrongly
+/// levelled odom frame passes for it; small angles. Memory fades within a minute.
+class ForceFit {
+ public:
+  /// The registered pose, where the IMU is in odom, and its mean specific force since the pose before, in
+  /// axes of base_link.
+  void add(Time time, const SE3& T_odom_base, const Vector3& imu_position, const Vector3& force);
+  /// The poses do not follow each other: positions before and after are not compared.
+  void interrupt() { count_ = 0; }
+  [[nodiscard]] ForceEstimate estimate() const;
+
+ private:
+  /// Scans over which a velocity is taken: the noise of a position has to fade against 1 m/s^2.
+  static constexpr std::size_t kSpan = 5;
+  struct Record {
+    Time time;
+    Matrix3 R_odom_base = Matrix3::Identity();
+    Vector3 position = Vector3::Zero();
+    Vector3 force = Vector3::Zero();
+  };
+  using Matrix36 = Eigen::Matrix<double, 3, 6>;
+
+  [[nodiscard]] const Record& record(std::size_t i) const;
+  [[nodiscard]] bool evenly_spaced() const;
+  void learn();
+  void learn_steady(const Vector3& acceleration);
+
+  std::array<Record, 2 * kSpan + 1> records_{};
+  std::size_t next_ = 0;
+  std::size_t count_ = 0;
+  // Normal equations of mounting and gravity.
+  Matrix6 information_ = Matrix6::Zero();
+  Vector6 right_side_ = Vector6::Zero();
+  double squares_ = 0.0;
+  double weight_ = 0.0;
+  Vector3 steady_ = Vector3::Zero();
+  double steady_weight_ = 0.0;
+};
+
+}  // namespace nilio::core

@@ -1,0 +1,75 @@
+#include "imu_monitor_trust.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
+// Ten scans.
+constexpr double kMemory = 0.9;
+constexpr double kLeastWeight = 5.0;
+constexpr double kWeightAfterThreeSeconds = 9.5;
+// 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
+constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
+// Withdrawn when the gyro's error is so many times that of a constant rate.
+constexpr double kPlainlyWorse = 2.0;
+constexpr double kContradiction = 0.3 * kRadiansPerDegree;
+// Rotation of a scan at which a gyro that is wrong shows, and scans of it that prove a gyro right again.
+constexpr double kTurning = 0.3 * kRadiansPerDegree;
+constexpr int kConsistentTurns = 20;
+
+}  // namespace
+
+bool GyroTrust::compared() const { return weight_ >= kLeastWeight; }
+
+bool GyroTrust::refused() const { return !given_ && (withdrawn_ || weight_ > kWeightAfterThreeSeconds); }
+
+double GyroTrust::gyro_error() const { return weight_ > 0.0 ? std::sqrt(gyro_squares_ / weight_) : 0.0; }
+
+double GyroTrust::constant_rate_error() const {
+  return weight_ > 0.0 ? std::sqrt(constant_squares_ / weight_) : 0.0;
+}
+
+bool GyroTrust::contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const {
+  if (!has_rate_) return false;
+  const double gyro_angle = (gyro - registered).norm() * seconds;
+  const double constant_angle = (rate_ - registered).norm() * seconds;
+  return gyro_angle > kContradiction && gyro_angle > kPlainlyWorse * constant_angle &&
+         gyro_angle > kPlainlyWorse * gyro_error();
+}
+
+void GyroTrust::withdraw() {
+  given_ = false;
+  withdrawn_ = true;
+  consistent_turns_ = 0;
+}
+
+void GyroTrust::update(double gyro_angle, double constant_angle, double turned) {
+  gyro_squares_ = kMemory * gyro_squares_ + gyro_angle * gyro_angle;
+  constant_squares_ = kMemory * constant_squares_ + constant_angle * constant_angle;
+  weight_ = kMemory * weight_ + 1.0;
+  if (!compared()) return;
+  const double gyro = gyro_error();
+  const double constant = std::max(constant_rate_error(), kIndifferent);
+  if ((given_ || turned > kTurning) && gyro > kPlainlyWorse * constant) withdraw();
+  if (withdrawn_ && turned > kTurning) consistent_turns_ = gyro_angle <= constant ? consistent_turns_ + 1 : 0;
+  if (!given_ && gyro <= constant && (!withdrawn_ || consistent_turns_ >= kConsistentTurns)) {
+    given_ = true;
+    withdrawn_ = false;
+  }
+}
+
+void GyroTrust::add(const Vector3& gyro, const Vector3& registered, double seconds) {
+  if (has_rate_) {
+    update((gyro - registered).norm() * seconds, (rate_ - registered).norm() * seconds,
+           registered.norm() * seconds);
+  }
+  rate_ = registered;
+  has_rate_ = true;
+}
+
+}  // namespace nilio::core
