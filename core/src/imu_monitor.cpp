@@ -26,6 +26,11 @@ constexpr double kCalmRate = 1.0 / kDegreesPerRadian;
 constexpr double kLeastBiasWeight = 10.0;
 // Motions longer than this are no longer one scan.
 constexpr double kLongestMotion = 0.35;
+// The offset that registration without the gyro shows is wrong by up to a tenth of a scan, and that with a
+// gyro that is off by part of what it is off: small rests are corrected until they are this small.
+constexpr double kLeastShiftSeconds = 0.002;
+constexpr double kShiftSigmas = 3.0;
+constexpr double kLargestTotalShiftSeconds = 0.15;
 // Waiting for samples of the largest shift: at most two scans at 20 Hz more than that takes.
 constexpr std::size_t kPending = 8;
 
@@ -39,9 +44,12 @@ struct ImuMonitor::State {
   void learn_pending(const ImuBuffer& imu);
   void learn_shifts(const ImuBuffer& imu, const RegisteredMotion& motion);
   [[nodiscard]] bool signal_is_sound(Time from, Time to) const;
-  void fill_table(Time now);
+  bool fill_table(Time now);
   void fill_signals(Time now);
-  void fill_rotation();
+  bool fill_rotation();
+  void fill_offset(const RotationEstimate& estimate);
+  void fill_bias();
+  bool follow_offset(const RotationEstimate& estimate);
   void fill_force();
   void withdraw(ImuCheck reason);
 
@@ -57,6 +65,7 @@ struct ImuMonitor::State {
   std::array<RegisteredMotion, kPending> pending{};
   std::size_t first_pending = 0;
   std::size_t pending_count = 0;
+  Duration shift;
   Vector3 bias_sum = Vector3::Zero();
   double bias_weight = 0.0;
 };
@@ -69,10 +78,12 @@ ImuMonitor::~ImuMonitor() = default;
 const ImuHealth& ImuMonitor::health() const { return state_->health; }
 const Vector3& ImuMonitor::registered_rate() const { return state_->trust.registered_rate(); }
 
+Duration ImuMonitor::time_shift() const { return state_->shift; }
+
 void ImuMonitor::add(const ImuSample& sample) {
   state_->timing.add(sample.stamp);
-  state_->gyro.add(sample.stamp, sample.angular_velocity);
-  state_->accel.add(sample.stamp, sample.linear_acceleration);
+  state_->gyro.add(sample.stamp - state_->shift, sample.angular_velocity);
+  state_->accel.add(sample.stamp - state_->shift, sample.linear_acceleration);
 }
 
 bool ImuMonitor::State::signal_is_sound(Time from, Time to) const {
@@ -105,9 +116,9 @@ void ImuMonitor::skip() {
   state_->trust.interrupt();
 }
 
-void ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
+bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
   State& s = *state_;
-  if (!imu.latest()) return;
+  if (!imu.latest()) return false;
   const bool covered = motion.from < motion.to && motion.seconds() < kLongestMotion &&
                        imu.covers(motion.from, motion.to, s.config.max_gap);
   if (!covered) {
@@ -122,13 +133,13 @@ void ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const R
     }
   }
   s.learn_pending(imu);
-  s.fill_table(motion.to);
+  return s.fill_table(motion.to);
 }
 
 void ImuMonitor::State::judge_rotation(const ImuBuffer& imu, const Vector3& gyro_bias,
                                        const RegisteredMotion& motion) {
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to);
-  const Vector3 registered = motion.mean_rate();
+  const Vector3 registered = motion.undistorted_rate();
   const bool sound = signal_is_sound(motion.from, motion.to);
   if (sound) trust.add(gyro_rate - gyro_bias, registered, motion.seconds());
   if (sound && registered.norm() < kCalmRate) {
@@ -160,13 +171,14 @@ void ImuMonitor::State::learn_pending(const ImuBuffer& imu) {
 void ImuMonitor::State::learn_shifts(const ImuBuffer& imu, const RegisteredMotion& motion) {
   std::array<Vector3, kTimeShifts> rates;
   for (std::size_t i = 0; i < kTimeShifts; ++i)
-    rates[i] = mean_angular_velocity(imu, motion.from + time_shift(i), motion.to + time_shift(i));
+    rates[i] = mean_angular_velocity(imu, motion.from + shift_at(i), motion.to + shift_at(i));
   rotation.add(motion.undistorted_rate(), rates);
 }
 
-void ImuMonitor::State::fill_table(Time now) {
+/// True when the time shift has changed.
+bool ImuMonitor::State::fill_table(Time now) {
   fill_signals(now);
-  fill_rotation();
+  const bool shifted = fill_rotation();
   fill_force();
   const ImuCheck obstacle = find_obstacle(health);
   const bool was_trusted = health.trusted;
@@ -179,6 +191,9 @@ void ImuMonitor::State::fill_table(Time now) {
     health.reason = ImuCheck::kCount;
   }
   if (was_trusted && !health.trusted) trust.withdraw();
+  // Deskewing with the gyro shows its errors more exactly than deskewing without.
+  if (!was_trusted && health.trusted) rotation = RotationFit();
+  return shifted;
 }
 
 void ImuMonitor::State::fill_signals(Time now) {
@@ -195,18 +210,34 @@ void ImuMonitor::State::fill_signals(Time now) {
   set_flag_row(health, ImuCheck::kAccelSaturation, accel.full_scale());
 }
 
-void ImuMonitor::State::fill_rotation() {
+bool ImuMonitor::State::fill_rotation() {
   const RotationEstimate estimate = rotation.estimate();
-  fill_directions(estimate, health);
-  health.time_offset_sigma_ms = 1e3 * estimate.time_offset_sigma_s;
-  const bool was_known = health[ImuCheck::kTimeOffset].state != ImuCheckState::kUnknown;
-  if (estimate.time_offset_known || (was_known && estimate.time_offset_found)) {
-    set_row(health, ImuCheck::kTimeOffset, 1e3 * estimate.time_offset_s, 1e3 * estimate.time_offset_sigma_s);
-  } else {
-    forget_row(health, ImuCheck::kTimeOffset);
+  // After a new beginning of the fit what was found before holds until there is something better.
+  if (estimate.observed > 0) {
+    fill_directions(estimate, health);
+    fill_offset(estimate);
   }
-  const bool in_rad_s = health[ImuCheck::kGyroScale].state != ImuCheckState::kBad;
-  if (!in_rad_s) {
+  fill_bias();
+  // While it is not trusted the row keeps its largest value: on a straight road any gyro agrees.
+  const double disagreement = trust.gyro_error() * kDegreesPerRadian;
+  if (trust.compared() && (trust.given() || disagreement > health[ImuCheck::kGyroAgreement].value))
+    set_row(health, ImuCheck::kGyroAgreement, disagreement);
+  return follow_offset(estimate);
+}
+
+void ImuMonitor::State::fill_offset(const RotationEstimate& estimate) {
+  const bool was_known = health[ImuCheck::kTimeOffset].state != ImuCheckState::kUnknown;
+  if (!estimate.time_offset_known && !(was_known && estimate.time_offset_found)) {
+    if (shift.ns == 0) forget_row(health, ImuCheck::kTimeOffset);
+    return;
+  }
+  health.time_offset_sigma_ms = 1e3 * estimate.time_offset_sigma_s;
+  set_row(health, ImuCheck::kTimeOffset, 1e3 * (shift.seconds() + estimate.time_offset_s),
+          health.time_offset_sigma_ms);
+}
+
+void ImuMonitor::State::fill_bias() {
+  if (health[ImuCheck::kGyroScale].state == ImuCheckState::kBad) {
     forget_row(health, ImuCheck::kGyroBias);
   } else if (bias_weight >= kLeastBiasWeight) {
     Eigen::Index axis = 0;
@@ -214,10 +245,23 @@ void ImuMonitor::State::fill_rotation() {
     bias.cwiseAbs().maxCoeff(&axis);
     set_row(health, ImuCheck::kGyroBias, bias[axis]);
   }
-  // While it is not trusted the row keeps its largest value: on a straight road any gyro agrees.
-  const double disagreement = trust.gyro_error() * kDegreesPerRadian;
-  if (trust.compared() && (trust.given() || disagreement > health[ImuCheck::kGyroAgreement].value))
-    set_row(health, ImuCheck::kGyroAgreement, disagreement);
+}
+
+/// Takes a time offset that is certain into the stamps, unless something else is wrong with the gyro.
+bool ImuMonitor::State::follow_offset(const RotationEstimate& estimate) {
+  const double rest_s = estimate.time_offset_s;
+  const double total_s = shift.seconds() + rest_s;
+  const bool is_large =
+      std::abs(rest_s) > std::max(kLeastShiftSeconds, kShiftSigmas * estimate.time_offset_sigma_s);
+  if (!estimate.time_offset_known || !is_large || std::abs(total_s) > kLargestTotalShiftSeconds) return false;
+  const ImuCheck obstacle = find_obstacle(health);
+  if (obstacle != ImuCheck::kCount && obstacle != ImuCheck::kTimeOffset) return false;
+  shift = Duration::from_seconds(total_s);
+  health.time_shift_ms = 1e3 * shift.seconds();
+  rotation = RotationFit();
+  trust.forget();
+  pending_count = 0;
+  return true;
 }
 
 void ImuMonitor::State::fill_force() {

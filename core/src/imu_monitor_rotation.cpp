@@ -63,7 +63,7 @@ double RotationFit::residual(std::size_t shift) const {
 
 void RotationFit::estimate_offset(std::size_t best, double least, RotationEstimate& result) const {
   const bool explains = least < (1.0 - kLeastExplained) * registered_variance();
-  result.time_offset_s = time_shift(best).seconds();
+  result.time_offset_s = shift_at(best).seconds();
   if (best == 0 || best + 1 == kTimeShifts) {
     result.time_offset_sigma_s = kShiftStep.seconds();
     result.time_offset_known = explains && weight_ > kLeastWeightAtEdge;

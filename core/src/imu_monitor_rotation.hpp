@@ -12,7 +12,7 @@ namespace nilio::core {
 inline constexpr std::size_t kTimeShifts = 31;
 inline constexpr Duration kShiftStep = Duration::from_milliseconds(10.0);
 inline constexpr Duration kLargestShift = kShiftStep * static_cast<std::int64_t>(kTimeShifts / 2);
-constexpr Duration time_shift(std::size_t index) {
+constexpr Duration shift_at(std::size_t index) {
   return kShiftStep * (static_cast<std::int64_t>(index) - static_cast<std::int64_t>(kTimeShifts / 2));
 }
 

@@ -95,11 +95,11 @@ std::string axes_hint(const ImuHealth& health) {
 
 std::string offset_hint(const ImuHealth& health) {
   const double value = health[ImuCheck::kTimeOffset].value;
-  std::array<char, 160> text{};
+  std::array<char, 200> text{};
   std::snprintf(text.data(), text.size(),
                 "the IMU's stamps are %.1f ms (+- %.1f) %s than the LiDAR's for the same instant; check both "
-                "clocks and the bus's delay",
-                std::abs(value), health.time_offset_sigma_ms, value > 0.0 ? "later" : "earlier");
+                "clocks and the bus's delay, or add %.1f to imu.time_offset_ms",
+                std::abs(value), health.time_offset_sigma_ms, value > 0.0 ? "later" : "earlier", value);
   return text.data();
 }
 
@@ -226,10 +226,22 @@ void fill_directions(const RotationEstimate& estimate, ImuHealth& health) {
   }
 }
 
+namespace {
+
+/// What is left of the time offset counts.
+bool is_uncorrected(const ImuHealth& health) {
+  const ImuDiagnosis& row = health[ImuCheck::kTimeOffset];
+  return row.state == ImuCheckState::kBad &&
+         std::abs(row.value - health.time_shift_ms) > row_of(ImuCheck::kTimeOffset).bad;
+}
+
+}  // namespace
+
 ImuCheck find_obstacle(const ImuHealth& health) {
   for (const ImuCheck check : {ImuCheck::kGyroStuck, ImuCheck::kGyroAxes, ImuCheck::kGyroScale,
                                ImuCheck::kGyroMounting, ImuCheck::kTimeOffset, ImuCheck::kGyroNoise}) {
-    if (health[check].state == ImuCheckState::kBad) return check;
+    if (check == ImuCheck::kTimeOffset ? is_uncorrected(health) : health[check].state == ImuCheckState::kBad)
+      return check;
   }
   return ImuCheck::kCount;
 }

@@ -18,9 +18,17 @@ constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
 // Withdrawn when the gyro's error is so many times that of a constant rate.
 constexpr double kPlainlyWorse = 2.0;
 constexpr double kContradiction = 0.3 * kRadiansPerDegree;
-// Rotation of a scan at which a gyro that is wrong shows, and scans of it that prove a gyro right again.
+// Rotation of a scan at which a gyro that is wrong shows.
 constexpr double kTurning = 0.3 * kRadiansPerDegree;
-constexpr int kConsistentTurns = 20;
+// Evidence is gathered over a minute of turning. It suffices once a constant rate has gone wrong by so much
+// in all (half a second's entry into a bend) and the gyro by less than half of it, which one that is late,
+// crooked or of another scale does not. After a withdrawal it takes four times as much.
+constexpr double kEvidenceMemory = 1.0 - 1.0 / 600.0;
+constexpr double kEvidenceSquares = 0.3 * 0.3 * kRadiansPerDegree * kRadiansPerDegree;
+constexpr double kEvidenceAfterWithdrawal = 4.0;
+constexpr double kLargestShareOfSquares = 0.25;
+// The noise of a registered rotation, which is evidence of nothing.
+constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDegree;
 
 }  // namespace
 
@@ -45,7 +53,25 @@ bool GyroTrust::contradicted(const Vector3& gyro, const Vector3& registered, dou
 void GyroTrust::withdraw() {
   given_ = false;
   withdrawn_ = true;
-  consistent_turns_ = 0;
+  gyro_evidence_ = 0.0;
+  constant_evidence_ = 0.0;
+}
+
+void GyroTrust::forget() {
+  const bool given = given_;
+  *this = GyroTrust();
+  given_ = given;
+}
+
+bool GyroTrust::is_proven() const {
+  const double needed = withdrawn_ ? kEvidenceAfterWithdrawal * kEvidenceSquares : kEvidenceSquares;
+  return constant_evidence_ > needed && gyro_evidence_ < kLargestShareOfSquares * constant_evidence_;
+}
+
+void GyroTrust::gather_evidence(double gyro_angle, double constant_angle) {
+  const auto excess = [](double angle) { return std::max(0.0, angle * angle - kNoiseSquares); };
+  gyro_evidence_ = kEvidenceMemory * gyro_evidence_ + excess(gyro_angle);
+  constant_evidence_ = kEvidenceMemory * constant_evidence_ + excess(constant_angle);
 }
 
 void GyroTrust::update(double gyro_angle, double constant_angle, double turned) {
@@ -53,11 +79,11 @@ void GyroTrust::update(double gyro_angle, double constant_angle, double turned) 
   constant_squares_ = kMemory * constant_squares_ + constant_angle * constant_angle;
   weight_ = kMemory * weight_ + 1.0;
   if (!compared()) return;
+  if (turned > kTurning) gather_evidence(gyro_angle, constant_angle);
   const double gyro = gyro_error();
   const double constant = std::max(constant_rate_error(), kIndifferent);
   if ((given_ || turned > kTurning) && gyro > kPlainlyWorse * constant) withdraw();
-  if (withdrawn_ && turned > kTurning) consistent_turns_ = gyro_angle <= constant ? consistent_turns_ + 1 : 0;
-  if (!given_ && gyro <= constant && (!withdrawn_ || consistent_turns_ >= kConsistentTurns)) {
+  if (!given_ && gyro <= constant && is_proven()) {
     given_ = true;
     withdrawn_ = false;
   }

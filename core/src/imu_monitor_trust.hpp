@@ -4,15 +4,17 @@
 
 namespace nilio::core {
 
-/// Whether the gyro predicts the registered rotation at least as well as a constant rate does. Given after a
-/// second of agreement; withdrawn when the gyro is plainly worse; given again only after agreement while
-/// turning, for any gyro agrees with a straight road.
+/// Whether the gyro predicts the registered rotation better than a constant rate does. Given once the gyro has
+/// shown it while turning, for any gyro agrees with a straight road; withdrawn when the gyro is plainly worse;
+/// given again after more evidence of the same kind.
 class GyroTrust {
  public:
   /// Mean rates over a scan of `seconds`, rad/s.
   void add(const Vector3& gyro, const Vector3& registered, double seconds);
   [[nodiscard]] bool contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const;
   void withdraw();
+  /// What speaks against the gyro so far does not hold any more.
+  void forget();
   /// The next scan does not follow the last: nothing to predict a constant rate from.
   void interrupt() { has_rate_ = false; }
 
@@ -28,6 +30,8 @@ class GyroTrust {
 
  private:
   void update(double gyro_angle, double constant_angle, double turned);
+  void gather_evidence(double gyro_angle, double constant_angle);
+  [[nodiscard]] bool is_proven() const;
 
   Vector3 rate_ = Vector3::Zero();
   bool has_rate_ = false;
@@ -36,7 +40,9 @@ class GyroTrust {
   double weight_ = 0.0;
   bool given_ = false;
   bool withdrawn_ = false;
-  int consistent_turns_ = 0;
+  /// Sums of squared errors over scans that turned since the start or the last withdrawal, rad^2.
+  double gyro_evidence_ = 0.0;
+  double constant_evidence_ = 0.0;
 };
 
 }  // namespace nilio::core

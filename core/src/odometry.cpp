@@ -13,7 +13,9 @@ Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 Odometry::~Odometry() = default;
 
 bool Odometry::add_imu(const ImuSample& sample) {
-  if (!state_->imu.add(sample, state_->config.T_base_imu.rotation)) return false;
+  ImuSample in_lidar_time = sample;
+  in_lidar_time.stamp = sample.stamp - state_->monitor.time_shift();
+  if (!state_->imu.add(in_lidar_time, state_->config.T_base_imu.rotation)) return false;
   state_->monitor.add(sample);
   return true;
 }

@@ -229,8 +229,9 @@ void Odometry::State::learn_prediction_error() {
 }
 
 void Odometry::State::accept(OdometryResult& result) {
-  monitor.observe(imu, gyro_bias, registered_motion());
+  const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
   learn_gyro_bias();
+  if (is_shifted) imu.clear();
   learn_prediction_error();
   body_velocity = motion.body_velocity();
   angular_velocity = motion.mean_angular_velocity();

@@ -1,5 +1,6 @@
 #include "nilio/daemon/config_schema.hpp"
 
+#include "nilio/drivers/imu_mapping.hpp"
 #include "nilio/drivers/velodyne_model.hpp"
 
 namespace nilio::daemon {
@@ -159,6 +160,65 @@ void add_extra_lidar(std::vector<ConfigKey>& keys, const std::string& section, E
   add_lidar(keys, section, c);
 }
 
+/// What a mapping may have beside the six axes.
+void add_imu_signals(std::vector<ConfigKey>& keys, ImuConfig& c) {
+  const auto add_signal = [&](const std::string& name, const std::string& what, std::string& message,
+                              std::string& signal) {
+    keys.push_back({"imu." + name + ".message", &message, "DBC message of " + what, "", 0, 0, {}});
+    keys.push_back({"imu." + name + ".signal", &signal, "DBC signal of " + what, "", 0, 0, {}});
+  };
+  keys.push_back({"imu.angular_velocity_range_deg_s",
+                  &c.angular_velocity_range_deg_s,
+                  "rates from here on are saturated; 0 = only those at the end of their bits",
+                  "deg/s",
+                  0,
+                  10000,
+                  {}});
+  keys.push_back({"imu.linear_acceleration_range",
+                  &c.linear_acceleration_range,
+                  "accelerations from here on are saturated; 0 = only those at the end of their bits",
+                  "m/s^2",
+                  0,
+                  10000,
+                  {}});
+  add_signal("counter", "the sample's number", c.counter.message, c.counter.signal);
+  add_signal("status", "the status, without which samples are dropped", c.status.message, c.status.signal);
+  keys.push_back({"imu.status.mask", &c.status.mask, "bits of the status that count", "", 0, 0x7FFFFFFF, {}});
+  keys.push_back({"imu.status.good", &c.status.good, "their value in a good sample", "", 0, 0x7FFFFFFF, {}});
+  add_signal("sample_time", "the device's time", c.sample_time.message, c.sample_time.signal);
+  keys.push_back({"imu.sample_time.tick_us", &c.sample_time.tick_us, "its tick", "us", 0.001, 1e6, {}});
+  keys.push_back({"imu.sample_time.wrap",
+                  &c.sample_time.wrap,
+                  "ticks after which it begins again; 0 = when its bits are used up",
+                  "",
+                  0,
+                  0x7FFFFFFF,
+                  {}});
+  add_signal("temperature", "the temperature", c.temperature.message, c.temperature.signal);
+}
+
+/// The signals of a DBC file in place of a preset.
+void add_imu_mapping(std::vector<ConfigKey>& keys, ImuConfig& c) {
+  const std::array<std::string, 3> axes = {"x", "y", "z"};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto add_axis = [&](const std::string& quantity, const std::string& unit, ImuAxisConfig& axis) {
+      const std::string path = "imu." + quantity + "_" + axes[i];
+      keys.push_back({path + ".message", &axis.message, "DBC message that carries it", "", 0, 0, {}});
+      keys.push_back({path + ".signal", &axis.signal, "DBC signal that carries it", "", 0, 0, {}});
+      keys.push_back({path + ".scale",
+                      &axis.scale,
+                      "from the signal's unit and axis to " + unit + ", x forward, y left, z up",
+                      "",
+                      0,
+                      0,
+                      {}});
+    };
+    add_axis("angular_velocity", "rad/s", c.angular_velocity[i]);
+    add_axis("linear_acceleration", "m/s^2", c.linear_acceleration[i]);
+  }
+  add_imu_signals(keys, c);
+}
+
 void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
   keys.push_back({"imu.enabled",
                   &c.enabled,
@@ -168,7 +228,7 @@ void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
                   0,
                   {}});
   keys.push_back(
-      {"imu.preset", &c.preset, "built-in DBC and signal mapping", "", 0, 0, {"xsens_mti", "oxts_rt3003"}});
+      {"imu.preset", &c.preset, "built-in DBC and signal mapping", "", 0, 0, drivers::imu_preset_names()});
   keys.push_back(
       {"imu.dbc", &c.dbc, "DBC file in place of the preset; then map all six signals", "", 0, 0, {}});
   keys.push_back({"imu.interface",
@@ -193,23 +253,21 @@ void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
        0,
        60'000,
        {}});
-  const std::array<std::string, 3> axes = {"x", "y", "z"};
-  for (std::size_t i = 0; i < 3; ++i) {
-    const auto add_axis = [&](const std::string& quantity, const std::string& unit, ImuAxisConfig& axis) {
-      const std::string path = "imu." + quantity + "_" + axes[i];
-      keys.push_back({path + ".message", &axis.message, "DBC message that carries it", "", 0, 0, {}});
-      keys.push_back({path + ".signal", &axis.signal, "DBC signal that carries it", "", 0, 0, {}});
-      keys.push_back({path + ".scale",
-                      &axis.scale,
-                      "from the signal's unit and axis to " + unit + ", x forward, y left, z up",
-                      "",
-                      0,
-                      0,
-                      {}});
-    };
-    add_axis("angular_velocity", "rad/s", c.angular_velocity[i]);
-    add_axis("linear_acceleration", "m/s^2", c.linear_acceleration[i]);
-  }
+  keys.push_back({"imu.source_address",
+                  &c.source_address,
+                  "SAE J1939 only: address of the IMU; -1 = the first that sends its messages",
+                  "",
+                  -1,
+                  253,
+                  {}});
+  keys.push_back({"imu.time_offset_ms",
+                  &c.time_offset_ms,
+                  "subtracted from the IMU's stamps; positive = they are later than the LiDAR's",
+                  "ms",
+                  -1000,
+                  1000,
+                  {}});
+  add_imu_mapping(keys, c);
   add_extrinsic(keys, "imu", c.extrinsic);
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <iomanip>
 #include <sstream>
 
 #include <yaml-cpp/yaml.h>
@@ -18,6 +19,7 @@ using core::Result;
 
 std::string number(double value) {
   std::ostringstream out;
+  out << std::setprecision(10);
   out << value;
   return out.str();
 }

@@ -14,6 +14,9 @@ inline constexpr const char* kNoImu =
 /// The decoder of the preset, or of the DBC and its six mapped signals.
 core::Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config);
 
+/// Says what is assumed of the IMU: a time offset, an axis that it lacks.
+void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input);
+
 /// Adds the IMU on its CAN interface to a live input, or a note or warning that there is none.
 core::Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input);
 

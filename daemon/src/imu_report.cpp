@@ -39,12 +39,19 @@ void ImuReport::report_use(const ImuHealth& health) const {
                  core::name_of(health.reason));
   }
   if (health.trusted && was_refused) spdlog::info("IMU: used again");
+  const double shift_before_ms = last_ ? last_->time_shift_ms : 0.0;
+  if (health.time_shift_ms != shift_before_ms)
+    spdlog::info("IMU: {:.1f} ms are subtracted from its stamps from now on", health.time_shift_ms);
 }
 
 void ImuReport::update(const ImuHealth& health) {
   for (std::size_t i = 0; i < core::kImuChecks; ++i) report_row(check_at(i), health);
   report_use(health);
   last_ = health;
+}
+
+bool ImuReport::is_compared() const {
+  return last_ && (*last_)[ImuCheck::kGyroAgreement].worst_state != ImuCheckState::kUnknown;
 }
 
 nlohmann::json ImuReport::json() const {
@@ -54,6 +61,7 @@ nlohmann::json ImuReport::json() const {
   json["reason"] = core::name_of(last_->reason);
   json["demotions"] = last_->demotions;
   json["time_offset_sigma_ms"] = last_->time_offset_sigma_ms;
+  json["time_shift_ms"] = last_->time_shift_ms;
   for (std::size_t i = 0; i < core::kImuChecks; ++i) {
     const ImuCheck check = check_at(i);
     const ImuDiagnosis& row = (*last_)[check];

@@ -3,7 +3,7 @@
 #include "nilio/daemon/config_schema.hpp"
 #include "nilio/daemon/kitti_sequence.hpp"
 #include "nilio/daemon/sensor_finder.hpp"
-#include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/can_capture.hpp"
 #include "nilio/drivers/chained_source.hpp"
 #include "nilio/drivers/pcap.hpp"
 #include "nilio/drivers/udp.hpp"
@@ -74,25 +74,37 @@ std::string describe(const std::vector<std::string>& parts) {
   return parts.front() + " to " + parts.back() + " (" + std::to_string(parts.size()) + " files)";
 }
 
+/// Where the CAN frames of a recording are: logs, or else its captures; nothing when there are none.
+std::vector<std::string> find_can_files(const ReplayFiles& files) {
+  if (!files.can_logs.empty()) return files.can_logs;
+  return !files.captures.empty() && drivers::has_can_frames(files.captures.front())
+             ? files.captures
+             : std::vector<std::string>{};
+}
+
 Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
   if (!config.imu.enabled) {
     input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
     return std::monostate{};
   }
-  if (files.can_logs.empty()) {
-    input.warnings.emplace_back(std::string("no CAN log beside the recording: ") + kNoImu);
+  const std::vector<std::string> can_files = find_can_files(files);
+  if (can_files.empty()) {
+    input.warnings.emplace_back(std::string("no CAN log beside the recording, and no CAN frames in it: ") +
+                                kNoImu);
     return std::monostate{};
   }
   Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu);
   if (!decoder) return decoder.error();
   Result<std::unique_ptr<drivers::FrameSource>> frames =
-      drivers::chain_can_logs(files.can_logs, config.imu.interface_name);
+      files.can_logs.empty() ? drivers::chain_can_captures(can_files, config.imu.interface_name)
+                             : drivers::chain_can_logs(can_files, config.imu.interface_name);
   if (!frames) return frames.error();
   input.frames = std::move(frames).value();
   input.imu_decoder.emplace(std::move(decoder).value());
   input.notes.push_back("IMU " + (config.imu.dbc.empty() ? config.imu.preset : config.imu.dbc) + " from " +
-                        describe(files.can_logs));
-  warn_of_missing_parts(files.can_logs, input.warnings);
+                        describe(can_files));
+  note_assumptions(config.imu, *input.imu_decoder, input);
+  warn_of_missing_parts(can_files, input.warnings);
   return std::monostate{};
 }
 

@@ -32,7 +32,7 @@ bool same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
   const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
     return x.state == y.state;
   };
-  return a.trusted == b.trusted && a.reason == b.reason &&
+  return a.trusted == b.trusted && a.reason == b.reason && a.time_shift_ms == b.time_shift_ms &&
          std::equal(a.rows.begin(), a.rows.end(), b.rows.begin(), same_state);
 }
 

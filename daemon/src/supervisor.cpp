@@ -51,6 +51,7 @@ class Supervisor {
   void report_mixed_senders();
   void report_merge(std::size_t index) const;
   void report_end() const;
+  void report_unused_imu() const;
   [[nodiscard]] nlohmann::json summary() const;
   [[nodiscard]] std::string explain_no_poses() const;
 
@@ -304,9 +305,27 @@ nlohmann::json merge_summary(const MergeCounters& counters) {
           {"waits_timed_out", counters.waits_timed_out}};
 }
 
+nlohmann::json decoder_summary(const drivers::ImuDecoderStats& imu) {
+  return {{"imu_frames", imu.frames},
+          {"imu_frames_other", imu.other_frames},
+          {"imu_frames_other_source", imu.other_sources},
+          {"imu_frames_short", imu.short_frames},
+          {"imu_samples_incomplete", imu.incomplete},
+          {"imu_samples_out_of_order", imu.out_of_order},
+          {"imu_samples_lost", imu.lost_samples},
+          {"imu_samples_bad_status", imu.bad_status},
+          {"imu_samples_invalid", imu.invalid},
+          {"imu_samples_repeated", imu.repeated},
+          {"imu_samples_frozen", imu.frozen},
+          {"imu_samples_saturated", imu.saturated},
+          {"imu_samples_device_stamped", imu.device_stamped},
+          {"imu_gaps", imu.gaps},
+          {"imu_longest_gap_us", imu.longest_gap.ns / 1000},
+          {"imu_clock_jumps", imu.clock_jumps}};
+}
+
 nlohmann::json Supervisor::summary() const {
   const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
-  const drivers::ImuDecoderStats imu = pipeline_->imu_stats();
   const OdometryCounters& counters = pipeline_->counters();
   nlohmann::json json;
   json["stages"] = ipc::latency_json(latency_);
@@ -329,10 +348,7 @@ nlohmann::json Supervisor::summary() const {
       {"scans_partial", scans.partial_scans},
       {"scans_superseded", counters.superseded.load()},
       {"points", scans.points},
-      {"imu_frames", imu.frames},
-      {"imu_frames_short", imu.short_frames},
       {"imu_samples", counters.imu_samples.load()},
-      {"imu_samples_incomplete", imu.incomplete},
       {"imu_samples_refused", counters.imu_refused.load()},
       {"imu_samples_dropped_ring", pipeline_->samples_dropped()},
       {"imu_timeouts", counters.imu_timeouts.load()},
@@ -345,6 +361,7 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
   };
+  json["counters"].update(decoder_summary(pipeline_->imu_stats()));
   json["lidars"] = nlohmann::json::array();
   for (std::size_t i = 0; i < pipeline_->lidars().size(); ++i) {
     json["lidars"].push_back(lidar_summary(*pipeline_->lidars()[i]));
@@ -372,6 +389,20 @@ void Supervisor::report_merge(std::size_t index) const {
     spdlog::warn("{}: {}", lidar.channel.section(), lidar.source.status());
 }
 
+void Supervisor::report_unused_imu() const {
+  if (imu_report_.is_compared()) {
+    spdlog::info(
+        "the IMU was compared with the LiDAR, but not used: it has to predict a bend better than a constant "
+        "rate does, first");
+    return;
+  }
+  spdlog::warn(
+      "the IMU covered none of the scans: {} samples were decoded; check imu.preset and that both logs are "
+      "of "
+      "the same time",
+      pipeline_->counters().imu_samples.load());
+}
+
 void Supervisor::report_end() const {
   const OdometryCounters& counters = pipeline_->counters();
   const double seconds = static_cast<double>(monotonic_ns() - started_ns_) * 1e-9;
@@ -388,13 +419,7 @@ void Supervisor::report_end() const {
   if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
   if (input.frames) {
     if (input.frames->stats().malformed > 0) spdlog::warn("{}", input.frames->status());
-    if (counters.scans_with_imu.load() == 0) {
-      spdlog::warn(
-          "the IMU covered none of the scans: {} samples were decoded; check imu.preset and that both logs "
-          "are of the same "
-          "time",
-          counters.imu_samples.load());
-    }
+    if (counters.scans_with_imu.load() == 0) report_unused_imu();
   }
   spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
 }

@@ -1,6 +1,6 @@
 #include "nilio/drivers/can_capture.hpp"
+#include "nilio/drivers/capture_reader.hpp"
 
-#include "can_capture_reader.hpp"
 #include "can_in_frame.hpp"
 #include "key_counter.hpp"
 #include "source_support.hpp"
@@ -40,12 +40,8 @@ Label label_of(std::uint32_t index) {
 
 class CanCaptureSource final : public FrameSource {
  public:
-  CanCaptureSource(std::unique_ptr<CaptureReader> reader, std::optional<PcapngInterfaces> interfaces,
-                   std::string path, std::string wanted)
-      : reader_(std::move(reader)),
-        interfaces_(std::move(interfaces)),
-        path_(std::move(path)),
-        wanted_(std::move(wanted)) {
+  CanCaptureSource(std::unique_ptr<CaptureReader> reader, std::string path, std::string wanted)
+      : reader_(std::move(reader)), path_(std::move(path)), wanted_(std::move(wanted)) {
     std::uint32_t index = 0;
     const auto [end, code] = std::from_chars(wanted_.data(), wanted_.data() + wanted_.size(), index);
     if (code == std::errc{} && end == wanted_.data() + wanted_.size()) cooked_index_ = index;
@@ -56,12 +52,11 @@ class CanCaptureSource final : public FrameSource {
   [[nodiscard]] std::string status() const override;
 
  private:
-  bool accept(const CapturedFrame& captured, const CaptureInterface& interface, CanFrame& slot);
-  bool is_wanted(const CapturedFrame& captured, const CapturedCan& can, const CaptureInterface& interface);
+  bool accept(const CapturedFrame& captured, CanFrame& slot);
+  bool is_wanted(const CapturedFrame& captured, const CapturedCan& can);
   void end(CaptureRead how);
 
   std::unique_ptr<CaptureReader> reader_;
-  std::optional<PcapngInterfaces> interfaces_;
   const std::string path_;
   const std::string wanted_;
   /// Of cooked captures: the number wanted, or that of the first frame.
@@ -78,11 +73,8 @@ SourceRead CanCaptureSource::read(std::span<CanFrame> slots, core::Duration /*ti
   while (count < slots.size() && state_.load(std::memory_order_relaxed) == SourceState::kData) {
     CapturedFrame frame;
     const CaptureRead result = reader_->next(frame);
-    CaptureInterface interface;
-    const bool is_packet = result == CaptureRead::kFrame || result == CaptureRead::kSkipped;
-    if (is_packet && interfaces_) interface = interfaces_->next();
     if (result == CaptureRead::kFrame) {
-      if (accept(frame, interface, slots[count])) ++count;
+      if (accept(frame, slots[count])) ++count;
     } else if (result == CaptureRead::kSkipped) {
       counters_.add_malformed(1);
     } else {
@@ -94,14 +86,13 @@ SourceRead CanCaptureSource::read(std::span<CanFrame> slots, core::Duration /*ti
   return {state_.load(std::memory_order_relaxed), 0};
 }
 
-bool CanCaptureSource::accept(const CapturedFrame& captured, const CaptureInterface& interface,
-                              CanFrame& slot) {
-  const CapturedCan can = find_can_frame(captured.link_type, captured.bytes, interface.big_endian_host);
+bool CanCaptureSource::accept(const CapturedFrame& captured, CanFrame& slot) {
+  const CapturedCan can = find_can_frame(captured.link_type, captured.bytes, captured.big_endian_host);
   if (can.kind == CapturedCan::Kind::kMalformed) {
     counters_.add_malformed(1);
     return false;
   }
-  if (can.kind == CapturedCan::Kind::kOther || !is_wanted(captured, can, interface)) {
+  if (can.kind == CapturedCan::Kind::kOther || !is_wanted(captured, can)) {
     counters_.add_other(1);
     return false;
   }
@@ -111,17 +102,16 @@ bool CanCaptureSource::accept(const CapturedFrame& captured, const CaptureInterf
   return true;
 }
 
-bool CanCaptureSource::is_wanted(const CapturedFrame& captured, const CapturedCan& can,
-                                 const CaptureInterface& interface) {
+bool CanCaptureSource::is_wanted(const CapturedFrame& captured, const CapturedCan& can) {
   if (is_cooked_link_type(captured.link_type)) {
     seen_.count(label_of(can.interface_index));
     if (wanted_.empty()) return true;
     if (!cooked_index_) cooked_index_ = can.interface_index;
     return *cooked_index_ == can.interface_index;
   }
-  if (interface.name.empty()) return true;
-  seen_.count(label_of(interface.name));
-  return wanted_.empty() || interface.name == wanted_;
+  if (captured.interface_name.empty()) return true;
+  seen_.count(label_of(captured.interface_name));
+  return wanted_.empty() || captured.interface_name == wanted_;
 }
 
 void CanCaptureSource::end(CaptureRead how) {
@@ -155,38 +145,29 @@ std::string CanCaptureSource::status() const {
   return end_reason_.empty() ? text : text + "; " + end_reason_;
 }
 
-/// What is wrong with the file as such.
-std::optional<Error> check_file(const std::string& path) {
-  std::error_code code;
-  const std::filesystem::file_status info = std::filesystem::status(path, code);
-  if (!std::filesystem::exists(info)) return Error{path + ": there is no such file; check the path"};
-  if (std::filesystem::is_directory(info)) return Error{path + ": is a folder; give a .pcap or .pcapng file"};
-  if (std::filesystem::is_regular_file(info) && std::filesystem::file_size(path, code) == 0) {
-    return Error{path + ": is empty (0 bytes); the recording was never written, record again"};
-  }
-  return std::nullopt;
-}
-
 }  // namespace
 
 core::Result<std::unique_ptr<FrameSource>> open_can_capture(const std::string& path,
                                                             const std::string& interface_name) {
-  if (auto problem = check_file(path)) return *problem;
-  FileHandle file(std::fopen(path.c_str(), "rbe"));
-  FileHandle again(std::fopen(path.c_str(), "rbe"));
-  if (!file || !again) {
-    return Error{path + ": cannot be read (" + std::strerror(errno) + "); check its permissions"};
+  core::Result<std::unique_ptr<CaptureReader>> reader = open_capture(path, CaptureContent::kCan);
+  if (!reader) return reader.error();
+  return std::unique_ptr<FrameSource>(
+      std::make_unique<CanCaptureSource>(std::move(reader).value(), path, interface_name));
+}
+
+bool has_can_frames(const std::string& path) {
+  constexpr int kRecordsToLookAt = 20'000;
+  const core::Result<std::unique_ptr<CaptureReader>> reader = open_capture(path, CaptureContent::kCan);
+  if (!reader) return false;
+  CapturedFrame frame;
+  for (int i = 0; i < kRecordsToLookAt; ++i) {
+    const CaptureRead result = (*reader)->next(frame);
+    if (result == CaptureRead::kSkipped) continue;
+    if (result != CaptureRead::kFrame) return false;
+    if (find_can_frame(frame.link_type, frame.bytes, frame.big_endian_host).kind == CapturedCan::Kind::kCan)
+      return true;
   }
-  const int first = std::fgetc(file.get());
-  std::ungetc(first, file.get());
-  const bool is_pcapng = first == kPcapngFirstByte;
-  core::Result<std::unique_ptr<CaptureReader>> reader =
-      is_pcapng ? open_pcapng_capture(std::move(file)) : open_any_classic_capture(std::move(file));
-  if (!reader) return Error{path + ": " + reader.error().message};
-  std::optional<PcapngInterfaces> interfaces;
-  if (is_pcapng) interfaces.emplace(std::move(again));
-  return std::unique_ptr<FrameSource>(std::make_unique<CanCaptureSource>(
-      std::move(reader).value(), std::move(interfaces), path, interface_name));
+  return false;
 }
 
 }  // namespace nilio::drivers

@@ -1,5 +1,6 @@
 #include "nilio/drivers/chained_source.hpp"
 
+#include "nilio/drivers/can_capture.hpp"
 #include "nilio/drivers/candump.hpp"
 
 #include <functional>
@@ -122,6 +123,13 @@ core::Result<std::unique_ptr<PacketSource>> chain_captures(std::vector<std::stri
                                                            const PcapSourceConfig& config) {
   return chain<Packet>(std::move(paths),
                        [config](const std::string& path) { return open_pcap(path, config); });
+}
+
+core::Result<std::unique_ptr<FrameSource>> chain_can_captures(std::vector<std::string> paths,
+                                                              const std::string& interface_name) {
+  return chain<CanFrame>(std::move(paths), [interface_name](const std::string& path) {
+    return open_can_capture(path, interface_name);
+  });
 }
 
 core::Result<std::unique_ptr<FrameSource>> chain_can_logs(std::vector<std::string> paths,

@@ -1,8 +1,11 @@
 #include "nilio/drivers/capture_reader.hpp"
 #include "nilio/drivers/udp_in_frame.hpp"
 
+#include "can_in_frame.hpp"
+
 #include <array>
 #include <cstring>
+#include <optional>
 
 #include <pcap/pcap.h>
 
@@ -42,6 +45,21 @@ class ClassicCapture final : public CaptureReader {
   int link_type_;
 };
 
+/// Nothing when frames of this link type can carry the content.
+std::optional<core::Error> check_link_type(int link_type, CaptureContent content) {
+  const std::string beginning = "is a capture of link type " + link_type_name(link_type);
+  if (content == CaptureContent::kUdp && !is_known_link_type(link_type)) {
+    return core::Error{beginning +
+                       ", which carries no Velodyne packets that can be read; record on an Ethernet "
+                       "interface or with '-i any'"};
+  }
+  if (content == CaptureContent::kCan && !may_carry_can(link_type)) {
+    return core::Error{beginning +
+                       ", which carries no CAN frames; record on the CAN interface or with '-i any'"};
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::string link_type_name(int link_type) {
@@ -49,7 +67,7 @@ std::string link_type_name(int link_type) {
   return name != nullptr ? name : std::to_string(link_type);
 }
 
-core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle file) {
+core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle file, CaptureContent content) {
   std::array<char, PCAP_ERRBUF_SIZE> message{};
   PcapHandle capture(
       pcap_fopen_offline_with_tstamp_precision(file.get(), PCAP_TSTAMP_PRECISION_NANO, message.data()));
@@ -59,12 +77,7 @@ core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle fil
   }
   // libpcap closes it from now on.
   static_cast<void>(file.release());
-  const int link_type = pcap_datalink(capture.get());
-  if (!is_known_link_type(link_type)) {
-    return core::Error{"is a capture of link type " + link_type_name(link_type) +
-                       ", which carries no Velodyne packets that can be read; record on an Ethernet "
-                       "interface or with '-i any'"};
-  }
+  if (auto problem = check_link_type(pcap_datalink(capture.get()), content)) return *problem;
   return std::unique_ptr<CaptureReader>(std::make_unique<ClassicCapture>(std::move(capture)));
 }
 

@@ -9,17 +9,35 @@
 
 namespace nilio::drivers {
 
+namespace {
+
+/// A vehicle rolls and nods little and around 0, so that one of the two rates can be done without.
+bool is_one_level_rate(const ImuMapping& mapping, const std::string& missing) {
+  for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
+    ImuMapping completed = mapping;
+    completed.angular_velocity[axis] = mapping.angular_velocity[2];
+    if (missing_axes(completed).empty()) return !missing.empty();
+  }
+  return false;
+}
+
+}  // namespace
+
 ImuDecoder::ImuDecoder(std::unique_ptr<State> state) : state_(std::move(state)) {}
 ImuDecoder::ImuDecoder(ImuDecoder&&) noexcept = default;
 ImuDecoder& ImuDecoder::operator=(ImuDecoder&&) noexcept = default;
 ImuDecoder::~ImuDecoder() = default;
 
 core::Result<ImuDecoder> ImuDecoder::create(const ImuMapping& mapping, const DbcDatabase& database) {
-  if (const std::string missing = missing_axes(mapping); !missing.empty()) {
+  const std::string missing = missing_axes(mapping);
+  if (!missing.empty() && !is_one_level_rate(mapping, missing)) {
     return core::Error{"IMU '" + mapping.name + "' has no " + missing +
-                       "; the motion during a scan needs all six axes: use another IMU, or none"};
+                       "; the motion during a scan needs all six axes but for one of angular velocity x and "
+                       "y: use another IMU, or none"};
   }
-  return create_partial(mapping, database);
+  core::Result<ImuDecoder> decoder = create_partial(mapping, database);
+  if (decoder && !missing.empty()) decoder->state_->take_as_zero(missing);
+  return decoder;
 }
 
 core::Result<ImuDecoder> ImuDecoder::create_partial(const ImuMapping& mapping, const DbcDatabase& database) {
@@ -32,6 +50,8 @@ core::Result<ImuDecoder> ImuDecoder::create_partial(const ImuMapping& mapping, c
 }
 
 std::optional<core::ImuSample> ImuDecoder::add(const CanFrame& frame) { return state_->add(frame); }
+
+const std::string& ImuDecoder::taken_as_zero() const { return state_->taken_as_zero; }
 
 const ImuDecoderStats& ImuDecoder::stats() const { return state_->stats; }
 

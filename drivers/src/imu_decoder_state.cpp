@@ -33,6 +33,13 @@ ImuDecoder::State::State(const ImuMapping& mapping, std::vector<ImuRoute> made)
   }
 }
 
+void ImuDecoder::State::take_as_zero(const std::string& axes) {
+  taken_as_zero = axes;
+  for (std::size_t i = 0; i < kImuComponents; ++i) {
+    if ((wanted_ & (1U << i)) == 0) group_.values[i] = 0.0;
+  }
+}
+
 const ImuRoute* ImuDecoder::State::find_route(const CanFrame& frame) {
   if (frame.error || frame.remote) return nullptr;
   for (const ImuRoute& route : routes) {

@@ -9,6 +9,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 namespace nilio::drivers {
@@ -35,7 +36,11 @@ struct ImuDecoder::State {
 
   std::optional<core::ImuSample> add(const CanFrame& frame);
 
+  /// Axes that no frame carries: 0 from now on instead of no number.
+  void take_as_zero(const std::string& axes);
+
   std::vector<ImuRoute> routes;
+  std::string taken_as_zero;
   ImuDecoderStats stats;
   std::optional<double> temperature;
 

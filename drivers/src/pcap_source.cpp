@@ -209,7 +209,7 @@ std::optional<Error> check_file(const std::string& path) {
 
 }  // namespace
 
-core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& path) {
+core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& path, CaptureContent content) {
   if (auto problem = check_file(path)) return *problem;
   FileHandle file(std::fopen(path.c_str(), "rbe"));
   if (!file) {
@@ -219,7 +219,7 @@ core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& pat
   std::ungetc(first, file.get());
   core::Result<std::unique_ptr<CaptureReader>> reader = first == kPcapngFirstByte
                                                             ? open_pcapng_capture(std::move(file))
-                                                            : open_classic_capture(std::move(file));
+                                                            : open_classic_capture(std::move(file), content);
   if (!reader) return Error{path + ": " + reader.error().message};
   return reader;
 }

@@ -20,6 +20,7 @@ constexpr std::uint32_t kObsoletePacket = 2;
 constexpr std::uint32_t kSimplePacket = 3;
 constexpr std::uint32_t kEnhancedPacket = 6;
 constexpr std::uint32_t kByteOrderMagic = 0x1A2B3C4D;
+constexpr std::uint16_t kNameOption = 2;
 constexpr std::uint16_t kResolutionOption = 9;
 constexpr std::uint16_t kOffsetOption = 14;
 constexpr std::uint16_t kRawIpInFiles = 101;
@@ -34,6 +35,7 @@ struct Interface {
   std::uint32_t snap_length = 0;
   /// Nothing when its resolution is one that cannot be.
   std::optional<PcapngClock> clock;
+  std::string name;
 };
 
 class PcapngCapture final : public CaptureReader {
@@ -70,6 +72,8 @@ class PcapngCapture final : public CaptureReader {
   CaptureRead add_interface(Bytes body);
   void read_options(Bytes options, Interface& interface) const;
   CaptureRead read_packet(Bytes body, std::uint32_t interface, CapturedFrame& frame);
+  void fill(const Interface& interface, std::int64_t stamp_ns, Bytes data, std::size_t original,
+            CapturedFrame& frame);
   CaptureRead read_simple_packet(Bytes body, CapturedFrame& frame);
 
   FileHandle file_;
@@ -185,6 +189,7 @@ CaptureRead PcapngCapture::add_interface(Bytes body) {
   interface.link_type = link_type == kRawIpInFiles ? DLT_RAW : link_type;
   interface.snap_length = u32(body.subspan(4));
   interface.clock = PcapngClock{};
+  interface.name.clear();
   read_options(body.subspan(8), interface);
   return CaptureRead::kEnd;
 }
@@ -202,8 +207,23 @@ void PcapngCapture::read_options(Bytes options, Interface& interface) const {
     if (code == kOffsetOption && length == 8 && interface.clock) {
       interface.clock->offset_s = static_cast<std::int64_t>(u64(options));
     }
+    if (code == kNameOption) {
+      interface.name.assign(options.begin(), options.begin() + static_cast<std::ptrdiff_t>(length));
+      interface.name.resize(std::min(interface.name.size(), interface.name.find('\0')));
+    }
     options = options.subspan(padded);
   }
+}
+
+void PcapngCapture::fill(const Interface& interface, std::int64_t stamp_ns, Bytes data, std::size_t original,
+                         CapturedFrame& frame) {
+  last_stamp_ns_ = stamp_ns;
+  frame.link_type = interface.link_type;
+  frame.stamp_ns = stamp_ns;
+  frame.bytes = data;
+  frame.is_cut = data.size() < original;
+  frame.interface_name = interface.name;
+  frame.big_endian_host = big_endian_;
 }
 
 /// An enhanced or an obsolete packet block: both have time, lengths and data in the same place.
@@ -215,10 +235,7 @@ CaptureRead PcapngCapture::read_packet(Bytes body, std::uint32_t interface, Capt
   const std::size_t captured = u32(body.subspan(12));
   const std::size_t original = u32(body.subspan(16));
   const Bytes data = body.subspan(20);
-  frame.link_type = interfaces_[interface].link_type;
-  frame.stamp_ns = last_stamp_ns_ = *stamp_ns;
-  frame.bytes = data.first(std::min(captured, data.size()));
-  frame.is_cut = frame.bytes.size() < original;
+  fill(interfaces_[interface], *stamp_ns, data.first(std::min(captured, data.size())), original, frame);
   return CaptureRead::kFrame;
 }
 
@@ -229,10 +246,7 @@ CaptureRead PcapngCapture::read_simple_packet(Bytes body, CapturedFrame& frame) 
   const std::size_t snap_length = interfaces_[0].snap_length;
   const Bytes data = body.subspan(4);
   const std::size_t captured = snap_length == 0 ? original : std::min(original, snap_length);
-  frame.link_type = interfaces_[0].link_type;
-  frame.stamp_ns = last_stamp_ns_;
-  frame.bytes = data.first(std::min(captured, data.size()));
-  frame.is_cut = frame.bytes.size() < original;
+  fill(interfaces_[0], last_stamp_ns_, data.first(std::min(captured, data.size())), original, frame);
   return CaptureRead::kFrame;
 }
 

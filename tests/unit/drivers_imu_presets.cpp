@@ -79,12 +79,34 @@ TEST_CASE("Bosch MM7.10 frames give yaw, roll, pitch and three accelerations, th
   CHECK(decoder.temperature_degc() == -50.0);
 }
 
-TEST_CASE("a preset that lacks an axis is refused by name, and can be looked at without it") {
+TEST_CASE("an IMU without a pitch rate is used with 0 for it, and says so") {
   const ImuPreset preset = preset_of("bosch_mm5_10");
-  const auto refused = ImuDecoder::create(preset.mapping, preset.database);
+  auto decoder = ImuDecoder::create(preset.mapping, preset.database);
+  REQUIRE(decoder.ok());
+  CHECK(decoder->taken_as_zero() == "angular velocity y");
+  const Bytes golden{0xD0, 0x87, 0x00, 0x00, 0x53, 0x8F, 0x00, 0x00};
+  for (int i = 0; i < 3; ++i) {
+    decoder->add(frame_of(0x70, golden, 10 + 100 * i));
+    decoder->add(frame_of(0x80, golden, 20 + 100 * i));
+    const auto sample = decoder->add(frame_of(0x576, golden, 30 + 100 * i));
+    REQUIRE(sample.has_value());
+    CHECK(sample->angular_velocity[1] == 0.0);
+    CHECK(sample->angular_velocity[2] == Approx(10.0 * kDegree));
+  }
+}
+
+TEST_CASE("a device that lacks another axis is refused by name, and can be looked at without it") {
+  const ImuPreset preset = preset_of("bosch_mm5_10");
+  ImuMapping lacking = preset.mapping;
+  lacking.angular_velocity[0] = {};
+  const auto refused = ImuDecoder::create(lacking, preset.database);
   REQUIRE_FALSE(refused.ok());
-  CHECK_THAT(refused.error().message, Contains("bosch_mm5_10") && Contains("angular velocity y") &&
-                                          !Contains("velocity x") && !Contains("acceleration"));
+  CHECK_THAT(refused.error().message, Contains("bosch_mm5_10") && Contains("angular velocity x") &&
+                                          Contains("angular velocity y") && !Contains("acceleration z"));
+  lacking = preset.mapping;
+  lacking.angular_velocity[1] = lacking.angular_velocity[0];
+  lacking.linear_acceleration[2] = {};
+  CHECK_THAT(ImuDecoder::create(lacking, preset.database).error().message, Contains("acceleration z"));
   CHECK(missing_axes(preset.mapping) == "angular velocity y");
   auto decoder = ImuDecoder::create_partial(preset.mapping, preset.database);
   REQUIRE(decoder.ok());

@@ -98,10 +98,10 @@ inline void write_room_drive(const std::filesystem::path& folder, const PoseFunc
   }
 }
 
-/// 8 m/s, gentle S-curve.
+/// 8 m/s, in bends as sharp as a town's: up to 23 deg/s, so that a gyro shows its worth.
 inline core::SE3 s_curve(double t) {
-  const double yaw = 0.15 * std::sin(0.8 * t);
-  const double lateral = 8.0 * 0.15 / 0.8 * (1.0 - std::cos(0.8 * t));
+  const double yaw = 0.25 * std::sin(1.6 * t);
+  const double lateral = 8.0 * 0.25 / 1.6 * (1.0 - std::cos(1.6 * t));
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, core::Vector3::UnitZ())),
           core::Vector3(8.0 * t, lateral, 0.0)};
 }

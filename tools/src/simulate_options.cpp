@@ -1,5 +1,7 @@
 #include "simulate_options.hpp"
 
+#include "nilio/drivers/imu_mapping.hpp"
+
 #include "number_between.hpp"
 #include "simulation/hdl64e_stream.hpp"
 #include "simulation/imu_faults.hpp"
@@ -119,9 +121,20 @@ void add_clock_options(CLI::App& command, SimulateArguments& a) {
       ->check(CLI::IsMember({"on", "off"}));
 }
 
+/// The presets that have all six axes, and "none".
+std::vector<std::string> imu_names() {
+  std::vector<std::string> names;
+  for (const std::string& name : drivers::imu_preset_names()) {
+    const core::Result<drivers::ImuPreset> preset = drivers::imu_preset(name);
+    if (preset && drivers::missing_axes(preset->mapping).empty()) names.push_back(name);
+  }
+  names.emplace_back("none");
+  return names;
+}
+
 void add_imu_options(CLI::App& command, SimulateArguments& a) {
   command.add_option("--imu", a.imu, "IMU and its CAN frames")
-      ->check(CLI::IsMember({"xsens_mti", "oxts_rt3003", "none"}))
+      ->check(CLI::IsMember(imu_names()))
       ->capture_default_str();
   command.add_option("--imu-rate", a.imu_rate_hz, "samples per second")
       ->check(number_between(10.0, 1000.0))

@@ -60,6 +60,8 @@ struct ImuHealth {
   std::uint32_t demotions = 0;
   /// One standard deviation of the time offset, ms.
   double time_offset_sigma_ms = 0.0;
+  /// What is subtracted from the IMU's stamps because of it, ms.
+  double time_shift_ms = 0.0;
   /// For kGyroAxes: 1 to 3 for x to z, negative for the opposite direction; 0 = not observed. Rotation
   /// about axis i of base_link is measured on `measured_on[i]`.
   std::array<std::int8_t, 3> measured_on{};
@@ -122,8 +124,11 @@ class ImuMonitor {
   ImuMonitor& operator=(const ImuMonitor&) = delete;
   ~ImuMonitor();
 
-  /// Each sample that the buffer took, in the IMU's own axes.
+  /// Each sample that the buffer took, in the IMU's own axes and with its own stamp.
   void add(const ImuSample& sample);
+  /// To be subtracted from the IMU's stamps: the time offset, once it is known. What is left of it shows in
+  /// the next minute of turning.
+  [[nodiscard]] Duration time_shift() const;
 
   /// Whether the gyro may be used for the motion in [from, to]: it is trusted, and neither stuck nor clipped
   /// there.
@@ -137,8 +142,9 @@ class ImuMonitor {
   /// The rate of the last registered motion, rad/s: what a constant rate would predict from.
   [[nodiscard]] const Vector3& registered_rate() const;
 
-  /// Each scan whose registration was accepted; `bias` is what the user of the gyro subtracts.
-  void observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
+  /// Each scan whose registration was accepted; `gyro_bias` is what the user of the gyro subtracts. True when
+  /// time_shift() has changed, so that the samples in `imu` have stamps of before and had better go.
+  bool observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
   /// A scan whose pose is no measurement.
   void skip();
 

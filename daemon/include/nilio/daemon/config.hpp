@@ -50,6 +50,25 @@ struct ImuAxisConfig {
   double scale = 1.0;
 };
 
+struct ImuSignalConfig {
+  std::string message;
+  std::string signal;
+};
+
+struct ImuStatusConfig {
+  std::string message;
+  std::string signal;
+  int mask = 0x7FFFFFFF;
+  int good = 0;
+};
+
+struct ImuSampleTimeConfig {
+  std::string message;
+  std::string signal;
+  double tick_us = 1.0;
+  int wrap = 0;
+};
+
 struct ImuConfig {
   bool enabled = true;
   std::string preset = "xsens_mti";
@@ -57,6 +76,14 @@ struct ImuConfig {
   std::string dbc;
   std::array<ImuAxisConfig, 3> angular_velocity;
   std::array<ImuAxisConfig, 3> linear_acceleration;
+  double angular_velocity_range_deg_s = 0.0;
+  double linear_acceleration_range = 0.0;
+  ImuSignalConfig counter;
+  ImuStatusConfig status;
+  ImuSampleTimeConfig sample_time;
+  ImuSignalConfig temperature;
+  int source_address = -1;
+  double time_offset_ms = 0.0;
   std::string interface_name;
   int bitrate = 0;
   int restart_ms = 0;

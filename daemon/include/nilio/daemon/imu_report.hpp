@@ -12,6 +12,8 @@ namespace nilio::daemon {
 class ImuReport {
  public:
   void update(const core::ImuHealth& health);
+  /// Whether gyro and registration could be compared.
+  [[nodiscard]] bool is_compared() const;
   /// Null before the first update.
   [[nodiscard]] nlohmann::json json() const;
 

@@ -22,4 +22,7 @@ namespace nilio::drivers {
 core::Result<std::unique_ptr<FrameSource>> open_can_capture(const std::string& path,
                                                             const std::string& interface_name);
 
+/// Whether one of the capture's first 20,000 records is a CAN frame. False for what cannot be read.
+bool has_can_frames(const std::string& path);
+
 }  // namespace nilio::drivers

@@ -8,6 +8,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 
 namespace nilio::drivers {
 
@@ -20,6 +21,10 @@ struct CapturedFrame {
   std::span<const std::uint8_t> bytes;
   /// The frame on the wire was longer.
   bool is_cut = false;
+  /// Of the network interface; empty where the file has none. Valid as long as the reader.
+  std::string_view interface_name{};
+  /// The machine that captured has this byte order. Only pcapng says it.
+  bool big_endian_host = false;
 };
 
 enum class CaptureRead {
@@ -47,9 +52,12 @@ struct FileCloser {
 };
 using FileHandle = std::unique_ptr<std::FILE, FileCloser>;
 
+/// What is looked for in a capture: link types that do not carry it are refused.
+enum class CaptureContent { kUdp, kCan };
+
 /// Both take a file at its beginning and fail with what is wrong with it, without its name. pcapng is read
 /// here and not by libpcap, which refuses files whose interfaces have different link types.
-core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle file);
+core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle file, CaptureContent content);
 core::Result<std::unique_ptr<CaptureReader>> open_pcapng_capture(FileHandle file);
 
 /// The byte with which pcapng files begin and classic ones do not.
@@ -57,7 +65,8 @@ inline constexpr int kPcapngFirstByte = 0x0A;
 
 /// Either by what the file is. Fails with what, where and what to do for files that are missing, empty or no
 /// capture.
-core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& path);
+core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& path,
+                                                         CaptureContent content = CaptureContent::kUdp);
 
 /// "EN10MB" or the number.
 std::string link_type_name(int link_type);

@@ -15,6 +15,9 @@ namespace nilio::drivers {
 /// Fails when there are no files or none can be opened. The counts are those of all files so far.
 core::Result<std::unique_ptr<PacketSource>> chain_captures(std::vector<std::string> paths,
                                                            const PcapSourceConfig& config);
+/// As chain_captures(); `interface_name` as in open_can_capture().
+core::Result<std::unique_ptr<FrameSource>> chain_can_captures(std::vector<std::string> paths,
+                                                              const std::string& interface_name);
 /// As chain_captures(); `interface_name` as in open_candump().
 core::Result<std::unique_ptr<FrameSource>> chain_can_logs(std::vector<std::string> paths,
                                                           const std::string& interface_name);

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 namespace nilio::drivers {
@@ -68,7 +69,8 @@ class ImuFrameFilter {
 class ImuDecoder {
  public:
   /// Fails when a mapped message or signal is not in the database, naming it, the file and the nearest name
-  /// there is, and when the device lacks one of the six axes, naming it.
+  /// there is, and when the device lacks one of the six axes, naming it. Only one of the angular velocities x
+  /// and y may be missing: it is taken as 0.
   static core::Result<ImuDecoder> create(const ImuMapping& mapping, const DbcDatabase& database);
   /// For inspection: axes that the device lacks are not numbers (NaN) in the samples. At least one must be
   /// there.
@@ -83,6 +85,8 @@ class ImuDecoder {
   std::optional<core::ImuSample> add(const CanFrame& frame);
   /// The frames that add() looks at.
   [[nodiscard]] ImuFrameFilter frame_filter() const;
+  /// "angular velocity y", or empty.
+  [[nodiscard]] const std::string& taken_as_zero() const;
   [[nodiscard]] const ImuDecoderStats& stats() const;
   /// The latest, in degrees Celsius; nothing where the device sends none.
   [[nodiscard]] std::optional<double> temperature_degc() const;
