@@ -165,6 +165,8 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::ato
   const core::OdometryResult result = odometry_.register_scan(scan);
   if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
   ipc::PoseRecord record = make_pose_record(result, scan);
+  record.has_imu = imu_ring_ != nullptr;
+  if (record.has_imu) record.imu_health = odometry_.imu_health();
   record.handed_over_realtime_ns = realtime_ns();
   stage_of(record, ipc::Stage::kHandedOver) = monotonic_ns();
   if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);

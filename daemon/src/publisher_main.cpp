@@ -3,6 +3,7 @@
 // estimator.
 
 #include "nilio/core/time.hpp"
+#include "nilio/dds/diagnostics.hpp"
 #include "nilio/dds/odometry_publisher.hpp"
 #include "nilio/ipc/histogram.hpp"
 #include "nilio/ipc/pose_record.hpp"
@@ -116,7 +117,7 @@ class PublisherLoop {
       if (monotonic_now() >= next_report_ && !report()) return kExitStartAgain;
       if (!stopping_ && ring_.size() == 0) sleep_until(next_report_);
     }
-    publisher_->publish_latency(latency_report());
+    publish_reports();
     const bool acknowledged = publisher_->wait_for_acknowledgments(kLastAcknowledgments);
     spdlog::info("stopped: {} poses published, {} writes failed{}", published_, failed_,
                  acknowledged ? "" : ", not all acknowledged by every subscriber");
@@ -176,6 +177,8 @@ class PublisherLoop {
     const Time written = monotonic_now();
     const bool transform_written = publisher_->publish_transform(record);
     latency_->record(record, taken, written);
+    latest_ = record;
+    latest_taken_ = taken;
     ++published_;
     const std::uint64_t failed = (odometry_written ? 0U : 1U) + (transform_written ? 0U : 1U);
     if (failed > 0 && failed_ == 0)
@@ -187,7 +190,7 @@ class PublisherLoop {
   // False when only a new process can go on.
   bool report() {
     next_report_ = std::max(next_report_ + kReportPeriod, monotonic_now());
-    publisher_->publish_latency(latency_report());
+    publish_reports();
     if (parent_ != 0 && getppid() != parent_) {
       spdlog::warn("niliod (process {}) is gone", parent_);
       stopping_ = true;
@@ -203,6 +206,13 @@ class PublisherLoop {
         return false;
     }
     return true;
+  }
+
+  void publish_reports() {
+    publisher_->publish_latency(latency_report());
+    if (!latest_) return;
+    publisher_->publish_diagnostics(
+        dds::make_diagnostics(*latest_, read_clock(CLOCK_REALTIME), monotonic_now() - latest_taken_));
   }
 
   [[nodiscard]] dds::LatencyReport latency_report() const {
@@ -238,6 +248,8 @@ class PublisherLoop {
   int signals_;
   std::unique_ptr<dds::OdometryPublisher> publisher_;
   std::unique_ptr<PublishLatency> latency_;
+  std::optional<ipc::PoseRecord> latest_;
+  Time latest_taken_;
   Time next_report_;
   std::uint64_t published_ = 0;
   std::uint64_t failed_ = 0;

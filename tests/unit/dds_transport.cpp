@@ -1,3 +1,4 @@
+#include "nilio/dds/diagnostics.hpp"
 #include "nilio/dds/odometry_publisher.hpp"
 #include "nilio/dds/odometry_subscriber.hpp"
 #include "nilio/dds/types.hpp"
@@ -35,6 +36,7 @@ namespace {
 
 using namespace nilio::dds;
 using nilio::core::Duration;
+using nilio::core::Time;
 using nilio::ipc::PoseRecord;
 using nilio::ipc::PublisherEvent;
 using nilio::ipc::PublisherProcess;
@@ -53,6 +55,19 @@ ParticipantConfig loopback(std::uint32_t domain) {
   config.domain = domain;
   config.interface_whitelist = {"127.0.0.1"};
   return config;
+}
+
+/// Degrees taken for radians.
+PoseRecord record_with_bad_imu() {
+  PoseRecord record;
+  record.state = nilio::core::TrackingState::kTracking;
+  record.has_imu = true;
+  nilio::core::ImuDiagnosis& scale =
+      record.imu_health.rows[static_cast<std::size_t>(nilio::core::ImuCheck::kGyroScale)];
+  scale.value = 57.3;
+  scale.state = nilio::core::ImuCheckState::kBad;
+  record.imu_health.reason = nilio::core::ImuCheck::kGyroScale;
+  return record;
 }
 
 PoseRecord sample_record(std::uint64_t sequence) {
@@ -240,6 +255,43 @@ TEST_CASE("a latency report arrives as it was sent") {
   CHECK(*received == report);
 }
 
+TEST_CASE("diagnostics name what is wrong with the IMU, and how old the last pose is") {
+  const PoseRecord record = record_with_bad_imu();
+  const DiagnosticArray fresh = make_diagnostics(record, Time{7}, Duration::from_milliseconds(100.0));
+  REQUIRE(fresh.statuses.size() == 2);
+  CHECK(fresh.stamp == Time{7});
+  CHECK(fresh.statuses[0].level == DiagnosticStatus::Level::kOk);
+  CHECK(fresh.statuses[1].level == DiagnosticStatus::Level::kError);
+  CHECK(fresh.statuses[1].message.find("not used because of gyro_scale; gyro_scale: rates come in deg/s") ==
+        0);
+  const auto& values = fresh.statuses[1].values;
+  const auto scale =
+      std::find_if(values.begin(), values.end(), [](const KeyValue& v) { return v.key == "gyro_scale"; });
+  REQUIRE(scale != values.end());
+  CHECK(scale->value == "57.3 1, bad");
+
+  const DiagnosticArray stale = make_diagnostics(record, Time{7}, Duration::from_seconds(2.5));
+  CHECK(stale.statuses[0].level == DiagnosticStatus::Level::kStale);
+  CHECK(stale.statuses[0].message == "no pose for 2.5 s");
+  CHECK(make_diagnostics(PoseRecord{}, Time{}, Duration{}).statuses.size() == 1);
+}
+
+TEST_CASE("diagnostics arrive as they were sent") {
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  const DiagnosticArray sent = make_diagnostics(record_with_bad_imu(), Time{5}, Duration{});
+  std::optional<DiagnosticArray> received;
+  for (int i = 0; i < 500 && !received; ++i) {
+    REQUIRE(publisher->publish_diagnostics(sent));
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    received = subscriber->diagnostics();
+  }
+  REQUIRE(received.has_value());
+  CHECK(*received == sent);
+}
+
 TEST_CASE("garbage from another writer on the topic does not disturb the subscriber") {
   namespace fastdds = eprosima::fastdds::dds;
   // Announces itself as odometry and sends a frame name that claims more bytes than there are.
@@ -284,7 +336,7 @@ TEST_CASE("garbage from another writer on the topic does not disturb the subscri
   CHECK(subscriber->counts().received == 300);
 }
 
-TEST_CASE("CycloneDDS reads our odometry and transform from the IDL, every field equal") {
+TEST_CASE("CycloneDDS reads our odometry, transform and diagnostics from the IDL, every field equal") {
   const auto reader_program = built_program("nilio-cyclone-reader");
   if (!reader_program) return;
   const std::uint32_t domain = test_domain();
@@ -301,14 +353,24 @@ TEST_CASE("CycloneDDS reads our odometry and transform from the IDL, every field
     REQUIRE(publisher->publish_transform(sample_record(i)));
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
+  const DiagnosticArray diagnostics = make_diagnostics(record_with_bad_imu(), Time{1}, Duration{});
+  REQUIRE(publisher->publish_diagnostics(diagnostics));
   std::uint64_t odometries = 0;
   std::uint64_t transforms = 0;
+  std::size_t statuses = 0;
   while (const auto line = reader.line()) {
     std::istringstream in(*line);
     std::string kind;
     in >> kind;
     if (kind == "odometry") {
       CHECK(parse_odometry(in) == expected_odometry(odometries++));
+    } else if (kind == "diagnostics") {
+      REQUIRE(statuses < diagnostics.statuses.size());
+      const DiagnosticStatus& status = diagnostics.statuses[statuses++];
+      std::string expected = "diagnostics " + std::to_string(static_cast<int>(status.level)) + " [" +
+                             status.name + "] [" + status.message + "]";
+      for (const KeyValue& value : status.values) expected += " [" + value.key + "=" + value.value + "]";
+      CHECK(*line == expected);
     } else if (kind == "transform") {
       const PoseRecord record = sample_record(transforms++);
       CHECK(
@@ -318,6 +380,7 @@ TEST_CASE("CycloneDDS reads our odometry and transform from the IDL, every field
   }
   CHECK(odometries == message_count);
   CHECK(transforms == message_count);
+  CHECK(statuses == 2);
   CHECK(reader.exit_status() == 0);
 }
 

@@ -43,6 +43,15 @@ TransformMessage sample_transforms() {
   return message;
 }
 
+DiagnosticArray sample_diagnostics() {
+  DiagnosticArray array;
+  array.stamp = {1'700'000'000'000'000'001};
+  array.statuses = {
+      {DiagnosticStatus::Level::kError, "nilio: IMU", "not used", "can0", {{"a", "1"}, {"", ""}}},
+      {DiagnosticStatus::Level::kOk, "", "", "", {}}};
+  return array;
+}
+
 LatencyReport sample_report() {
   LatencyReport report;
   report.stamp = {1'700'000'000'000'000'001};
@@ -107,6 +116,7 @@ TEST_CASE("the types carry the names that ROS 2 gives them in DDS") {
   CHECK(std::string(OdometryType().getName()) == "nav_msgs::msg::dds_::Odometry_");
   CHECK(std::string(TransformType().getName()) == "tf2_msgs::msg::dds_::TFMessage_");
   CHECK(std::string(LatencyReportType().getName()) == "nilio::msg::dds_::LatencyReport_");
+  CHECK(std::string(DiagnosticArrayType().getName()) == "diagnostic_msgs::msg::dds_::DiagnosticArray_");
 }
 
 TEST_CASE("messages survive the way to bytes and back") {
@@ -116,6 +126,8 @@ TEST_CASE("messages survive the way to bytes and back") {
   check_round_trip<TransformType>(TransformMessage{});
   check_round_trip<LatencyReportType>(sample_report());
   check_round_trip<LatencyReportType>(LatencyReport{});
+  check_round_trip<DiagnosticArrayType>(sample_diagnostics());
+  check_round_trip<DiagnosticArrayType>(DiagnosticArray{});
 }
 
 TEST_CASE("times before 1970 keep nanoseconds in their range") {
@@ -190,6 +202,7 @@ TEST_CASE("truncated and damaged payloads are refused without an exception") {
   check_survives_damage<OdometryType>(sample_odometry());
   check_survives_damage<TransformType>(sample_transforms());
   check_survives_damage<LatencyReportType>(sample_report());
+  check_survives_damage<DiagnosticArrayType>(sample_diagnostics());
 }
 
 TEST_CASE("a sequence length that the payload cannot hold is refused before anything is allocated") {
@@ -225,6 +238,7 @@ TEST_CASE("topic names take a prefix, and ROS's rules for names") {
   CHECK(topic_names("").value().odometry == "rt/odom");
   CHECK(topic_names("").value().transform == "rt/tf");
   CHECK(topic_names("").value().latency == "rt/nilio/latency");
+  CHECK(topic_names("car").value().diagnostics == "rt/diagnostics");
   CHECK(topic_names("/car_1//front/").value().odometry == "rt/car_1/front/odom");
   CHECK(topic_names("car").value().transform == "rt/tf");
   for (const char* bad : {"a b", "1car", "car/2", "caf\xC3\xA9", "a-b"})

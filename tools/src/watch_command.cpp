@@ -31,6 +31,7 @@ namespace {
 using core::Duration;
 using Clock = std::chrono::steady_clock;
 
+constexpr std::size_t kLongestMessage = 240;
 constexpr double kDegPerRad = 57.295779513082321;
 constexpr Duration kPollPeriod{50'000'000};
 constexpr std::chrono::milliseconds kTerminalPeriod{100};
@@ -57,8 +58,8 @@ double yaw_deg(const std::array<double, 4>& q) {
 double norm(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
 
 // Names come from the network: nothing of them may steer the terminal.
-std::string printable(const std::string& name) {
-  std::string text = name.substr(0, 32);
+std::string printable(const std::string& name, std::size_t longest = 32) {
+  std::string text = name.substr(0, longest);
   std::replace_if(
       text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
   return text;
@@ -203,6 +204,16 @@ void print_report(const dds::LatencyReport& report) {
   }
 }
 
+void print_diagnostics(const dds::DiagnosticArray& diagnostics) {
+  constexpr std::array levels = {"ok", "warning", "error", "stale"};
+  std::printf("\n");
+  for (const dds::DiagnosticStatus& status : diagnostics.statuses) {
+    const std::size_t level = std::min(static_cast<std::size_t>(status.level), levels.size() - 1);
+    std::printf("%-24s %-8s %s\n", printable(status.name).c_str(), levels[level],
+                printable(status.message, kLongestMessage).c_str());
+  }
+}
+
 // The one line that changes on a terminal; a line each second elsewhere.
 class StatusLine {
  public:
@@ -298,6 +309,7 @@ int run_watch(const WatchOptions& options) {
   if (statistics.poses() == 0) return explain_silence(options, counts.publishers);
   statistics.print_summary(counts);
   if (const auto report = (*subscriber)->latency_report()) print_report(*report);
+  if (const auto diagnostics = (*subscriber)->diagnostics()) print_diagnostics(*diagnostics);
   if (!tum.close()) {
     std::fprintf(stderr, "nilio watch: not all poses could be written to %s (disk full?)\n",
                  options.tum_path.c_str());

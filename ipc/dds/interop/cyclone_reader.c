@@ -1,9 +1,11 @@
-// Reads odometry and the transform with CycloneDDS, from code that idlc generates from our IDL, and prints
-// each field of what it receives on one line, floating-point numbers in hexadecimal so that nothing is lost.
+// Reads odometry, the transform and diagnostics with CycloneDDS, from code that idlc generates from our IDL,
+// and prints each field of what it receives on one line, floating-point numbers in hexadecimal so that
+// nothing is lost.
 //
 //   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S
 //
-// Ends after COUNT messages of each kind (status 0) or after TIMEOUT_S (status 1).
+// Ends after COUNT poses and transforms and one array of diagnostics (status 0) or after TIMEOUT_S (status
+// 1).
 
 #include "dds/dds.h"
 #include "nilio.h"
@@ -54,6 +56,18 @@ static int print_transforms(const void* sample) {
   return 1;
 }
 
+static int print_diagnostics(const void* sample) {
+  const diagnostic_msgs_msg_dds__DiagnosticArray_* array = sample;
+  for (uint32_t i = 0; i < array->status._length; ++i) {
+    const diagnostic_msgs_msg_dds__DiagnosticStatus_* status = &array->status._buffer[i];
+    printf("diagnostics %u [%s] [%s]", (unsigned)status->level, status->name, status->message);
+    for (uint32_t k = 0; k < status->values._length; ++k)
+      printf(" [%s=%s]", status->values._buffer[k].key, status->values._buffer[k].value);
+    printf("\n");
+  }
+  return 1;
+}
+
 // Prints what has arrived; returns how many samples.
 static int drain(dds_entity_t reader, int (*print)(const void*)) {
   int printed = 0;
@@ -92,21 +106,28 @@ int main(int argc, char** argv) {
   const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
   const dds_entity_t odometry = create_reader(participant, &nav_msgs_msg_dds__Odometry__desc, "rt/odom");
   const dds_entity_t transforms = create_reader(participant, &tf2_msgs_msg_dds__TFMessage__desc, "rt/tf");
-  if (participant < 0 || odometry < 0 || transforms < 0) {
+  const dds_entity_t diagnostics =
+      create_reader(participant, &diagnostic_msgs_msg_dds__DiagnosticArray__desc, "rt/diagnostics");
+  if (participant < 0 || odometry < 0 || transforms < 0 || diagnostics < 0) {
     fprintf(stderr, "CycloneDDS cannot create a reader on domain %s\n", argv[1]);
     return 2;
   }
-  while (!(is_matched(odometry) && is_matched(transforms)) && dds_time() < deadline) dds_sleepfor(DDS_MSECS(5));
+  while (!(is_matched(odometry) && is_matched(transforms) && is_matched(diagnostics)) &&
+         dds_time() < deadline)
+    dds_sleepfor(DDS_MSECS(5));
   printf("ready\n");
   fflush(stdout);
   int odometries = 0;
   int transform_messages = 0;
-  while ((odometries < wanted || transform_messages < wanted) && dds_time() < deadline) {
+  int diagnostic_messages = 0;
+  while ((odometries < wanted || transform_messages < wanted || diagnostic_messages < 1) &&
+         dds_time() < deadline) {
     odometries += drain(odometry, print_odometry);
     transform_messages += drain(transforms, print_transforms);
+    diagnostic_messages += drain(diagnostics, print_diagnostics);
     fflush(stdout);
     dds_sleepfor(DDS_MSECS(5));
   }
   dds_delete(participant);
-  return odometries >= wanted && transform_messages >= wanted ? 0 : 1;
+  return odometries >= wanted && transform_messages >= wanted && diagnostic_messages >= 1 ? 0 : 1;
 }

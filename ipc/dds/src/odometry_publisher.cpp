@@ -77,6 +77,7 @@ struct OdometryPublisher::Entities {
   fastdds::DataWriter* odometry_writer = nullptr;
   fastdds::DataWriter* transform_writer = nullptr;
   fastdds::DataWriter* latency_writer = nullptr;
+  fastdds::DataWriter* diagnostics_writer = nullptr;
   // Filled anew for every pose; the frame names stay.
   Odometry odometry;
   TransformMessage transform;
@@ -107,10 +108,12 @@ core::Result<std::unique_ptr<OdometryPublisher>> OdometryPublisher::create(
                                              new TransformType, kTransformDepth, kTransformHash);
   entities->latency_writer =
       create_writer(domain_participant, *publisher, names->latency, new LatencyReportType, kHistoryDepth, "");
+  entities->diagnostics_writer = create_writer(domain_participant, *publisher, names->diagnostics,
+                                               new DiagnosticArrayType, kHistoryDepth, "");
   if (entities->odometry_writer == nullptr || entities->transform_writer == nullptr ||
-      entities->latency_writer == nullptr)
+      entities->latency_writer == nullptr || entities->diagnostics_writer == nullptr)
     return core::Error{"Fast DDS cannot create the writers for " + names->odometry + ", " + names->transform +
-                       ", " + names->latency + " (out of memory or sockets?)"};
+                       ", " + names->latency + ", " + names->diagnostics + " (out of memory or sockets?)"};
   entities->odometry.frame_id = config.odom_frame;
   entities->odometry.child_frame_id = config.base_frame;
   TransformStamped& transform = entities->transform.transforms.emplace_back();
@@ -135,6 +138,11 @@ bool OdometryPublisher::publish_transform(const ipc::PoseRecord& record) {
 bool OdometryPublisher::publish_latency(const LatencyReport& report) {
   LatencyReport copy = report;  // write() takes a pointer to something mutable
   return entities_->latency_writer->write(&copy);
+}
+
+bool OdometryPublisher::publish_diagnostics(const DiagnosticArray& diagnostics) {
+  DiagnosticArray copy = diagnostics;
+  return entities_->diagnostics_writer->write(&copy);
 }
 
 int OdometryPublisher::subscribers() const {

@@ -97,26 +97,28 @@ class OdometryQueue : public fastdds::DataReaderListener {
   SubscriberCounts counts_;
 };
 
-class LatestReport : public fastdds::DataReaderListener {
+/// Keeps the last message of a topic.
+template <class Message>
+class Latest : public fastdds::DataReaderListener {
  public:
   void on_data_available(fastdds::DataReader* reader) override {
-    LatencyReport report;
+    Message message;
     fastdds::SampleInfo info;
-    while (reader->take_next_sample(&report, &info) == ReturnCode_t::RETCODE_OK) {
+    while (reader->take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
       if (!info.valid_data) continue;
       const std::lock_guard lock(mutex_);
-      report_ = report;
+      message_ = message;
     }
   }
 
-  std::optional<LatencyReport> get() const {
+  std::optional<Message> get() const {
     const std::lock_guard lock(mutex_);
-    return report_;
+    return message_;
   }
 
  private:
   mutable std::mutex mutex_;
-  std::optional<LatencyReport> report_;
+  std::optional<Message> message_;
 };
 
 fastdds::DataReader* create_reader(fastdds::DomainParticipant& participant, fastdds::Subscriber& subscriber,
@@ -145,15 +147,18 @@ struct OdometrySubscriber::Entities {
   ~Entities() {
     if (odometry_reader != nullptr) odometry_reader->set_listener(nullptr);
     if (latency_reader != nullptr) latency_reader->set_listener(nullptr);
+    if (diagnostics_reader != nullptr) diagnostics_reader->set_listener(nullptr);
   }
   Entities(const Entities&) = delete;
   Entities& operator=(const Entities&) = delete;
 
   OdometryQueue queue;
-  LatestReport report;
+  Latest<LatencyReport> report;
+  Latest<DiagnosticArray> diagnostics;
   std::unique_ptr<Participant> participant;
   fastdds::DataReader* odometry_reader = nullptr;
   fastdds::DataReader* latency_reader = nullptr;
+  fastdds::DataReader* diagnostics_reader = nullptr;
 };
 
 OdometrySubscriber::OdometrySubscriber(std::unique_ptr<Entities> entities) : entities_(std::move(entities)) {}
@@ -176,9 +181,12 @@ core::Result<std::unique_ptr<OdometrySubscriber>> OdometrySubscriber::create(
       create_reader(domain_participant, *subscriber, names->odometry, new OdometryType, entities->queue);
   entities->latency_reader =
       create_reader(domain_participant, *subscriber, names->latency, new LatencyReportType, entities->report);
-  if (entities->odometry_reader == nullptr || entities->latency_reader == nullptr)
+  entities->diagnostics_reader = create_reader(domain_participant, *subscriber, names->diagnostics,
+                                               new DiagnosticArrayType, entities->diagnostics);
+  if (entities->odometry_reader == nullptr || entities->latency_reader == nullptr ||
+      entities->diagnostics_reader == nullptr)
     return core::Error{"Fast DDS cannot create the readers for " + names->odometry + ", " + names->latency +
-                       " (out of memory or sockets?)"};
+                       ", " + names->diagnostics + " (out of memory or sockets?)"};
   return std::unique_ptr<OdometrySubscriber>(new OdometrySubscriber(std::move(entities)));
 }
 
@@ -187,6 +195,10 @@ std::optional<ReceivedOdometry> OdometrySubscriber::next(core::Duration timeout)
 }
 
 std::optional<LatencyReport> OdometrySubscriber::latency_report() const { return entities_->report.get(); }
+
+std::optional<DiagnosticArray> OdometrySubscriber::diagnostics() const {
+  return entities_->diagnostics.get();
+}
 
 SubscriberCounts OdometrySubscriber::counts() const { return entities_->queue.counts(); }
 

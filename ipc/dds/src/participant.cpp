@@ -153,7 +153,7 @@ core::Result<TopicNames> topic_names(const std::string& prefix) {
     path += c;
   }
   if (path.back() != '/') path += '/';
-  return TopicNames{path + "odom", "rt/tf", path + "nilio/latency"};
+  return TopicNames{path + "odom", "rt/tf", path + "nilio/latency", "rt/diagnostics"};
 }
 
 core::Result<std::unique_ptr<Participant>> Participant::create(const ParticipantConfig& config) {

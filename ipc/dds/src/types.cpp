@@ -22,11 +22,16 @@ constexpr std::size_t kTypicalStages = 16;
 // With empty names.
 constexpr std::size_t kSmallestTransform = 8 + 2 * 4 + 7 * 8;
 constexpr std::size_t kSmallestStage = 4 + 4 * 8;
+constexpr std::size_t kSmallestStatus = 1 + 4 * 4;
+constexpr std::size_t kSmallestKeyValue = 2 * 4;
+constexpr std::size_t kTypicalStatuses = 2;
+constexpr std::size_t kTypicalValues = 24;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 // Counts the bytes that the same calls on a Cdr would write, alignment included.
 class SizeCounter {
  public:
+  SizeCounter& operator<<(std::uint8_t) { return add(1, 1); }
   SizeCounter& operator<<(std::int32_t) { return add(4, 4); }
   SizeCounter& operator<<(std::uint32_t) { return add(4, 4); }
   SizeCounter& operator<<(std::uint64_t) { return add(8, 8); }
@@ -79,6 +84,17 @@ void put(Out& out, const LatencyReport& message) {
   out << message.poses_published << message.failed_writes << message.ring_dropped << message.ring_high_water;
 }
 
+template <class Out>
+void put(Out& out, const DiagnosticArray& message) {
+  put(out, message.stamp);
+  out << message.frame_id << static_cast<std::uint32_t>(message.statuses.size());
+  for (const DiagnosticStatus& status : message.statuses) {
+    out << static_cast<std::uint8_t>(status.level) << status.name << status.message << status.hardware_id
+        << static_cast<std::uint32_t>(status.values.size());
+    for (const KeyValue& value : status.values) out << value.key << value.value;
+  }
+}
+
 // The reader of a payload: the Cdr, and how many bytes a sequence can at most lie in.
 struct Input {
   Cdr& cdr;
@@ -126,6 +142,19 @@ void get(Input& in, LatencyReport& message) {
       message.ring_high_water;
 }
 
+void get(Input& in, DiagnosticArray& message) {
+  get(in, message.stamp);
+  in.cdr >> message.frame_id;
+  message.statuses.resize(get_length(in, kSmallestStatus));
+  for (DiagnosticStatus& status : message.statuses) {
+    std::uint8_t level = 0;
+    in.cdr >> level >> status.name >> status.message >> status.hardware_id;
+    status.level = static_cast<DiagnosticStatus::Level>(level);
+    status.values.resize(get_length(in, kSmallestKeyValue));
+    for (KeyValue& value : status.values) in.cdr >> value.key >> value.value;
+  }
+}
+
 template <class Message>
 std::uint32_t serialized_bytes(const Message& message) {
   SizeCounter counter;
@@ -136,6 +165,8 @@ std::uint32_t serialized_bytes(const Message& message) {
 const char* ros_name(const Odometry&) { return "nav_msgs::msg::dds_::Odometry_"; }
 const char* ros_name(const TransformMessage&) { return "tf2_msgs::msg::dds_::TFMessage_"; }
 const char* ros_name(const LatencyReport&) { return "nilio::msg::dds_::LatencyReport_"; }
+
+const char* ros_name(const DiagnosticArray&) { return "diagnostic_msgs::msg::dds_::DiagnosticArray_"; }
 
 // A message of usual size, for allocating beforehand.
 void make_typical(Odometry& message) {
@@ -150,6 +181,15 @@ void make_typical(TransformMessage& message) {
 void make_typical(LatencyReport& message) {
   message.stages.resize(kTypicalStages);
   for (StageLatency& stage : message.stages) stage.name.assign(kTypicalName, 'x');
+}
+
+void make_typical(DiagnosticArray& message) {
+  message.statuses.resize(kTypicalStatuses);
+  for (DiagnosticStatus& status : message.statuses) {
+    status.name.assign(kTypicalName, 'x');
+    status.message.assign(kTypicalName, 'x');
+    status.values.assign(kTypicalValues, {std::string(kTypicalName, 'x'), std::string(kTypicalName, 'x')});
+  }
 }
 
 }  // namespace
@@ -204,5 +244,6 @@ std::function<std::uint32_t()> MessageType<Message>::getSerializedSizeProvider(v
 template class MessageType<Odometry>;
 template class MessageType<TransformMessage>;
 template class MessageType<LatencyReport>;
+template class MessageType<DiagnosticArray>;
 
 }  // namespace nilio::dds

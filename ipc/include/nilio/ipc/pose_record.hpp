@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/tracking.hpp"
 
 #include <array>
@@ -58,6 +59,9 @@ struct PoseRecord {
   std::array<std::int64_t, kStageCount> stage_ns{};
   /// CLOCK_REALTIME at hand-over, ns.
   std::int64_t handed_over_realtime_ns = 0;
+  /// There is an IMU, and this is what is known of it.
+  bool has_imu = false;
+  core::ImuHealth imu_health{};
 };
 
 }  // namespace nilio::ipc

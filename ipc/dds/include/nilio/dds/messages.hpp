@@ -65,4 +65,35 @@ struct LatencyReport {
   friend bool operator==(const LatencyReport&, const LatencyReport&) = default;
 };
 
+/// diagnostic_msgs/KeyValue.
+struct KeyValue {
+  std::string key;
+  std::string value;
+
+  friend bool operator==(const KeyValue&, const KeyValue&) = default;
+};
+
+/// diagnostic_msgs/DiagnosticStatus.
+struct DiagnosticStatus {
+  enum class Level : std::uint8_t { kOk = 0, kWarn = 1, kError = 2, kStale = 3 };
+
+  /// From the network it may be any number.
+  Level level = Level::kOk;
+  std::string name;
+  std::string message;
+  std::string hardware_id;
+  std::vector<KeyValue> values;
+
+  friend bool operator==(const DiagnosticStatus&, const DiagnosticStatus&) = default;
+};
+
+/// diagnostic_msgs/DiagnosticArray.
+struct DiagnosticArray {
+  core::Time stamp;
+  std::string frame_id;
+  std::vector<DiagnosticStatus> statuses;
+
+  friend bool operator==(const DiagnosticArray&, const DiagnosticArray&) = default;
+};
+
 }  // namespace nilio::dds

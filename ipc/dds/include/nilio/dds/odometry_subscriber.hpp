@@ -33,8 +33,8 @@ struct SubscriberCounts {
   int publishers = 0;               ///< matched at the moment
 };
 
-/// Receives odometry and latency reports. The DDS threads only copy into queues; next() may be called by one
-/// thread. Numbers in a message may be anything, also not finite: it comes from the network.
+/// Receives odometry, latency reports and diagnostics. The DDS threads only copy into queues; next() may be
+/// called by one thread. Numbers in a message may be anything, also not finite: it comes from the network.
 class OdometrySubscriber {
  public:
   static core::Result<std::unique_ptr<OdometrySubscriber>> create(const OdometrySubscriberConfig& config);
@@ -46,6 +46,8 @@ class OdometrySubscriber {
   std::optional<ReceivedOdometry> next(core::Duration timeout);
   /// The latest report, if any has come.
   [[nodiscard]] std::optional<LatencyReport> latency_report() const;
+  /// The latest diagnostics, if any have come: nilio's or another program's.
+  [[nodiscard]] std::optional<DiagnosticArray> diagnostics() const;
   [[nodiscard]] SubscriberCounts counts() const;
 
  private:

@@ -32,9 +32,11 @@ class MessageType : public eprosima::fastdds::dds::TopicDataType {
 extern template class MessageType<Odometry>;
 extern template class MessageType<TransformMessage>;
 extern template class MessageType<LatencyReport>;
+extern template class MessageType<DiagnosticArray>;
 
 using OdometryType = MessageType<Odometry>;
 using TransformType = MessageType<TransformMessage>;
 using LatencyReportType = MessageType<LatencyReport>;
+using DiagnosticArrayType = MessageType<DiagnosticArray>;
 
 }  // namespace nilio::dds
