@@ -220,7 +220,7 @@ bool ImuMonitor::State::fill_rotation() {
   fill_bias();
   // While it is not trusted the row keeps its largest value: on a straight road any gyro agrees.
   const double disagreement = trust.gyro_error() * kDegreesPerRadian;
-  if (trust.compared() && (trust.given() || disagreement > health[ImuCheck::kGyroAgreement].value))
+  if (trust.compared() && (health.trusted || disagreement > health[ImuCheck::kGyroAgreement].value))
     set_row(health, ImuCheck::kGyroAgreement, disagreement);
   return follow_offset(estimate);
 }
