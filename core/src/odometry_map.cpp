@@ -11,6 +11,8 @@ namespace {
 constexpr double kPlaneReachMetres = 45.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
+// Points whose elevations differ by this share of the beam spacing come from different beams.
+constexpr float kBeamSpread = 0.5F;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
@@ -29,8 +31,10 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 
 void Odometry::State::prepare_maps(const Scan& scan) {
   if (planes) return;
-  planes.emplace(VoxelMapConfig{plane_voxel_for(config, scan.beam_spacing_rad), config.map_radius_m,
-                                config.map_capacity});
+  VoxelMapConfig map_config{plane_voxel_for(config, scan.beam_spacing_rad), config.map_radius_m,
+                            config.map_capacity};
+  map_config.min_elevation_spread_rad = kBeamSpread * scan.beam_spacing_rad;
+  planes.emplace(map_config);
 }
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
@@ -75,15 +79,18 @@ void Odometry::State::rebuild_first_map() {
   first_motion.deskew(first_sweep, deskewed);
   planes->clear();
   coarse_map.clear();
-  insert(deskewed, T_odom_base);
+  insert(first_sweep, deskewed, T_odom_base);
 }
 
-void Odometry::State::insert(const std::vector<Eigen::Vector3f>& points, const SE3& T_odom_moving) {
+void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
+                             const SE3& T_odom_moving) {
   const Matrix3 R = T_odom_moving.rotation.toRotationMatrix();
   world_points.clear();
   for (const Eigen::Vector3f& p : points)
     world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
-  planes->insert(world_points);
+  elevations_rad.clear();
+  for (const SweepPoint& point : seen) elevations_rad.push_back(point.elevation_rad);
+  planes->insert(world_points, elevations_rad);
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
   coarse_filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
   std::size_t kept = 0;
@@ -96,7 +103,7 @@ void Odometry::State::insert(const std::vector<Eigen::Vector3f>& points, const S
 void Odometry::State::update_map(OdometryResult& result) {
   motion.deskew(sweep, deskewed);
   const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
-  if (!result.predicted && (scans < kInitialScans || !stands)) insert(deskewed, T_odom_base);
+  if (!result.predicted && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_odom_base);
   planes->evict_far_from(T_odom_base.translation);
   coarse_map.evict_far_from(T_odom_base.translation);
 }

@@ -67,7 +67,8 @@ struct Odometry::State {
   void prepare_maps(const Scan& scan);
   void align_with_gravity(const Scan& scan);
   void set_rotation(const SweepMotion::Span& span, bool with_imu, SweepMotion& target) const;
-  void insert(const std::vector<Eigen::Vector3f>& points, const SE3& T_odom_moving);
+  void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
+              const SE3& T_odom_moving);
   [[nodiscard]] PlaneMetric plane_metric() const;
   [[nodiscard]] MotionGain motion_gain() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
@@ -119,6 +120,7 @@ struct Odometry::State {
   std::vector<Eigen::Vector3f> selected;
   std::vector<Eigen::Vector3f> coarse_points;
   std::vector<Vector3> world_points;
+  std::vector<float> elevations_rad;
 };
 
 }  // namespace nilio::core

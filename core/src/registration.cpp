@@ -2,6 +2,7 @@
 
 #include "thread_sanitizer.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -17,6 +18,8 @@ namespace {
 // Points per leaf of the reduction. Fixed: the tree, and with it every rounding, depends on the number of
 // points only.
 constexpr std::size_t kGrain = 512;
+// A thinner plane has had too few points to show its thickness.
+constexpr double kMinPlaneVariance = 0.01 * 0.01;
 
 /// Sums `accumulate(point, equations)` over all points in a fixed order.
 template <class Accumulate>
@@ -67,6 +70,19 @@ BlockObservability observe(const Matrix3& block, double threshold) {
     result.weak_axes = static_cast<std::uint8_t>(result.weak_axes | (1U << axis));
   }
   return result;
+}
+
+/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself. A plane is known
+/// best where its points were: away from them the error of its normal grows with the square of the distance
+/// in units of their spread.
+double plane_weight(const VoxelSurface& surface, const Vector3& offset, double point_variance) {
+  const float* packed = surface.information;
+  const double square_distance =
+      offset.x() * (packed[0] * offset.x() + 2.0 * (packed[1] * offset.y() + packed[2] * offset.z())) +
+      offset.y() * (packed[3] * offset.y() + 2.0 * packed[4] * offset.z()) +
+      offset.z() * packed[5] * offset.z();
+  const double thickness = std::max(static_cast<double>(surface.thickness), kMinPlaneVariance);
+  return point_variance / (point_variance + thickness * (1.0 + square_distance));
 }
 
 enum class StepOutcome { kStepped, kConverged, kNonFinite };
@@ -131,6 +147,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
   const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
   const Vector3 t = T_map_moving.translation;
   const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
   return reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
     const Vector3 p = point.cast<double>();
@@ -139,10 +156,11 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
     const VoxelSurface* surface = map.find(index);
     if (surface == nullptr || surface->planarity > max_planarity) return;
     const Vector3 normal = surface->normal.cast<double>();
-    const double residual = normal.dot(q - map.corner_of(index) - surface->mean.cast<double>());
+    const Vector3 offset = q - map.corner_of(index) - surface->mean.cast<double>();
+    const double residual = normal.dot(offset);
     if (std::abs(residual) > metric.gate_m) return;
     const double root = scale_square / (scale_square + residual * residual);
-    const double weight = root * root;
+    const double weight = root * root * plane_weight(*surface, offset - residual * normal, point_variance);
     const Vector3 moving_normal = R.transpose() * normal;
     Vector6 J;
     J.head<3>() = moving_normal;

@@ -73,9 +73,10 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
     // Also false for NaN.
     if (!(square >= min_square && square <= max_square)) continue;
     if (!filter.insert(p)) continue;
+    const float elevation_rad = std::atan2(p.z(), p.head<2>().norm());
     if (sine != 0.0F) p = raise_beam(p, cosine, sine);
     const float time_s = static_cast<float>(static_cast<double>(point.time_offset_ns - sweep_ns) * 1e-9);
-    output.push_back({R_base_lidar * p + t_base_lidar, time_s});
+    output.push_back({R_base_lidar * p + t_base_lidar, time_s, elevation_rad});
   }
 }
 

@@ -112,17 +112,21 @@ void VoxelMap::erase(std::uint32_t voxel) {
   --size_;
 }
 
-void VoxelMap::insert(std::span<const Vector3> points) {
-  for (const Vector3& point : points) {
-    const VoxelIndex index = index_of(point);
+void VoxelMap::insert(std::span<const Vector3> points, std::span<const float> elevations_rad) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const VoxelIndex index = index_of(points[i]);
     const std::uint32_t voxel = find_or_create(pack_key(index));
     if (voxel == kNoVoxel) continue;
-    add(voxel, point - corner_of(index));
+    add(voxel, points[i] - corner_of(index), elevations_rad.empty() ? 0.0F : elevations_rad[i]);
   }
 }
 
-void VoxelMap::add(std::uint32_t voxel, const Vector3& local) {
+void VoxelMap::add(std::uint32_t voxel, const Vector3& local, float elevation_rad) {
   Moments& m = moments_[voxel];
+  if (m.count == 0) m.min_elevation_rad = m.max_elevation_rad = elevation_rad;
+  const bool one_beam = !seen_by_several_beams(m);
+  m.min_elevation_rad = std::min(m.min_elevation_rad, elevation_rad);
+  m.max_elevation_rad = std::max(m.max_elevation_rad, elevation_rad);
   if (m.count >= config_.max_points) {
     m.count /= 2;
     m.sum *= 0.5;
@@ -137,6 +141,8 @@ void VoxelMap::add(std::uint32_t voxel, const Vector3& local) {
   m.products[3] += local.y() * local.y();
   m.products[4] += local.y() * local.z();
   m.products[5] += local.z() * local.z();
+  // The point of the second beam makes a plane of what was none.
+  if (one_beam && seen_by_several_beams(m)) m.refresh_at = std::max(config_.min_points, m.count);
   if (m.count >= m.refresh_at) refresh(voxel);
 }
 
@@ -169,7 +175,8 @@ void VoxelMap::refresh(std::uint32_t voxel) {
   surface.information[4] = static_cast<float>(information(1, 2));
   surface.information[5] = static_cast<float>(information(2, 2));
   const double min_spread = kMinSpreadShare * config_.voxel_size_m;
-  surface.planarity = static_cast<float>(values[1] > min_spread * min_spread ? values[0] / values[1] : 2.0);
+  const bool has_normal = values[1] > min_spread * min_spread && seen_by_several_beams(m);
+  surface.planarity = static_cast<float>(has_normal ? values[0] / values[1] : 2.0);
   surface.thickness = static_cast<float>(values[0]);
   surface.count = m.count;
 }

@@ -51,8 +51,8 @@ SE3 offset(double x, double y, double yaw) {
 }  // namespace
 
 TEST_CASE("the gradient of the plane equations is that of the squared distances, numerically") {
-  // Without robust weights moving with the residual: a huge kernel.
-  const PlaneMetric metric{2.0, 1e6, 0.1, 0.2};
+  // Without weights that move with the point: a huge kernel, and planes that are certain beside the points.
+  const PlaneMetric metric{2.0, 1e6, 0.1, 0.2, 1e3};
   const SE3 pose = offset(0.05, -0.03, 0.004);
   const auto cost = [&](const Vector6& delta) {
     return 0.5 * plane_equations(room_map().planes, room_map().points, pose * se3_exp(delta), metric)
@@ -183,4 +183,25 @@ TEST_CASE("selection takes an equal share of every surface direction and never m
   for (const std::uint32_t index : selection) ground += room_map().points[index].z() < -1.7F ? 1 : 0;
   // Uniform choice would take most points from the ground here.
   CHECK(ground < selection.size() / 2);
+}
+
+TEST_CASE("a point beside the strip that a plane was fitted to counts for less than one on it") {
+  VoxelMap map({2.0, 100.0, 100, 6, 100});
+  std::mt19937_64 generator(7);
+  std::uniform_real_distribution<double> along(-0.9, 0.9);
+  std::uniform_real_distribution<double> across(-0.2, 0.2);
+  std::normal_distribution<double> height(0.0, 0.02);
+  std::vector<Vector3> world;
+  for (int i = 0; i < 99; ++i)
+    world.emplace_back(1.0 + along(generator), 1.0 + across(generator), 1.0 + height(generator));
+  map.insert(world);
+  const auto weight_at = [&](float x, float y) {
+    const std::vector<Eigen::Vector3f> point{{x, y, 1.0F}};
+    const NormalEquations equations = plane_equations(map, point, SE3{}, {});
+    REQUIRE(equations.correspondences == 1);
+    return equations.weight_sum;
+  };
+  CHECK(weight_at(1.0F, 1.0F) > 0.3);
+  CHECK(weight_at(1.8F, 1.0F) > 0.3 * weight_at(1.0F, 1.0F));
+  CHECK(weight_at(1.0F, 1.8F) < 0.2 * weight_at(1.0F, 1.0F));
 }

@@ -48,6 +48,26 @@ TEST_CASE("a voxel with too few points has no surface") {
   CHECK(map.size() == 1);
 }
 
+TEST_CASE("the points of one beam are no plane until another beam has seen the voxel") {
+  VoxelMapConfig config{1.0, 100.0, 1000, 6, 100};
+  config.min_elevation_spread_rad = 0.02F;
+  VoxelMap map(config);
+  const Vector3 center(0.5, 0.5, 0.5);
+  const std::vector<Vector3> points = points_on_plane(center, Vector3::UnitZ(), 0.002, 61);
+  std::vector<float> elevations(60, 0.1F);
+  for (std::size_t i = 0; i < elevations.size(); i += 2) elevations[i] += 0.005F;
+  map.insert(std::span(points).first(60), elevations);
+  const VoxelSurface* surface = map.find(map.index_of(center));
+  REQUIRE(surface != nullptr);
+  CHECK(surface->planarity > 1.0F);
+  // It still tells where its points are, for the coarse registration.
+  CHECK(surface->information[5] > surface->information[0]);
+
+  const std::vector<float> next_beam{0.135F};
+  map.insert(std::span(points).last(1), next_beam);
+  CHECK(map.find(map.index_of(center))->planarity < 0.01F);
+}
+
 TEST_CASE("a full map refuses new voxels, counts them and keeps the old ones") {
   VoxelMap map({1.0, 1000.0, 10, 1, 100});
   std::vector<Vector3> points;

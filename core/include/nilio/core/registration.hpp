@@ -36,6 +36,9 @@ struct PlaneMetric {
   double max_planarity = 0.1;
   /// Residual below which a correspondence counts as an inlier, metres.
   double inlier_distance_m = 0.2;
+  /// How far a point may lie off a perfectly known plane, metres: range noise and what a real surface is not
+  /// flat. The uncertainty of a plane is weighed against it.
+  double point_deviation_m = 0.05;
 };
 
 /// Point-to-plane equations against each point's home voxel (NI-LIO 3.3): r = n . (T p - mean).
