@@ -16,7 +16,7 @@ TEST_CASE(
   reset_controllers();
   drivers::set_up_can_interface("can0", 500000, 0);
   const NiliodRun run;
-  run.write_drive(6.0);
+  run.write_drive(3.0);
   const auto niliod = run.start_niliod({"imu.interface=can1", "imu.bitrate=500000"});
   REQUIRE(niliod->says("info: CAN can1: set to 500000 bit/s and started"));
   CHECK(niliod->says("info: CAN can1: up, error-active, 500000 bit/s"));

@@ -27,5 +27,8 @@ export TMPDIR
 
 : >"$folder/console.log"
 : >"$folder/program.log"
-run_guest "$folder" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro "mem=${memory_mib}M" quiet \
+# The kernel and each process of the guest are processes here that run in turns. On one processor they pass the turn directly; else
+# each waits for a processor of its own to be free.
+processor=$(taskset --cpu-list --pid $$ | sed 's/.*: //; s/[-,].*//')
+run_guest "$folder" taskset --cpu-list "$processor" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro "mem=${memory_mib}M" quiet \
   con=null "con0=null,fd:3" init="$here/tier2_init.sh" nilio_run="$folder/command.sh" 3>"$folder/console.log"

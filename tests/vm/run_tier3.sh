@@ -23,6 +23,6 @@ write_command "$folder" "NILIO_KERNEL='$kernel'" "$@"
 run_guest "$folder" qemu-system-x86_64 -M q35 -accel tcg,thread=multi -cpu max -smp 1 -m 1024 \
   -display none -vga none -nodefaults -no-user-config -no-reboot -monitor none -serial file:"$folder/console.log" \
   -kernel "$kernel/vmlinux" -initrd "$kernel/initrd.gz" \
-  -append "console=ttyS0 quiet panic=-1 mitigations=off nilio_run=$folder/command.sh" \
+  -append "console=ttyS0 quiet panic=-1 mitigations=off no_timer_check nilio_run=$folder/command.sh" \
   -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap -device virtio-9p-pci,fsdev=host,mount_tag=host \
   -object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus
