@@ -34,7 +34,7 @@ TEST_CASE(
   CHECK(play->stop(SIGTERM) >= 0);
   unplug_controllers();
   CHECK(niliod->says("warning: CAN can1: gone; waiting for it"));
-  CHECK(niliod->says("warning: IMU silent: .*the bus is gone"));
+  CHECK(niliod->says("warning: IMU silent: "));
   plug_in_controllers();
   CHECK(niliod->says("info: CAN can1: set to 500000 bit/s and started", 2));
   drivers::set_up_can_interface("can0", 500000, 0);

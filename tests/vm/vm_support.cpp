@@ -61,6 +61,11 @@ bool eventually(const std::function<bool()>& condition, double seconds) {
   return true;
 }
 
+void say_undecided(const std::string& what) {
+  std::cout << "undecided: " << what << ", for the guest was kept waiting; run it again on a quieter machine"
+            << std::endl;
+}
+
 StallWatch::StallWatch()
     : sleeper_([this](const std::stop_token& stop) {
         auto before = std::chrono::steady_clock::now();
@@ -77,8 +82,7 @@ bool StallWatch::decides(bool condition, const std::string& what) const {
   const std::size_t stalls = stalls_;
   INFO(what << "; the guest was kept waiting " << stalls << " times");
   CHECK(stalls >= kManyStalls);
-  std::cout << "undecided: " << what << ", for the guest was kept waiting " << stalls
-            << " times; run it again on a quieter machine" << std::endl;
+  say_undecided(what);
   return false;
 }
 

@@ -23,6 +23,9 @@ inline constexpr double kPatienceS = 40.0;
 /// without it.
 bool eventually(const std::function<bool()>& condition, double seconds = kPatienceS);
 
+/// A line by which the runner takes a run as skipped in which all else has passed.
+void say_undecided(const std::string& what);
+
 /// Counts how often a thread of the guest is kept waiting for longer than an IMU may be silent (0.15 s): a
 /// guest in which that is usual cannot keep the pace of a sensor, and what niliod makes of the sensor says
 /// nothing.
@@ -31,7 +34,7 @@ class StallWatch {
   StallWatch();
   [[nodiscard]] std::size_t stalls() const { return stalls_; }
   /// True when the condition holds. When it does not, the test fails, unless the guest was kept waiting again
-  /// and again: then a line says what was not decided, and the runner takes the run as skipped.
+  /// and again: then it is undecided.
   [[nodiscard]] bool decides(bool condition, const std::string& what) const;
 
  private:
