@@ -19,7 +19,7 @@ fi
 finish() {
   [[ ${1:-} == --tests ]] || return 0
   "$(dirname "$0")/../tests/vm/tier3_prepare.sh" "$(dirname "$0")/../build/vm" ||
-    echo "setup: the kernel for tests/vm cannot be had; its tests will be skipped" >&2
+    echo "setup: tier 3 of tests/vm has no kernel, and says so instead of testing; see above" >&2
 }
 
 missing=()

@@ -31,4 +31,4 @@ export TMPDIR
 # each waits for a processor of its own to be free.
 processor=$(taskset --cpu-list --pid $$ | sed 's/.*: //; s/[-,].*//')
 run_guest "$folder" taskset --cpu-list "$processor" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro "mem=${memory_mib}M" quiet \
-  con=null "con0=null,fd:3" init="$here/tier2_init.sh" nilio_run="$folder/command.sh" 3>"$folder/console.log"
+  uml_dir="$folder/" con=null "con0=null,fd:3" init="$here/tier2_init.sh" nilio_run="$folder/command.sh" 3>"$folder/console.log"

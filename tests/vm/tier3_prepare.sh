@@ -13,11 +13,19 @@ export PATH=$PATH:/usr/sbin:/sbin LC_ALL=C
 mkdir -p "$1"
 cd "$1"
 
+newest_image() { find . -maxdepth 1 -name 'linux-image-*_amd64.deb' | sort --version-sort | tail -1; }
+
+# What the files here are made of.
+ingredients() { echo "$(newest_image) $(cat "$here/can_inject.c" "$here/tier3_init.sh" "$here/tier3_prepare.sh" | sha256sum)"; }
+
+is_made() { [[ -s vmlinux && -s initrd.gz && -s can_inject.ko && $(cat made 2>/dev/null) == "$(ingredients)" ]]; }
+
+is_made && exit 0
+[[ -w . ]] || { echo "skipped: $PWD is not up to date and of another user; tools/setup.sh --tests as that user makes it"; exit "$kSkipped"; }
 # From two builds at once, the second waits.
 exec 9>lock
 flock 9
-
-package_of_kind() { find . -maxdepth 1 -name "$1" | sort --version-sort | tail -1; }
+is_made && exit 0
 
 # What is depended on by the package $1 and matches $2.
 dependency() { apt-cache depends "$1" 2>/dev/null | sed -n "s/.*Depends: \($2\)\$/\1/p" | tail -1; }
@@ -45,19 +53,17 @@ refresh_lists() {
   fi
 }
 
-image=$(package_of_kind 'linux-image-*_amd64.deb')
+image=$(newest_image)
 if [[ -z $image ]]; then
   ((offline == 0)) || { echo "skipped: the kernel is not in $PWD; tools/setup.sh --tests fetches it"; exit "$kSkipped"; }
   need apt-get:apt
   fetch || { refresh_lists && fetch; } ||
     { echo "skipped: apt cannot fetch linux-image-amd64, its headers and linux-kbuild; see above"; exit "$kSkipped"; }
-  image=$(package_of_kind 'linux-image-*_amd64.deb')
+  image=$(newest_image)
 fi
 release=${image#./linux-image-}
 release=${release%%_*}
 
-wanted="$image $(cat "$here/can_inject.c" "$here/tier3_init.sh" "$here/tier3_prepare.sh" | sha256sum)"
-[[ $(cat made 2>/dev/null) == "$wanted" ]] && exit 0
 need dpkg-deb:dpkg xz:xz-utils cpio:cpio depmod:kmod modprobe:kmod make:build-essential gcc-12:build-essential
 # A busybox that needs libraries would not start in the first file system.
 [[ -x /bin/busybox ]] && ! ldd /bin/busybox >/dev/null 2>&1 || need busybox-static:busybox-static
@@ -101,4 +107,4 @@ cp "$here/can_inject.c" work/inject/
 echo 'obj-m := can_inject.o' >work/inject/Makefile
 make --silent --directory="$root/usr/src/linux-headers-$release" M="$work/inject" modules >&2
 mv work/{vmlinux,initrd.gz} work/inject/can_inject.ko "$(grep kvaser_pci work/modules)" .
-echo "$wanted" >made
+ingredients >made
