@@ -3,14 +3,14 @@
 
 #include "can_settings.hpp"
 #include "controller_log.hpp"
+#include "emulated_controllers.hpp"
 #include "socketcan_state.hpp"
 #include "vm_support.hpp"
 
-#include <cstdlib>
-#include <fstream>
+#include <filesystem>
+#include <iterator>
 #include <linux/can/error.h>
 #include <linux/can/netlink.h>
-#include <set>
 
 #include <catch2/catch.hpp>
 
@@ -19,26 +19,7 @@ using namespace nilio::tests;
 using Catch::Matchers::Contains;
 using drivers::CanBusState;
 
-/// Two controllers of the kvaser_pci driver, can0 and can1, on one bus.
 namespace {
-
-std::string kernel_file(const std::string& name) {
-  return std::string(std::getenv("NILIO_KERNEL")) + "/" + name;
-}
-
-void inject(const std::string& text) {
-  static const bool loaded = shell("busybox insmod " + kernel_file("can_inject.ko")) == 0;
-  REQUIRE(loaded);
-  REQUIRE((std::ofstream("/proc/can_inject") << text << std::flush).good());
-}
-
-/// Down and without automatic restart, whatever the test before has left.
-void reset_controllers() {
-  for (const std::string name : {"can0", "can1"}) {
-    drivers::set_up_can_interface(name, 250000, 0);
-    set_up(name, false);
-  }
-}
 
 std::unique_ptr<drivers::FrameSource> listen(const drivers::SocketCanConfig& config) {
   auto source = drivers::open_socketcan(config);
@@ -95,8 +76,10 @@ TEST_CASE("frames that find the buffer full are lost and counted to the frame") 
   drivers::set_up_can_interface("can0", 500000, 0);
   drivers::set_up_can_interface("can1", 500000, 0);
   const auto source = listen({.interface_name = "can1", .receive_buffer_bytes = 8192});
+  const std::uint64_t before = kernel_count("can1", "rx_packets");
   send_from_another_process("can0", numbered_frames(200));
-  const std::size_t kept = read_frames(*source, 200, 0.5).size();
+  REQUIRE(eventually([&] { return kernel_count("can1", "rx_packets") == before + 200; }));
+  const std::size_t kept = read_waiting(*source).size();
   CHECK(kept > 0);
   CHECK(kept < 100);
   send_from_another_process("can0", numbered_frames(1));
@@ -150,6 +133,34 @@ TEST_CASE("injected errors reach sockets and log, and bus-off ends by a restart 
   CHECK_THAT(source->status(), Contains("1 times bus-off"));
 }
 
+TEST_CASE("a controller that is bus-off again and again is restarted after waits that double") {
+  reset_controllers();
+  ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
+  REQUIRE(log.says("up, error-active"));
+  const auto source = listen({.interface_name = "can1"});
+  core::Duration wait = core::Duration::from_milliseconds(100.0);
+  core::Time restarted;
+  for (std::uint64_t round = 1; round <= 4; ++round) {
+    inject("can1 bus-off");
+    const auto frames = read_frames(*source, 2);
+    REQUIRE(frames.size() == 2);
+    REQUIRE((frames[0].id & CAN_ERR_BUSOFF) != 0);
+    REQUIRE((frames[1].id & CAN_ERR_RESTARTED) != 0);
+    // After 10 s without bus-off waits begin anew.
+    if (round > 1 && (frames[0].stamp - restarted).seconds() > 9.0)
+      return say_undecided("whether waits after bus-off double");
+    restarted = frames[1].stamp;
+    // The kernel's stamps are of another clock than the waits.
+    CHECK((restarted - frames[0].stamp).seconds() > 0.95 * wait.seconds());
+    // A bus-off before the watcher has looked again would look to it as a restart that did nothing.
+    REQUIRE(eventually([&] { return log.status().state == CanBusState::kErrorActive; }));
+    CHECK(log.status().restarts == round);
+    wait.ns *= 2;
+  }
+  CHECK(log.says("error-active, 500000 bit/s again after .* bus-off, restarted .* from here"));
+  CHECK(log.status().bus_offs == 4);
+}
+
 TEST_CASE("a controller with automatic restart is left to it, and bus-offs too short to see are counted") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 500000, 0);
@@ -172,24 +183,28 @@ TEST_CASE("interfaces that vanish with their driver are waited for, set up again
   REQUIRE(first.says("up, error-active"));
   REQUIRE(second.says("up, error-active"));
   const auto source = listen({.interface_name = "can1"});
-  REQUIRE(shell("busybox rmmod kvaser_pci") == 0);
+  unplug_controllers();
   CHECK(second.says("gone; waiting for it"));
   CHECK(read_frames(*source, 1, 0.3).empty());
   CHECK_THAT(source->status(), Contains("gone"));
-  REQUIRE(shell("busybox insmod " + kernel_file("kvaser_pci.ko")) == 0);
+  plug_in_controllers();
   CHECK(first.says("up, error-active", 2));
   CHECK(second.says("set to 500000 bit/s and started", 2));
   CHECK(second.says("up, error-active", 2));
-  CHECK(eventually([&] {
-    send_from_another_process("can0", numbered_frames(1));
-    return !read_frames(*source, 1, 0.1).empty();
-  }));
+  REQUIRE(eventually([&] { return read_frames(*source, 1, 0.0).empty() && has_listener("can1"); }));
+  send_from_another_process("can0", numbered_frames(3));
+  CHECK(read_frames(*source, 3).size() == 3);
   CHECK(second.status().times_gone == 1);
 }
 
 TEST_CASE("the watcher of a controller is gone as soon as it is let go") {
   reset_controllers();
+  const auto entries = [](const std::string& folder) {
+    return std::distance(std::filesystem::directory_iterator("/proc/self/" + folder), {});
+  };
+  const auto threads = entries("task");
+  const auto descriptors = entries("fd");
   for (int i = 0; i < 20; ++i) ControllerLog log({.interface_name = "can0"});
-  std::set<std::string> sockets;
-  CHECK(shell("test $(ls /proc/$PPID/fd | wc -l) -lt 16") == 0);
+  // A thread that was starved for longer than its watcher waits for it is a little later.
+  CHECK(eventually([&] { return entries("task") == threads && entries("fd") == descriptors; }));
 }

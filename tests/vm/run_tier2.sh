@@ -3,31 +3,32 @@
 # virtualisation. The guest sees this computer's files; what it writes is gone afterwards.
 #   run_tier2.sh FOLDER COMMAND [ARGUMENT...]     FOLDER takes the guest's console; exit status: the command's, 77 = skipped
 set -euo pipefail
+here=$(dirname "$(realpath "$0")")
+# shellcheck source=guest.sh
+source "$here/guest.sh"
 folder=$(realpath -m "$1")
 shift
-here=$(dirname "$(realpath "$0")")
 
-for package in user-mode-linux busybox-static; do
-  [[ $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] ||
-    { echo "skipped: package $package is not installed; tools/setup.sh --tests installs it"; exit 77; }
-done
-
+need linux.uml:user-mode-linux busybox:busybox-static
 mkdir -p "$folder"
-{
-  echo '#!/bin/sh'
-  echo "export TMPDIR=/run NILIO_DATA='${NILIO_DATA:-}'"
-  printf 'exec'
-  printf ' %q' "$@"
-} >"$folder/command.sh"
-chmod +x "$folder/command.sh"
+write_command "$folder" "NILIO_DATA='${NILIO_DATA:-}'" "$@"
 
-# The guest's memory is a file, sparse and deleted at once; not every machine has room for it in /tmp.
-[[ -w /dev/shm ]] && export TMPDIR=/dev/shm
-status=0
-timeout -k 5 "${VM_TIMEOUT:-110}" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro mem=768M quiet \
-  con=null con0=null,fd:1 init="$here/tier2_init.sh" nilio_run="$folder/command.sh" </dev/null >"$folder/console.log" 2>&1 ||
-  status=$?
-tr -d '\r' <"$folder/console.log"
-result=$(sed -n 's/.*nilio-guest-status=\([0-9]*\).*/\1/p' "$folder/console.log" | tail -1)
-[[ -n $result ]] || { echo "run_tier2: the guest ended without a result (status $status; 124 = out of time)"; exit 1; }
-exit "$result"
+# The guest's memory is a file, sparse and deleted at once, from which it executes. In containers /dev/shm is often too small or
+# not for that.
+memory_mib=768
+has_room() {
+  [[ -w $1 ]] && (($(df --output=avail --block-size=1M "$1" | tail -1) > memory_mib)) &&
+    ! findmnt --noheadings --output OPTIONS --target "$1" | grep --quiet --word-regexp noexec
+}
+for TMPDIR in /dev/shm "${TMPDIR:-/tmp}" "$folder"; do
+  has_room "$TMPDIR" && break
+done
+export TMPDIR
+
+: >"$folder/console.log"
+: >"$folder/program.log"
+# The kernel and each process of the guest are processes here that run in turns. On one processor they pass the turn directly; else
+# each waits for a processor of its own to be free.
+processor=$(taskset --cpu-list --pid $$ | sed 's/.*: //; s/[-,].*//')
+run_guest "$folder" taskset --cpu-list "$processor" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro "mem=${memory_mib}M" quiet \
+  uml_dir="$folder/" con=null "con0=null,fd:3" init="$here/tier2_init.sh" nilio_run="$folder/command.sh" 3>"$folder/console.log"

@@ -1,75 +1,110 @@
 #!/usr/bin/env bash
 # Makes what tier 3 boots from Debian's packages: the kernel, a first file system with the CAN drivers, and the module that
-# injects controller states. Quick when all is there.
-#   tier3_prepare.sh FOLDER        writes FOLDER/{vmlinux,initrd.gz,can_inject.ko,release}
+# injects controller states. Nothing is installed. Quick when all is there.
+#   tier3_prepare.sh [--offline] FOLDER     writes FOLDER/{vmlinux,initrd.gz,can_inject.ko,kvaser_pci.ko,made}
+# --offline uses packages that were fetched before. Exit status: 77 = cannot be had here, with a line that says why
 set -euo pipefail
 here=$(dirname "$(realpath "$0")")
+# shellcheck source=guest.sh
+source "$here/guest.sh"
+offline=0
+[[ ${1:-} == --offline ]] && { offline=1; shift; }
+export PATH=$PATH:/usr/sbin:/sbin LC_ALL=C
 mkdir -p "$1"
 cd "$1"
 
+newest_image() { find . -maxdepth 1 -name 'linux-image-*_amd64.deb' | sort --version-sort | tail -1; }
+
+# What the files here are made of.
+ingredients() { echo "$(newest_image) $(cat "$here/can_inject.c" "$here/tier3_init.sh" "$here/tier3_prepare.sh" | sha256sum)"; }
+
+is_made() { [[ -s vmlinux && -s initrd.gz && -s can_inject.ko && $(cat made 2>/dev/null) == "$(ingredients)" ]]; }
+
+is_made && exit 0
+[[ -w . ]] || { echo "skipped: $PWD is not up to date and of another user; tools/setup.sh --tests as that user makes it"; exit "$kSkipped"; }
 # From two builds at once, the second waits.
 exec 9>lock
 flock 9
+is_made && exit 0
 
-image=$(ls linux-image-*_amd64.deb 2>/dev/null | sort --version-sort | tail -1)
+# What is depended on by the package $1 and matches $2.
+dependency() { apt-cache depends "$1" 2>/dev/null | sed -n "s/.*Depends: \($2\)\$/\1/p" | tail -1; }
+
+fetch() {
+  local image headers kbuild
+  image=$(dependency linux-image-amd64 'linux-image-[0-9].*')
+  headers=${image/image/headers}
+  kbuild=$(dependency "$headers" 'linux-kbuild-.*')
+  [[ -n $image && -n $kbuild ]] || return
+  rm -rf fetched
+  mkdir fetched
+  # Complete or not at all: a download that was cut off must not count as one.
+  (cd fetched && apt-get -o APT::Sandbox::User=root download -q "$image" "$headers" "${headers%-amd64}-common" "$kbuild") >&2 || return
+  mv fetched/*.deb .
+  rmdir fetched
+}
+
+# The lists of packages are missing in fresh containers, and old ones name packages that are there no more.
+refresh_lists() {
+  if ((EUID == 0)); then
+    apt-get update -q >&2
+  else
+    sudo --non-interactive apt-get update -q >&2
+  fi
+}
+
+image=$(newest_image)
 if [[ -z $image ]]; then
-  package=$(apt-cache depends linux-image-amd64 | sed -n 's/.*Depends: \(linux-image-[0-9].*\)/\1/p' | head -1)
-  [[ -n $package ]] || { echo "tier3_prepare: apt knows no linux-image-amd64; run apt-get update" >&2; exit 1; }
-  release=${package#linux-image-}
-  abi=${release%-amd64}
-  apt-get download -q "$package" "linux-headers-$release" "linux-headers-$abi-common" \
-    "$(apt-cache depends "linux-headers-$release" | sed -n 's/.*Depends: \(linux-kbuild-.*\)/\1/p' | head -1)" >&2
-  image=$(ls linux-image-*_amd64.deb | sort --version-sort | tail -1)
+  ((offline == 0)) || { echo "skipped: the kernel is not in $PWD; tools/setup.sh --tests fetches it"; exit "$kSkipped"; }
+  need apt-get:apt
+  fetch || { refresh_lists && fetch; } ||
+    { echo "skipped: apt cannot fetch linux-image-amd64, its headers and linux-kbuild; see above"; exit "$kSkipped"; }
+  image=$(newest_image)
 fi
-release=${image#linux-image-}
+release=${image#./linux-image-}
 release=${release%%_*}
-if [[ $(cat release 2>/dev/null) == "$release" && -s vmlinux && -s initrd.gz && can_inject.ko -nt "$here/can_inject.c" &&
-  initrd.gz -nt "$here/tier3_init.sh" ]]; then
-  exit 0
-fi
-rm -f release
 
-if [[ ! -d root ]]; then
-  mkdir -p root.new
-  for package in linux-headers-*.deb linux-kbuild-*.deb; do dpkg-deb --extract "$package" root.new; done
-  # Of the image only what is booted: unpacked it has 400 MB.
-  dpkg-deb --fsys-tarfile "$image" | tar --extract --directory root.new --wildcards './boot/vmlinuz*' \
-    './lib/modules/*/modules.*' './lib/modules/*/kernel/net/can' './lib/modules/*/kernel/drivers/net/can' \
-    './lib/modules/*/kernel/fs/*' './lib/modules/*/kernel/net/9p' './lib/modules/*/kernel/drivers/virtio' \
-    './lib/modules/*/kernel/drivers/net/phy' './lib/modules/*/kernel/drivers/char/hw_random'
-  sed -i "s|include /usr|include $PWD/root/usr|" "root.new/usr/src/linux-headers-$release/Makefile"
-  mv root.new root
-fi
+need dpkg-deb:dpkg xz:xz-utils cpio:cpio depmod:kmod modprobe:kmod make:build-essential gcc-12:build-essential
+# A busybox that needs libraries would not start in the first file system.
+[[ -x /bin/busybox ]] && ! ldd /bin/busybox >/dev/null 2>&1 || need busybox-static:busybox-static
+
+rm -rf made work
+mkdir -p work/root work/first/{bin,dev,proc,sys,modules,host,memory,root} work/inject
+work=$PWD/work
+root=$work/root
+trap 'rm -rf "$work"' EXIT
+for package in linux-headers-*.deb linux-kbuild-*.deb; do dpkg-deb --extract "$package" "$root"; done
+# Of the image only what is booted: unpacked it has 400 MB.
+dpkg-deb --fsys-tarfile "$image" | tar --extract --directory "$root" --wildcards './boot/vmlinuz*' \
+  './lib/modules/*/modules.*' './lib/modules/*/kernel/net/can' './lib/modules/*/kernel/drivers/net/can' \
+  './lib/modules/*/kernel/fs/*' './lib/modules/*/kernel/net/9p' './lib/modules/*/kernel/drivers/virtio' \
+  './lib/modules/*/kernel/drivers/net/phy' './lib/modules/*/kernel/drivers/char/hw_random'
+sed -i "s|include /usr|include $root/usr|" "$root/usr/src/linux-headers-$release/Makefile"
 
 # Uncompressed, the kernel boots some seconds sooner where the processor is emulated.
-if [[ ! -s vmlinux ]]; then
-  for offset in $(LC_ALL=C grep --only-matching --byte-offset --text --perl-regexp '\xfd7zXZ\x00' "root/boot/vmlinuz-$release" |
-    cut -d: -f1); do
-    tail --bytes=+$((offset + 1)) "root/boot/vmlinuz-$release" | xz --decompress --single-stream --quiet >vmlinux.new 2>/dev/null || true
-    [[ $(head --bytes=4 vmlinux.new | tail --bytes=3) == ELF ]] && mv vmlinux.new vmlinux && break
-  done
-  [[ -s vmlinux ]] || { echo "tier3_prepare: no kernel found in root/boot/vmlinuz-$release" >&2; exit 1; }
-fi
+compressed=$root/boot/vmlinuz-$release
+for offset in $(grep --only-matching --byte-offset --text --perl-regexp '\xfd7zXZ\x00' "$compressed" | cut -d: -f1); do
+  tail --bytes=+$((offset + 1)) "$compressed" | xz --decompress --single-stream --quiet >work/vmlinux 2>/dev/null || true
+  [[ $(head --bytes=4 work/vmlinux | tail --bytes=3) == ELF ]] && break
+done
+[[ $(head --bytes=4 work/vmlinux | tail --bytes=3) == ELF ]] ||
+  { echo "tier3_prepare: no kernel found in $image; remove $PWD to fetch it anew" >&2; exit 1; }
 
-/sbin/depmod --basedir "$PWD/root" "$release"
-first=$(mktemp --directory)
-trap 'rm -rf "$first"' EXIT
-mkdir -p "$first"/{bin,dev,proc,sys,modules,host,memory,root}
-cp /bin/busybox "$first/bin/"
-cp "$here/tier3_init.sh" "$first/init"
+depmod --basedir "$root" "$release"
+cp /bin/busybox work/first/bin/
+cp "$here/tier3_init.sh" work/first/init
 for module in virtio_pci 9p 9pnet_virtio overlay can-raw vcan slcan kvaser_pci; do
-  /sbin/modprobe --dirname "$PWD/root" --set-version "$release" --show-depends "$module" | sed -n 's/^insmod \([^ ]*\).*/\1/p'
-done | awk '!seen[$0]++' >modules.list
-[[ $(wc -l <modules.list) -gt 8 ]] || { echo "tier3_prepare: the modules' dependencies are not known" >&2; exit 1; }
+  modprobe --dirname "$root" --set-version "$release" --show-depends "$module" | sed -n 's/^insmod \([^ ]*\).*/\1/p'
+done | awk '!seen[$0]++' >work/modules
+[[ $(wc -l <work/modules) -gt 8 ]] || { echo "tier3_prepare: the modules' dependencies are not known" >&2; exit 1; }
 while read -r module; do
-  cp "$module" "$first/modules/"
-  basename "$module" >>"$first/modules/order"
-done <modules.list
-(cd "$first" && find . | cpio --create --format=newc --quiet | gzip -1) >initrd.gz
+  cp "$module" work/first/modules/
+  basename "$module" >>work/first/modules/order
+done <work/modules
+(cd work/first && find . | cpio --create --format=newc --quiet | gzip -1) >work/initrd.gz
 
-mkdir -p inject
-cp "$here/can_inject.c" inject/
-echo 'obj-m := can_inject.o' >inject/Makefile
-make --silent --directory="root/usr/src/linux-headers-$release" M="$PWD/inject" modules >&2
-cp inject/can_inject.ko "$(grep kvaser_pci modules.list)" .
-echo "$release" >release
+cp "$here/can_inject.c" work/inject/
+echo 'obj-m := can_inject.o' >work/inject/Makefile
+make --silent --directory="$root/usr/src/linux-headers-$release" M="$work/inject" modules >&2
+mv work/{vmlinux,initrd.gz} work/inject/can_inject.ko "$(grep kvaser_pci work/modules)" .
+ingredients >made

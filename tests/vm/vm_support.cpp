@@ -10,12 +10,14 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <iostream>
 #include <iterator>
 #include <linux/can.h>
 #include <linux/can/error.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
 #include <regex>
+#include <sstream>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
@@ -31,6 +33,12 @@ namespace {
 
 using drivers::CanFrame;
 
+/// More than a look and the pause after it take where the guest runs.
+constexpr std::chrono::duration<double> kLongestLook(0.25);
+constexpr std::chrono::milliseconds kStall(150);
+/// One in five seconds of patience: after each, an IMU needs about as long to be believed again.
+constexpr std::size_t kManyStalls = static_cast<std::size_t>(kPatienceS / 5.0);
+
 /// Flags of an interface by SIOCGIFFLAGS; 0 for one that is not there.
 short interface_flags(int descriptor, const std::string& name, ifreq& request) {
   std::strncpy(request.ifr_name, name.c_str(), IFNAMSIZ - 1);
@@ -40,12 +48,42 @@ short interface_flags(int descriptor, const std::string& name, ifreq& request) {
 }  // namespace
 
 bool eventually(const std::function<bool()>& condition, double seconds) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  using Seconds = std::chrono::duration<double>;
+  Seconds patience(seconds);
+  auto before = std::chrono::steady_clock::now();
   while (!condition()) {
-    if (std::chrono::steady_clock::now() > end) return false;
+    if (patience <= Seconds(0.0)) return false;
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    const auto now = std::chrono::steady_clock::now();
+    patience -= std::min(Seconds(now - before), kLongestLook);
+    before = now;
   }
   return true;
+}
+
+void say_undecided(const std::string& what) {
+  std::cout << "undecided: " << what << ", for the guest was kept waiting; run it again on a quieter machine"
+            << std::endl;
+}
+
+StallWatch::StallWatch()
+    : sleeper_([this](const std::stop_token& stop) {
+        auto before = std::chrono::steady_clock::now();
+        while (!stop.stop_requested()) {
+          std::this_thread::sleep_for(std::chrono::milliseconds(20));
+          const auto now = std::chrono::steady_clock::now();
+          if (now - before > kStall) ++stalls_;
+          before = now;
+        }
+      }) {}
+
+bool StallWatch::decides(bool condition, const std::string& what) const {
+  if (condition) return true;
+  const std::size_t stalls = stalls_;
+  INFO(what << "; the guest was kept waiting " << stalls << " times");
+  CHECK(stalls >= kManyStalls);
+  say_undecided(what);
+  return false;
 }
 
 int shell(const std::string& command) {
@@ -82,6 +120,23 @@ bool is_up(const std::string& interface_name) {
   const short flags = interface_flags(descriptor, interface_name, request);
   close(descriptor);
   return (flags & IFF_UP) != 0;
+}
+
+std::uint64_t kernel_count(const std::string& interface_name, const std::string& counter) {
+  std::ifstream file("/sys/class/net/" + interface_name + "/statistics/" + counter);
+  std::uint64_t count = 0;
+  file >> count;
+  REQUIRE(file);
+  return count;
+}
+
+bool has_listener(const std::string& interface_name) {
+  // Sockets for error frames, as every source has; "(vcan0: no entry)" where there are none.
+  std::ifstream file("/proc/net/can/rcvlist_err");
+  std::string word;
+  while (file >> word)
+    if (word == interface_name) return true;
+  return false;
 }
 
 CanFrame data_frame(std::uint32_t id, std::vector<std::uint8_t> data) {
@@ -124,6 +179,16 @@ std::vector<CanFrame> read_frames(drivers::FrameSource& source, std::size_t coun
   return frames;
 }
 
+std::vector<CanFrame> read_waiting(drivers::FrameSource& source) {
+  std::vector<CanFrame> frames;
+  std::array<CanFrame, 64> slots;
+  for (;;) {
+    const auto read = source.read(slots, core::Duration{0});
+    if (read.count == 0) return frames;
+    frames.insert(frames.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
+  }
+}
+
 void send_from_another_process(const std::string& interface_name, const std::vector<CanFrame>& frames) {
   const pid_t child = fork();
   if (child == 0) {
@@ -164,16 +229,17 @@ std::string Program::output() const {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-bool Program::says(const std::string& pattern, double seconds) const {
-  const std::regex expression(pattern);
-  return eventually([&] { return std::regex_search(output(), expression); }, seconds);
+bool Program::says(const std::string& pattern, std::size_t times) const {
+  return eventually([&] { return count(pattern) >= times; });
 }
 
 std::size_t Program::count(const std::string& pattern) const {
-  const std::string text = output();
   const std::regex expression(pattern);
-  return static_cast<std::size_t>(
-      std::distance(std::sregex_iterator(text.begin(), text.end(), expression), std::sregex_iterator()));
+  std::istringstream text(output());
+  std::size_t lines = 0;
+  for (std::string line; std::getline(text, line);)
+    if (std::regex_search(line, expression)) ++lines;
+  return lines;
 }
 
 int Program::stop(int signal) {

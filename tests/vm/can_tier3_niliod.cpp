@@ -1,0 +1,77 @@
+#include "can_settings.hpp"
+#include "emulated_controllers.hpp"
+#include "niliod_run.hpp"
+#include "socketcan_state.hpp"
+#include "vm_support.hpp"
+
+#include <csignal>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::tests;
+
+TEST_CASE(
+    "niliod sets its controller up, restarts it after bus-off, and takes it up again when it was unplugged") {
+  reset_controllers();
+  drivers::set_up_can_interface("can0", 500000, 0);
+  const NiliodRun run;
+  run.write_drive(3.0);
+  const auto niliod = run.start_niliod({"imu.interface=can1", "imu.bitrate=500000"});
+  REQUIRE(niliod->says("info: CAN can1: set to 500000 bit/s and started"));
+  CHECK(niliod->says("info: CAN can1: up, error-active, 500000 bit/s"));
+  CHECK(drivers::query_can_interface("can1").bitrate == 500000U);
+  auto play = run.start_playing("can0");
+  CHECK(niliod->says("tracking: [0-9]+ poses"));
+  CHECK(poses_go_on(*niliod));
+
+  inject("can1 bus-off");
+  CHECK(niliod->says("warning: CAN can1: bus-off: the controller has given up.*restarted from here"));
+  CHECK(niliod->says(
+      "info: CAN can1: up, error-active, 500000 bit/s again after once bus-off, restarted once from here"));
+  CHECK(poses_go_on(*niliod));
+
+  CHECK(play->stop(SIGTERM) >= 0);
+  unplug_controllers();
+  CHECK(niliod->says("warning: CAN can1: gone; waiting for it"));
+  CHECK(niliod->says("warning: IMU silent: "));
+  plug_in_controllers();
+  CHECK(niliod->says("info: CAN can1: set to 500000 bit/s and started", 2));
+  drivers::set_up_can_interface("can0", 500000, 0);
+  REQUIRE(eventually([] { return has_listener("can1"); }));
+  play = run.start_playing("can0");
+  CHECK(niliod->says("info: IMU frames again after"));
+  CHECK(poses_go_on(*niliod));
+  CHECK(play->stop(SIGTERM) >= 0);
+
+  const int status = niliod->stop(SIGTERM);
+  INFO(niliod->output());
+  CHECK(status == 0);
+  const auto counters = run.summary()["counters"];
+  INFO(counters.dump(1));
+  CHECK(counters["can_bus_offs"] == 1);
+  CHECK(counters["can_restarts"] == 1);
+  CHECK(counters["can_times_gone"] == 1);
+  CHECK(counters["can_times_down"] == 0);
+  CHECK(counters["can_error_frames"].get<int>() >= 2);
+  CHECK(counters["imu_silences"].get<int>() >= 1);
+  CHECK(counters["imu_samples"].get<int>() > 200);
+  CHECK(counters["poses"].get<int>() > 0);
+}
+
+TEST_CASE("niliod leaves a controller with automatic restart to it, and counts each bus-off") {
+  reset_controllers();
+  const NiliodRun run;
+  const auto niliod = run.start_niliod({"imu.interface=can1", "imu.bitrate=500000", "imu.restart_ms=1000"});
+  REQUIRE(niliod->says("info: CAN can1: up, error-active, 500000 bit/s"));
+  CHECK(drivers::query_can_interface("can1").restart_ms == 1000U);
+  for (std::size_t round = 1; round <= 3; ++round) {
+    inject("can1 bus-off");
+    CHECK(niliod->says("warning: CAN can1: bus-off: .*it restarts itself after 1000 ms", round));
+    CHECK(niliod->says("info: CAN can1: up, error-active, 500000 bit/s again after once bus-off$", round));
+  }
+  CHECK(niliod->stop(SIGTERM) == 0);
+  const auto counters = run.summary()["counters"];
+  CHECK(counters["can_bus_offs"] == 3);
+  CHECK(counters["can_restarts"] == 0);
+}
