@@ -38,7 +38,9 @@ void ImuReport::report_use(const ImuHealth& health) const {
     spdlog::warn("IMU: not used, because of {}; rotation is predicted at a constant rate",
                  core::name_of(health.reason));
   }
-  if (health.trusted && was_refused) spdlog::info("IMU: used again");
+  if (health.trusted && (!last_ || !last_->trusted))
+    spdlog::info(was_refused ? "IMU: used again"
+                             : "IMU: used from now on: it predicts bends better than a constant rate");
   const double shift_before_ms = last_ ? last_->time_shift_ms : 0.0;
   if (health.time_shift_ms != shift_before_ms)
     spdlog::info("IMU: {:.1f} ms are subtracted from its stamps from now on", health.time_shift_ms);

@@ -17,7 +17,9 @@ void NiliodRun::write_drive(double seconds) const {
   const double size = seconds / 12.0;
   const auto rounds = [=](double time_s) -> core::SE3 {
     const double phase = 2.0 * std::numbers::pi * time_s / seconds;
-    return {Eigen::Quaterniond(Eigen::AngleAxisd(0.3 * size * std::sin(phase), core::Vector3::UnitZ())),
+    // Three bends a round, sharp enough that a gyro shows its worth in them.
+    const double yaw = 0.3 * size * std::sin(3.0 * phase);
+    return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, core::Vector3::UnitZ())),
             core::Vector3(20.0 - 5.0 * size * std::cos(phase), 3.0 * size * std::sin(phase), 0.0)};
   };
   write_room_drive(folder_.path(), rounds, seconds, true);
@@ -50,14 +52,14 @@ bool imu_is_used(const Program& niliod) {
   const std::regex status(kStatus);
   return eventually([&] {
     std::istringstream text(niliod.output());
-    bool refused = false;
+    bool used = false;
     bool silent = false;
     int good = 0;
     for (std::string line; std::getline(text, line);) {
       const auto has = [&line](const char* words) { return line.find(words) != std::string::npos; };
-      refused = has("IMU: not used") || (refused && !has("IMU: used again"));
+      used = has("IMU: used") || (used && !has("IMU: not used"));
       silent = has("IMU silent") || (silent && !has("IMU frames again"));
-      if (refused || silent) good = 0;
+      if (!used || silent) good = 0;
       if (std::regex_search(line, status)) ++good;
     }
     return good > 4;

@@ -30,7 +30,7 @@ class NiliodRun {
 
 /// Poses have gone on for some status lines more.
 bool poses_go_on(const Program& niliod);
-/// niliod has had nothing against the IMU for some status lines. In a starved guest frames come in bursts,
+/// niliod has used the IMU for some status lines. In a starved guest frames come in bursts,
 /// and it may take several tries until the gyroscope is believed.
 bool imu_is_used(const Program& niliod);
 
