@@ -193,6 +193,13 @@ void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
        0,
        60'000,
        {}});
+  keys.push_back({"imu.stamp_offset_ms",
+                  &c.stamp_offset_ms,
+                  "added to every sample's time; what nilio inspect finds to be missing",
+                  "ms",
+                  -1000,
+                  1000,
+                  {}});
   const std::array<std::string, 3> axes = {"x", "y", "z"};
   for (std::size_t i = 0; i < 3; ++i) {
     const auto add_axis = [&](const std::string& quantity, const std::string& unit, ImuAxisConfig& axis) {
@@ -201,7 +208,7 @@ void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
       keys.push_back({path + ".signal", &axis.signal, "DBC signal that carries it", "", 0, 0, {}});
       keys.push_back({path + ".scale",
                       &axis.scale,
-                      "from the signal's unit and axis to " + unit + ", x forward, y left, z up",
+                      "from the signal's unit and axis to " + unit + ", x forward, y left, z up; multiplies the preset's",
                       "",
                       0,
                       0,

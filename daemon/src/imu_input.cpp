@@ -8,15 +8,22 @@ namespace nilio::daemon {
 using core::Result;
 
 Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
+  const auto stamp_offset = core::Duration::from_milliseconds(config.stamp_offset_ms);
   if (config.dbc.empty()) {
     Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
     if (!preset) return preset.error();
+    for (std::size_t i = 0; i < 3; ++i) {
+      preset->mapping.angular_velocity[i].scale *= config.angular_velocity[i].scale;
+      preset->mapping.linear_acceleration[i].scale *= config.linear_acceleration[i].scale;
+    }
+    preset->mapping.stamp_offset = stamp_offset;
     return drivers::ImuDecoder::create(preset->mapping, preset->database);
   }
   Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
   if (!database) return database.error();
   drivers::ImuMapping mapping;
   mapping.name = config.dbc;
+  mapping.stamp_offset = stamp_offset;
   for (std::size_t i = 0; i < 3; ++i) {
     mapping.angular_velocity[i] = {config.angular_velocity[i].message, config.angular_velocity[i].signal,
                                    config.angular_velocity[i].scale};

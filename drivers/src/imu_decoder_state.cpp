@@ -17,6 +17,7 @@ constexpr core::Time kLatestStamp{4'000'000'000'000'000'000};
 
 ImuDecoder::State::State(const ImuMapping& mapping, std::vector<ImuRoute> made)
     : routes(std::move(made)),
+      stamp_offset(mapping.stamp_offset),
       source_(mapping.source_address),
       source_is_given_(mapping.source_address.has_value()) {
   group_.values.fill(std::numeric_limits<double>::quiet_NaN());

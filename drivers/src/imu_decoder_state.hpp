@@ -37,6 +37,7 @@ struct ImuDecoder::State {
 
   std::vector<ImuRoute> routes;
   ImuDecoderStats stats;
+  core::Duration stamp_offset;
   std::optional<double> temperature;
 
  private:

@@ -53,13 +53,14 @@ struct ImuAxisConfig {
 struct ImuConfig {
   bool enabled = true;
   std::string preset = "xsens_mti";
-  /// A DBC file and six mapped signals take the place of the preset.
+  /// A DBC file and six mapped signals take the place of the preset, whose values the scales below multiply.
   std::string dbc;
   std::array<ImuAxisConfig, 3> angular_velocity;
   std::array<ImuAxisConfig, 3> linear_acceleration;
   std::string interface_name;
   int bitrate = 0;
   int restart_ms = 0;
+  double stamp_offset_ms = 0.0;
   ExtrinsicConfig extrinsic;
 };
 
