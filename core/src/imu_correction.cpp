@@ -185,9 +185,9 @@ RotationEstimate find_offset(std::span<const RegisteredMotion> motions, std::spa
   }
   const bool at_edge = std::abs(rotation.time_offset_s) > 0.9 * kLargestShift.seconds();
   if (at_edge || std::abs(offset_s) > kLargestCorrectableOffset) result.time_offset_known = false;
-  if (!result.time_offset_known) offset_s = 0.0;
-  const bool small = std::abs(offset_s) < std::max(kLeastOffset, 3.0 * result.time_offset_sigma_s);
-  result.time_offset_s = small ? 0.0 : offset_s;
+  if (!result.time_offset_known) return rotation;
+  result.time_offset_s = offset_s;
+  result.time_offset_matters = std::abs(offset_s) > std::max(kLeastOffset, 3.0 * result.time_offset_sigma_s);
   return rotation;
 }
 

@@ -4,6 +4,7 @@
 
 #include "inspect_can.hpp"
 #include "inspect_capture.hpp"
+#include "inspect_drive.hpp"
 
 #include <optional>
 #include <string>
@@ -27,6 +28,10 @@ TimeRelation relate(const CanFindings& can, const CaptureFindings& capture);
 struct RecordingFindings {
   std::vector<CaptureFindings> captures;
   std::vector<CanFindings> can_logs;
+  /// What driving over LiDAR and IMU says of the IMU; nothing when it was not tried or, with a reason,
+  /// failed.
+  std::optional<DriveFindings> drive;
+  std::string drive_problem;
   /// One line for each file that is of no use, and why.
   std::vector<std::string> problems;
 

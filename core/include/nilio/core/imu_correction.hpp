@@ -30,8 +30,10 @@ struct ScaleCorrection {
 
 /// What has to be changed so that the IMU agrees with the motion that the LiDAR registers.
 struct ImuCorrection {
-  /// IMU stamps less LiDAR stamps of the same instant, s: this has to be subtracted from the IMU's stamps.
   bool time_offset_known = false;
+  /// Large enough to be corrected.
+  bool time_offset_matters = false;
+  /// IMU stamps less LiDAR stamps of the same instant, s: to be subtracted from the IMU's stamps.
   double time_offset_s = 0.0;
   double time_offset_sigma_s = 0.0;
 
@@ -61,7 +63,7 @@ struct ImuCorrection {
 
   /// True when anything is to be changed.
   [[nodiscard]] bool any() const {
-    return time_offset_s != 0.0 || gyro.factor != 1.0 || accel.factor != 1.0 || orientation_changed;
+    return time_offset_matters || gyro.factor != 1.0 || accel.factor != 1.0 || orientation_changed;
   }
 };
 
