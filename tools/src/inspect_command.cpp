@@ -144,7 +144,13 @@ void check_imu(const InspectArguments& arguments, RecordingFindings& findings) {
 }
 
 int run_inspect(const InspectArguments& arguments) {
-  RecordingFindings findings = inspect_recording(arguments.paths);
+  std::optional<drivers::DbcDatabase> dbc;
+  if (!arguments.dbc_path.empty()) {
+    auto loaded = drivers::load_dbc(arguments.dbc_path);
+    if (!loaded) return fail(loaded.error().message);
+    dbc.emplace(std::move(loaded).value());
+  }
+  RecordingFindings findings = inspect_recording(arguments.paths, dbc ? &*dbc : nullptr);
   check_imu(arguments, findings);
   if (arguments.json_path != "-") std::cout << inspect_report(findings) << std::flush;
   if (!write_json(findings, arguments)) return kUnusable;
@@ -171,6 +177,8 @@ void add_inspect_command(CLI::App& app, int& status) {
   command->add_option("recording", arguments->paths, "captures, CAN logs, or folders of them")->required();
   command->add_option("--json", arguments->json_path,
                       "also write the findings as JSON; '-': only JSON, to standard output");
+  command->add_option("--dbc", arguments->dbc_path,
+                      "DBC file to name the messages of CAN logs and decode their signals with");
   command->add_option("--config", arguments->drive_config_path,
                       "niliod configuration to check the IMU with: preset or DBC mapping, and extrinsics");
   command

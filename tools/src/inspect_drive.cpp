@@ -87,15 +87,14 @@ core::SE3 pose_of(const ipc::PoseRecord& record) {
   return {Eigen::Quaterniond(q[3], q[0], q[1], q[2]), core::Vector3(record.position.data())};
 }
 
-/// The last of these poses to the one after it, as the monitor has it.
 core::RegisteredMotion motion_between(const ipc::PoseRecord& from, const ipc::PoseRecord& to) {
   core::RegisteredMotion motion;
   motion.from = core::Time{from.stamp_ns};
   motion.to = core::Time{to.stamp_ns};
   motion.T_odom_from = pose_of(from);
   motion.T_odom_to = pose_of(to);
-  if (to.imu_used) return motion;
-  motion.deskew_rate = core::Vector3(to.angular_velocity.data());
+  // A gyro that is late bends scans, too, so that both kinds of deskewing count.
+  motion.deskew_rate = core::Vector3(to.deskew_rate.data());
   motion.sweep_s = static_cast<double>(to.stamp_ns - to.scan_start_ns) * 1e-9;
   return motion;
 }

@@ -200,6 +200,23 @@ json imu_json(const ImuFindings& imu) {
           {"tilt_deg", optional_json(imu.tilt_deg())}};
 }
 
+json message_json(const CanMessageFindings& message) {
+  json result = {{"interface", message.interface_name},
+                 {"id", message.id},
+                 {"extended", message.extended},
+                 {"name", message.name.empty() ? json(nullptr) : json(message.name)},
+                 {"frames", message.frames},
+                 {"shortest", message.shortest},
+                 {"longest", message.longest},
+                 {"rate_hz", message.rate_hz()},
+                 {"interval_s", spread_json(message.interval_s)},
+                 {"gaps", message.gaps},
+                 {"signals", json::object()}};
+  for (const CanSignalFindings& signal : message.signals)
+    result["signals"][signal.name] = {{"unit", signal.unit}, {"physical", spread_json(signal.physical)}};
+  return result;
+}
+
 json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captures) {
   json result = {{"path", can.path},
                  {"time", span_json(can.first, can.last)},
@@ -214,16 +231,7 @@ json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captur
                  {"further_frames", can.further_frames},
                  {"imus", json::array()},
                  {"captures", json::array()}};
-  for (const CanMessageFindings& message : can.messages) {
-    result["messages"].push_back({{"interface", message.interface_name},
-                                  {"id", message.id},
-                                  {"extended", message.extended},
-                                  {"frames", message.frames},
-                                  {"shortest", message.shortest},
-                                  {"longest", message.longest},
-                                  {"rate_hz", message.rate_hz()},
-                                  {"interval_s", spread_json(message.interval_s)}});
-  }
+  for (const CanMessageFindings& message : can.messages) result["messages"].push_back(message_json(message));
   for (const ImuFindings& imu : can.imus) result["imus"].push_back(imu_json(imu));
   for (const CaptureFindings& capture : captures) {
     if (!can.has_wall_clock()) break;

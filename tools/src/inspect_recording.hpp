@@ -40,7 +40,8 @@ struct RecordingFindings {
 
 /// Inspects captures and CAN logs, told by their content, and those in folders (not in folders of folders).
 /// Files in folders that are neither are passed over; those named by the user become problems, like what
-/// cannot be read.
-RecordingFindings inspect_recording(const std::vector<std::string>& paths);
+/// cannot be read. With a DBC (may be null) the messages of CAN logs are named and decoded.
+RecordingFindings inspect_recording(const std::vector<std::string>& paths,
+                                    const drivers::DbcDatabase* dbc = nullptr);
 
 }  // namespace nilio::tools

@@ -62,11 +62,6 @@ std::string worst_text(const ImuDiagnosis& diagnosis) {
   return format("%s %s", number_text(diagnosis.worst_value).c_str(), state_text(diagnosis.worst_state));
 }
 
-std::string without_trailing_space(std::string text) {
-  text.erase(text.find_last_not_of(' ') + 1);
-  return text + "\n";
-}
-
 std::string check_table(const ImuHealth& health) {
   std::string text = without_trailing_space(
       format("\n  %-18s %10s  %-8s  %-13s %-5s  %s", "check", "value", "unit", "limit", "state", "worst"));
@@ -85,7 +80,7 @@ std::string hints(const ImuHealth& health) {
   for (std::size_t i = 0; i < core::kImuChecks; ++i) {
     const auto check = static_cast<ImuCheck>(i);
     const std::string hint = core::hint_for(check, health);
-    if (!hint.empty()) text += row(core::name_of(check), hint);
+    if (!hint.empty()) text += format("  %-18s %s\n", core::name_of(check), hint.c_str());
   }
   return text.empty() ? "" : text + "\n";
 }
@@ -93,10 +88,8 @@ std::string hints(const ImuHealth& health) {
 std::string time_offset_text(const core::ImuCorrection& c) {
   if (!c.time_offset_known)
     return "not known: the drive has too few turns, or the gyroscope does not follow them";
-  return format(
-      "%+.1f ms +- %.1f (one standard deviation): stamps of the IMU less the LiDAR's of the same "
-      "instant; + means that the IMU's are late",
-      1e3 * c.time_offset_s, 1e3 * c.time_offset_sigma_s);
+  return format("%+.1f ms +- %.1f: the IMU's stamps less the LiDAR's of the same instant; + is late",
+                1e3 * c.time_offset_s, 1e3 * c.time_offset_sigma_s);
 }
 
 std::string use_text(const DriveFindings& drive) {
