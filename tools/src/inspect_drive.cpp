@@ -93,7 +93,8 @@ core::RegisteredMotion motion_between(const ipc::PoseRecord& from, const ipc::Po
   motion.to = core::Time{to.stamp_ns};
   motion.T_odom_from = pose_of(from);
   motion.T_odom_to = pose_of(to);
-  // A gyro that is late bends scans, too, so that both kinds of deskewing count.
+  // Taking the gyro's deskewing out in the same way overdoes it, more than leaving it in falls short.
+  if (to.imu_used) return motion;
   motion.deskew_rate = core::Vector3(to.deskew_rate.data());
   motion.sweep_s = static_cast<double>(to.stamp_ns - to.scan_start_ns) * 1e-9;
   return motion;
