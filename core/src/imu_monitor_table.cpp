@@ -111,6 +111,7 @@ std::string unit_hint(const char* usual, double ratio, double suspicious, const 
 
 const char* name_of(ImuCheck check) { return check < ImuCheck::kCount ? row_of(check).name : "none"; }
 const char* unit_of(ImuCheck check) { return check < ImuCheck::kCount ? row_of(check).unit : ""; }
+double normal_of(ImuCheck check) { return check < ImuCheck::kCount ? row_of(check).normal : 0.0; }
 
 const char* name_of(ImuCheckState state) {
   constexpr std::array names = {"unknown", "ok", "warn", "bad"};

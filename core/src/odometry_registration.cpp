@@ -230,6 +230,7 @@ void Odometry::State::learn_prediction_error() {
 
 void Odometry::State::accept(OdometryResult& result) {
   const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
+  if (!motion_compensated) result.deskew_rate = deskew_rate;
   learn_gyro_bias();
   if (is_shifted) imu.clear();
   learn_prediction_error();

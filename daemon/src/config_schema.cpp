@@ -207,7 +207,8 @@ void add_imu_mapping(std::vector<ConfigKey>& keys, ImuConfig& c) {
       keys.push_back({path + ".signal", &axis.signal, "DBC signal that carries it", "", 0, 0, {}});
       keys.push_back({path + ".scale",
                       &axis.scale,
-                      "from the signal's unit and axis to " + unit + ", x forward, y left, z up",
+                      "from the signal's unit and axis to " + unit +
+                          ", x forward, y left, z up; multiplies the preset's",
                       "",
                       0,
                       0,

@@ -266,13 +266,14 @@ std::size_t emit_section(YAML::Emitter& out, const std::vector<ConfigKey>& keys,
   return i;
 }
 
+}  // namespace
+
 std::string value_text(const ConfigKey& key) {
   YAML::Emitter out;
+  out.SetDoublePrecision(12);
   std::visit(Emit{out}, key.target);
   return out.c_str();
 }
-
-}  // namespace
 
 std::string to_yaml(Config config) {
   std::vector<ConfigKey> keys = config_keys(config);

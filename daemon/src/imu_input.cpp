@@ -61,13 +61,24 @@ std::string stray_message(const ImuConfig& config) {
   return {};
 }
 
+/// What is configured beside a preset multiplies its scales.
+Result<drivers::ImuPreset> scaled_preset(const ImuConfig& config) {
+  Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
+  if (!preset) return preset;
+  for (std::size_t i = 0; i < 3; ++i) {
+    preset->mapping.angular_velocity[i].scale *= config.angular_velocity[i].scale;
+    preset->mapping.linear_acceleration[i].scale *= config.linear_acceleration[i].scale;
+  }
+  return preset;
+}
+
 Result<drivers::ImuPreset> find_mapping(const ImuConfig& config) {
   if (const std::string stray = stray_message(config); config.dbc.empty() && !stray.empty()) {
     return core::Error{"imu: message '" + stray +
                        "' is mapped, but imu.dbc is empty and the preset has its own mapping: name the DBC "
                        "file in imu.dbc, or take the mapping out"};
   }
-  if (config.dbc.empty()) return drivers::imu_preset(config.preset);
+  if (config.dbc.empty()) return scaled_preset(config);
   Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
   if (!database) return database.error();
   return drivers::ImuPreset{make_mapping(config), std::move(database).value()};
@@ -78,6 +89,7 @@ Result<drivers::ImuPreset> find_mapping(const ImuConfig& config) {
 Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
   Result<drivers::ImuPreset> imu = find_mapping(config);
   if (!imu) return imu.error();
+  imu->mapping.time_offset = core::Duration::from_milliseconds(config.time_offset_ms);
   if (config.source_address >= 0)
     imu->mapping.source_address = static_cast<std::uint8_t>(config.source_address);
   return drivers::ImuDecoder::create(imu->mapping, imu->database);

@@ -56,26 +56,27 @@ bool ImuReport::is_compared() const {
   return last_ && (*last_)[ImuCheck::kGyroAgreement].worst_state != ImuCheckState::kUnknown;
 }
 
-nlohmann::json ImuReport::json() const {
-  if (!last_) return nullptr;
+nlohmann::json imu_health_json(const ImuHealth& health) {
   nlohmann::json json;
-  json["trusted"] = last_->trusted;
-  json["reason"] = core::name_of(last_->reason);
-  json["demotions"] = last_->demotions;
-  json["time_offset_sigma_ms"] = last_->time_offset_sigma_ms;
-  json["time_shift_ms"] = last_->time_shift_ms;
+  json["trusted"] = health.trusted;
+  json["reason"] = core::name_of(health.reason);
+  json["demotions"] = health.demotions;
+  json["time_offset_sigma_ms"] = health.time_offset_sigma_ms;
+  json["time_shift_ms"] = health.time_shift_ms;
   for (std::size_t i = 0; i < core::kImuChecks; ++i) {
     const ImuCheck check = check_at(i);
-    const ImuDiagnosis& row = (*last_)[check];
+    const ImuDiagnosis& row = health[check];
     json["checks"][core::name_of(check)] = {{"value", row.value},
                                             {"unit", core::unit_of(check)},
                                             {"threshold", row.threshold},
                                             {"state", core::name_of(row.state)},
                                             {"worst_state", core::name_of(row.worst_state)},
                                             {"worst_value", row.worst_value},
-                                            {"hint", core::hint_for(check, *last_)}};
+                                            {"hint", core::hint_for(check, health)}};
   }
   return json;
 }
+
+nlohmann::json ImuReport::json() const { return last_ ? imu_health_json(*last_) : nlohmann::json(nullptr); }
 
 }  // namespace nilio::daemon

@@ -205,6 +205,16 @@ void apply_recording_defaults(const ReplayFiles& files, Config& config) {
   if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
 }
 
+Result<Config> replay_config(const ReplayFiles& files, const std::string& config_file) {
+  Config config;
+  apply_recording_defaults(files, config);
+  for (const std::string& file : {files.configuration, config_file}) {
+    if (file.empty()) continue;
+    if (auto applied = apply_file(config, file); !applied) return applied.error();
+  }
+  return config;
+}
+
 Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
   Input input;
   if (!files.kitti_sequence.empty()) {

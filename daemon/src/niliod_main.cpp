@@ -68,17 +68,12 @@ int fail(const std::string& message) {
   return 1;
 }
 
-/// Recording's defaults, recording's own file, --config, --set: each over the one before.
+/// What the files say, and --set over it.
 nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
-  Config config;
-  nilio::daemon::apply_recording_defaults(files, config);
-  for (const std::string& file : {files.configuration, arguments.config_file}) {
-    if (file.empty()) continue;
-    const auto applied = nilio::daemon::apply_file(config, file);
-    if (!applied) return applied.error();
-  }
+  auto config = nilio::daemon::replay_config(files, arguments.config_file);
+  if (!config) return config.error();
   for (const std::string& assignment : arguments.overrides) {
-    const auto applied = nilio::daemon::apply_override(config, assignment);
+    const auto applied = nilio::daemon::apply_override(*config, assignment);
     if (!applied) return applied.error();
   }
   return config;

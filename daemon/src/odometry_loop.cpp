@@ -48,6 +48,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
     record.position[k] = result.T_odom_base.translation[i];
     record.linear_velocity[k] = result.twist[i];
     record.angular_velocity[k] = result.twist[i + 3];
+    record.deskew_rate[k] = result.deskew_rate[i];
   }
   const Eigen::Quaterniond& q = result.T_odom_base.rotation;
   record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};

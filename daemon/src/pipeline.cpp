@@ -57,7 +57,6 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
   policy_.wait_when_full = !input_.live;
-  policy_.imu_time_offset = core::Duration::from_milliseconds(config_.imu.time_offset_ms);
   make_feed();
 }
 

@@ -111,7 +111,6 @@ void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc
         continue;
       }
       slot[0] = *sample;
-      slot[0].stamp = sample->stamp - policy.imu_time_offset;
       ring.commit(1);
       data_event.notify();
     }

@@ -49,7 +49,11 @@ core::Result<ImuDecoder> ImuDecoder::create_partial(const ImuMapping& mapping, c
   return ImuDecoder(std::make_unique<State>(mapping, std::move(routes).value()));
 }
 
-std::optional<core::ImuSample> ImuDecoder::add(const CanFrame& frame) { return state_->add(frame); }
+std::optional<core::ImuSample> ImuDecoder::add(const CanFrame& frame) {
+  std::optional<core::ImuSample> sample = state_->add(frame);
+  if (sample) sample->stamp = sample->stamp - state_->time_offset;
+  return sample;
+}
 
 const std::string& ImuDecoder::taken_as_zero() const { return state_->taken_as_zero; }
 

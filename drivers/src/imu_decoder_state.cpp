@@ -17,6 +17,7 @@ constexpr core::Time kLatestStamp{4'000'000'000'000'000'000};
 
 ImuDecoder::State::State(const ImuMapping& mapping, std::vector<ImuRoute> made)
     : routes(std::move(made)),
+      time_offset(mapping.time_offset),
       source_(mapping.source_address),
       source_is_given_(mapping.source_address.has_value()) {
   group_.values.fill(std::numeric_limits<double>::quiet_NaN());
@@ -141,7 +142,7 @@ std::optional<core::ImuSample> ImuDecoder::State::complete(core::Time last_frame
   const ImuGroup group = group_;
   group_.members = 0;
   if (is_dropped(group)) return std::nullopt;
-  const core::Time stamp = stamp_of(group, last_frame);
+  const auto [stamp, is_from_device] = stamp_of(group, last_frame);
   if ((has_sample_ && stamp <= last_stamp_) || stamp.ns < 0) {
     ++stats.out_of_order;
     return std::nullopt;
@@ -152,6 +153,7 @@ std::optional<core::ImuSample> ImuDecoder::State::complete(core::Time last_frame
   last_end_ = last_frame;
   last_stamp_ = stamp;
   ++stats.samples;
+  if (is_from_device) ++stats.device_stamped;
   if (group.saturated) ++stats.saturated;
   core::ImuSample sample;
   sample.stamp = stamp;
@@ -194,14 +196,13 @@ bool ImuDecoder::State::follows_counter(const ImuGroup& group) {
 }
 
 /// The device's time, when it came with this sample and not at the end of the one before.
-core::Time ImuDecoder::State::stamp_of(const ImuGroup& group, core::Time last_frame) {
-  if (!clock_ || !group.ticks) return group.first_stamp;
+ImuDecoder::State::SampleStamp ImuDecoder::State::stamp_of(const ImuGroup& group, core::Time last_frame) {
+  if (!clock_ || !group.ticks) return {group.first_stamp, false};
   const std::optional<core::Time> stamp = clock_->stamp(*group.ticks, group.ticks_stamp);
   stats.clock_jumps = clock_->jumps();
   const bool is_near = 2 * (last_frame - group.ticks_stamp).ns < usual_interval_.ns();
-  if (!stamp || !is_near) return group.first_stamp;
-  ++stats.device_stamped;
-  return *stamp;
+  if (!stamp || !is_near) return {group.first_stamp, false};
+  return {*stamp, true};
 }
 
 }  // namespace nilio::drivers

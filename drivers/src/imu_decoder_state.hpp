@@ -42,9 +42,14 @@ struct ImuDecoder::State {
   std::vector<ImuRoute> routes;
   std::string taken_as_zero;
   ImuDecoderStats stats;
+  core::Duration time_offset;
   std::optional<double> temperature;
 
  private:
+  struct SampleStamp {
+    core::Time time;
+    bool is_from_device = false;
+  };
   const ImuRoute* find_route(const CanFrame& frame);
   bool is_from_source(const CanFrame& frame);
   [[nodiscard]] bool contradicts_group(const ImuFrameContent& content, unsigned members) const;
@@ -53,7 +58,7 @@ struct ImuDecoder::State {
   bool begins_after_slip(core::Time stamp);
   std::optional<core::ImuSample> complete(core::Time stamp);
   bool follows_counter(const ImuGroup& group);
-  core::Time stamp_of(const ImuGroup& group, core::Time last_frame);
+  SampleStamp stamp_of(const ImuGroup& group, core::Time last_frame);
   bool is_dropped(const ImuGroup& group);
 
   unsigned wanted_ = 0;

@@ -6,7 +6,9 @@
 #include "inspect_report.hpp"
 #include "inspect_text.hpp"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
@@ -174,4 +176,28 @@ TEST_CASE("a car's CAN log is told apart from an IMU's") {
                    [](const CanMessageFindings& m) { return m.interface_name == "can0" && m.id == 0x024; });
   REQUIRE(kinematics != can.messages.end());
   CHECK(kinematics->rate_hz() == Approx(82.9).margin(0.1));
+}
+
+TEST_CASE("with its DBC a car's messages have names, and every frame of them is decoded") {
+  NILIO_REQUIRE_DATA(packed, "can/toyota_rav4_60s_candump.log.xz");
+  NILIO_REQUIRE_DATA(dbc, "can/toyota_2017.dbc");
+  const tests::TemporaryFile log("", ".log");
+  REQUIRE(std::system(("xz -dkc '" + packed.string() + "' > '" + log.path() + "'").c_str()) == 0);
+  const auto result = tests::run_inspect(log.path() + " --dbc " + dbc.string() + " --json -");
+  REQUIRE(result.status == 0);
+  const auto messages = nlohmann::json::parse(result.output)["can_logs"][0]["messages"];
+  const auto kinematics = std::find_if(messages.begin(), messages.end(), [](const nlohmann::json& m) {
+    return m["interface"] == "can0" && m["id"] == 0x024;
+  });
+  REQUIRE(kinematics != messages.end());
+  CHECK((*kinematics)["name"] == "KINEMATICS");
+  const auto& yaw_rate = (*kinematics)["signals"]["YAW_RATE"];
+  CHECK(yaw_rate["physical"]["count"] == (*kinematics)["frames"]);
+  CHECK(yaw_rate["unit"] == "deg/s");
+  CHECK(std::abs(yaw_rate["physical"]["mean"].get<double>()) < 20.0);
+  const auto report = tests::run_inspect(log.path() + " --dbc " + dbc.string());
+  CHECK_THAT(report.output, Contains("KINEMATICS") && Contains("YAW_RATE") && Contains("gaps"));
+  const auto missing = tests::run_inspect(log.path() + " --dbc /nonexistent.dbc");
+  CHECK(missing.status == 1);
+  CHECK_THAT(missing.errors, Contains("/nonexistent.dbc"));
 }

@@ -8,6 +8,7 @@
 #include <array>
 #include <fstream>
 #include <limits>
+#include <span>
 #include <tuple>
 #include <utility>
 
@@ -28,14 +29,49 @@ constexpr core::Time kFirstWallClock{1'000'000'000'000'000'000};
 /// 2100: later stamps are damage.
 constexpr core::Time kLastStamp{4'102'444'800'000'000'000};
 
+/// Intervals after which the usual one is known, and how many times that is a gap.
+constexpr std::uint64_t kUsualAfter = 10;
+constexpr double kGap = 2.0;
+/// The byte of a J1939 identifier that says who sends.
+constexpr std::uint32_t kSenderByte = 0xFF;
+
 struct Message {
   CanMessageFindings findings;
   core::Time last;
+  /// Null where there is no DBC, or no such message in it.
+  const drivers::DbcMessage* description = nullptr;
+
+  void note_interval(double seconds) {
+    Spread& intervals = findings.interval_s;
+    if (intervals.count() >= kUsualAfter && seconds > kGap * intervals.mean()) ++findings.gaps;
+    intervals.add(seconds);
+  }
+
+  void decode(const drivers::CanFrame& frame) {
+    if (description == nullptr || frame.remote) return;
+    for (std::size_t i = 0; i < description->signals.size(); ++i) {
+      const auto value = drivers::decode_physical(*description, description->signals[i],
+                                                  std::span(frame.data).first(frame.length));
+      if (value) findings.signals[i].physical.add(*value);
+    }
+  }
 };
+
+const drivers::DbcMessage* find_description(const drivers::DbcDatabase* dbc, std::uint32_t id,
+                                            bool extended) {
+  if (dbc == nullptr) return nullptr;
+  for (const drivers::DbcMessage& message : dbc->messages) {
+    const std::uint32_t ignored = message.j1939 ? kSenderByte : 0;
+    if (message.extended == extended && (message.id | ignored) == (id | ignored)) return &message;
+  }
+  return nullptr;
+}
 
 class CanInspector {
  public:
-  explicit CanInspector(const std::string& path) { findings_.path = path; }
+  CanInspector(const std::string& path, const drivers::DbcDatabase* dbc) : dbc_(dbc) {
+    findings_.path = path;
+  }
 
   /// Fails only when a built-in preset does not load.
   Result<std::monostate> add_line(std::string_view line, bool whole) {
@@ -114,16 +150,27 @@ class CanInspector {
       CanMessageFindings& found = message->second.findings;
       std::tie(found.interface_name, found.extended, found.id) = key;
       found.shortest = found.longest = frame.length;
+      describe(message->second);
     } else {
-      message->second.findings.interval_s.add((frame.stamp - message->second.last).seconds());
+      message->second.note_interval((frame.stamp - message->second.last).seconds());
     }
     CanMessageFindings& found = message->second.findings;
     message->second.last = frame.stamp;
     ++found.frames;
     found.shortest = std::min(found.shortest, frame.length);
     found.longest = std::max(found.longest, frame.length);
+    message->second.decode(frame);
   }
 
+  void describe(Message& message) const {
+    message.description = find_description(dbc_, message.findings.id, message.findings.extended);
+    if (message.description == nullptr) return;
+    message.findings.name = message.description->name;
+    for (const drivers::DbcSignal& signal : message.description->signals)
+      message.findings.signals.push_back({signal.name, signal.unit, {}});
+  }
+
+  const drivers::DbcDatabase* dbc_;
   CanFindings findings_;
   std::map<MessageKey, Message> messages_;
   std::map<std::string, std::vector<ImuInspector>> imus_;
@@ -143,10 +190,10 @@ const ImuFindings* CanFindings::imu() const {
 
 bool CanFindings::has_wall_clock() const { return first >= kFirstWallClock; }
 
-Result<CanFindings> inspect_can_log(const std::string& path) {
+Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcDatabase* dbc) {
   std::ifstream file(path);
   if (!file) return Error{path + ": cannot be opened; check the path and its permissions"};
-  CanInspector inspector(path);
+  CanInspector inspector(path, dbc);
   std::array<char, kLongestLine> line{};
   while (file) {
     file.getline(line.data(), static_cast<std::streamsize>(line.size()));

@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/drivers/dbc.hpp"
 
 #include "inspect_imu.hpp"
 #include "inspect_statistics.hpp"
@@ -13,6 +14,13 @@
 
 namespace nilio::tools {
 
+/// One signal of a DBC, decoded from every frame that has it.
+struct CanSignalFindings {
+  std::string name;
+  std::string unit;
+  Spread physical;
+};
+
 /// Frames of one identifier on one interface.
 struct CanMessageFindings {
   std::string interface_name;
@@ -23,6 +31,11 @@ struct CanMessageFindings {
   std::uint8_t longest = 0;
   /// From frame to frame: rate, jitter and longest gap.
   Spread interval_s;
+  /// Intervals of more than twice the usual one.
+  std::uint64_t gaps = 0;
+  /// From the DBC; empty where it has no such message.
+  std::string name;
+  std::vector<CanSignalFindings> signals;
 
   [[nodiscard]] double rate_hz() const;
 };
@@ -58,8 +71,9 @@ struct CanFindings {
   [[nodiscard]] bool has_wall_clock() const;
 };
 
-/// Reads the log once; what is kept does not grow with it. Fails when it cannot be read.
-core::Result<CanFindings> inspect_can_log(const std::string& path);
+/// Reads the log once; what is kept does not grow with it. With a DBC (may be null) messages are named and
+/// their signals decoded. Fails when it cannot be read.
+core::Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcDatabase* dbc = nullptr);
 
 /// For a log that is not usable: what was found instead and what to do, one line.
 std::string why_unusable(const CanFindings& can);

@@ -1,13 +1,19 @@
+#include "nilio/daemon/input.hpp"
 #include "nilio/drivers/velodyne_calibration.hpp"
 
 #include "commands.hpp"
 #include "inspect_config.hpp"
 #include "inspect_report.hpp"
+#include "simulation/progress.hpp"
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iostream>
 #include <memory>
+#include <optional>
+#include <unistd.h>
 
 namespace nilio::tools {
 
@@ -21,6 +27,9 @@ struct InspectArguments {
   std::string config_path;
   std::string calibration_path;
   std::string sensor;
+  std::string drive_config_path;
+  std::string dbc_path;
+  double imu_seconds = 300.0;
 };
 
 int fail(const std::string& message) {
@@ -72,11 +81,77 @@ int write_files(const RecordingFindings& findings, const InspectArguments& argum
     calibration = std::filesystem::absolute(arguments.calibration_path).string();
   }
   if (arguments.config_path.empty()) return 0;
-  return write_text(arguments.config_path, make_recording_config(*subject, calibration)) ? 0 : kUnusable;
+  const DriveFindings* const drive = findings.drive ? &*findings.drive : nullptr;
+  return write_text(arguments.config_path, make_recording_config(*subject, calibration, drive)) ? 0
+                                                                                                : kUnusable;
+}
+
+/// What niliod would replay, when that is a LiDAR and an IMU; nothing else can be driven.
+std::optional<daemon::ReplayFiles> drivable_files(const InspectArguments& arguments,
+                                                  const RecordingFindings& findings) {
+  const bool lidar = std::any_of(findings.captures.begin(), findings.captures.end(),
+                                 [](const CaptureFindings& c) { return c.usable(); });
+  const bool can = std::any_of(findings.can_logs.begin(), findings.can_logs.end(),
+                               [](const CanFindings& c) { return c.usable(); });
+  if (!lidar || !can) return std::nullopt;
+  auto files = daemon::sort_replay_files(arguments.paths);
+  if (!files || files->captures.empty() || files->can_logs.empty()) return std::nullopt;
+  return std::move(files).value();
+}
+
+/// Without a configuration the IMU is the one whose messages are there.
+void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config) {
+  for (const CanFindings& can : findings.can_logs) {
+    const ImuFindings* imu = can.imu();
+    if (imu == nullptr && !can.imus.empty() && can.imus.front().stats.samples > 0) imu = &can.imus.front();
+    if (imu == nullptr) continue;
+    config.imu.preset = imu->preset;
+    if (can.interfaces.size() > 1) config.imu.interface_name = imu->interface_name;
+    return;
+  }
+}
+
+std::function<void(double)> drive_progress(double seconds) {
+  if (isatty(STDERR_FILENO) != 1) return {};
+  const auto progress =
+      std::make_shared<simulation::Progress>("checking the IMU", static_cast<std::uint64_t>(seconds));
+  return [progress](double done) { progress->update(static_cast<std::uint64_t>(done)); };
+}
+
+void check_imu(const InspectArguments& arguments, RecordingFindings& findings) {
+  if (arguments.imu_seconds <= 0.0) return;
+  const auto files = drivable_files(arguments, findings);
+  if (!files) return;
+  auto config = daemon::replay_config(*files, arguments.drive_config_path);
+  if (!config) {
+    findings.drive_problem = config.error().message;
+    return;
+  }
+  const std::string& config_path =
+      arguments.drive_config_path.empty() ? files->configuration : arguments.drive_config_path;
+  if (config_path.empty()) take_imu_from_log(findings, *config);
+  double recorded = 0.0;
+  for (const CaptureFindings& capture : findings.captures) recorded += capture.duration_s();
+  const double seconds = std::min(arguments.imu_seconds, std::max(recorded, 1.0));
+  const DriveOptions options{arguments.imu_seconds, drive_progress(seconds)};
+  core::Result<DriveFindings> drive = inspect_drive(*files, *config, options);
+  if (!drive) {
+    findings.drive_problem = drive.error().message;
+    return;
+  }
+  drive->config_path = config_path;
+  findings.drive = std::move(drive).value();
 }
 
 int run_inspect(const InspectArguments& arguments) {
-  const RecordingFindings findings = inspect_recording(arguments.paths);
+  std::optional<drivers::DbcDatabase> dbc;
+  if (!arguments.dbc_path.empty()) {
+    auto loaded = drivers::load_dbc(arguments.dbc_path);
+    if (!loaded) return fail(loaded.error().message);
+    dbc.emplace(std::move(loaded).value());
+  }
+  RecordingFindings findings = inspect_recording(arguments.paths, dbc ? &*dbc : nullptr);
+  check_imu(arguments, findings);
   if (arguments.json_path != "-") std::cout << inspect_report(findings) << std::flush;
   if (!write_json(findings, arguments)) return kUnusable;
   for (const std::string& problem : findings.problems) fail(problem);
@@ -93,10 +168,24 @@ void add_inspect_command(CLI::App& app, int& status) {
   command->footer(
       "Captures (pcap, pcapng) and CAN logs (candump -L) are told by their content; folders are looked "
       "through.\n"
+      "With LiDAR and IMU the odometry is run, with the recording's own nilio.yaml or --config, and the IMU "
+      "is\n"
+      "checked against the motion that the LiDAR registers: axes, mounting, units, clock. What would put it "
+      "right\n"
+      "is printed and goes into --write-config.\n"
       "Exit status: 0 there is something to use, 1 nothing usable, or a file could not be written.");
   command->add_option("recording", arguments->paths, "captures, CAN logs, or folders of them")->required();
   command->add_option("--json", arguments->json_path,
                       "also write the findings as JSON; '-': only JSON, to standard output");
+  command->add_option("--dbc", arguments->dbc_path,
+                      "DBC file to name the messages of CAN logs and decode their signals with");
+  command->add_option("--config", arguments->drive_config_path,
+                      "niliod configuration to check the IMU with: preset or DBC mapping, and extrinsics");
+  command
+      ->add_option("--imu-seconds", arguments->imu_seconds,
+                   "how much of the recording the IMU is checked over, from its start; 0: not at all")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
   command->add_option("--write-config", arguments->config_path,
                       "write a nilio.yaml for the recording, with the reasons as comments");
   command->add_option("--write-calibration", arguments->calibration_path,

@@ -1,11 +1,18 @@
 #include "inspect_config.hpp"
 
 #include "nilio/daemon/config.hpp"
+#include "nilio/daemon/config_schema.hpp"
 
+#include "inspect_correction.hpp"
 #include "inspect_report.hpp"
 #include "inspect_text.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
+#include <utility>
+#include <vector>
 
 namespace nilio::tools {
 
@@ -38,20 +45,32 @@ std::string quoted(const std::string& value) {
 
 class Section {
  public:
-  explicit Section(const char* name) : name_(name) {}
+  explicit Section(std::string name) : name_(std::move(name)) {}
+  /// `key` may have a group before it: "extrinsic.translation". Without a reason there is no comment.
   void add(const std::string& key, const std::string& value, const std::string& why) {
-    lines_ += "  # " + comment_text(why) + "\n  " + key + ": " + value + "\n";
+    keys_.insert(key);
+    const auto dot = key.find('.');
+    const std::string indent(dot == std::string::npos ? 2 : 4, ' ');
+    std::string& lines = dot == std::string::npos ? lines_ : groups_[key.substr(0, dot)];
+    if (!why.empty()) lines += indent + "# " + comment_text(why) + "\n";
+    lines += indent + key.substr(dot == std::string::npos ? 0 : dot + 1) + ": " + value + "\n";
   }
+  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] bool has(const std::string& key) const { return keys_.contains(key); }
   void note(const std::string& text) { notes_ += "  # " + comment_text(text) + "\n"; }
   /// Empty without keys, but for the notes.
   [[nodiscard]] std::string text() const {
-    return lines_.empty() ? (notes_.empty() ? "" : "# " + name_ + ":\n" + notes_)
-                          : name_ + ":\n" + lines_ + notes_;
+    if (keys_.empty()) return notes_.empty() ? "" : "# " + name_ + ":\n" + notes_;
+    std::string text = name_ + ":\n" + lines_;
+    for (const auto& [group, lines] : groups_) text += "  " + group + ":\n" + lines;
+    return text + notes_;
   }
 
  private:
   std::string name_;
+  std::set<std::string> keys_;
   std::string lines_;
+  std::map<std::string, std::string> groups_;
   std::string notes_;
 };
 
@@ -126,16 +145,39 @@ void add_return_mode(const SensorFindings& sensor, Section& section) {
                      static_cast<unsigned long long>(sensor.stats.mode_changes)));
 }
 
-std::string imu_section(const CanFindings* can, const CaptureFindings& capture) {
+/// What the drive was configured with beyond the defaults, and what was found to be wrong put right. Keys
+/// that are there rest on the packets.
+void add_configured(const DriveFindings& drive, std::vector<Section>& sections) {
+  std::map<std::string, std::string> reasons;
+  for (const CorrectedKey& key : corrected_keys(drive)) reasons[key.path] = key.why;
+  daemon::Config config = corrected_config(drive);
+  daemon::Config defaults;
+  const std::vector<daemon::ConfigKey> keys = daemon::config_keys(config);
+  const std::vector<daemon::ConfigKey> default_keys = daemon::config_keys(defaults);
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const std::string value = daemon::value_text(keys[i]);
+    if (value == daemon::value_text(default_keys[i]) && !reasons.contains(keys[i].path)) continue;
+    const auto dot = keys[i].path.find('.');
+    const std::string name = keys[i].path.substr(0, dot);
+    auto section =
+        std::find_if(sections.begin(), sections.end(), [&](const Section& s) { return s.name() == name; });
+    if (section == sections.end()) section = sections.insert(sections.end(), Section(name));
+    const std::string key = keys[i].path.substr(dot + 1);
+    const auto reason = reasons.find(keys[i].path);
+    if (!section->has(key)) section->add(key, value, reason == reasons.end() ? "" : reason->second);
+  }
+}
+
+Section imu_section(const CanFindings* can, const CaptureFindings& capture) {
   Section section("imu");
-  if (can == nullptr) return "";
+  if (can == nullptr) return section;
   const daemon::ImuConfig defaults;
   const ImuFindings* imu = can->imu();
   if (imu == nullptr) {
     section.add(
         "enabled", "false",
         "no built-in IMU's messages are in " + can->path + "; for an own device set dbc and map its signals");
-    return section.text();
+    return section;
   }
   if (imu->preset != defaults.preset)
     section.add("preset", quoted(imu->preset),
@@ -147,7 +189,7 @@ std::string imu_section(const CanFindings* can, const CaptureFindings& capture) 
     section.note(can->path + " is not of the same time as the capture: they are " + span_text(apart_s) +
                  " apart, its samples will not be used");
   }
-  return section.text();
+  return section;
 }
 
 }  // namespace
@@ -184,18 +226,25 @@ Result<ConfigSubject> choose_config_subject(const RecordingFindings& findings,
   return subject;
 }
 
-std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path) {
+std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path,
+                                  const DriveFindings* drive) {
   Section lidar("lidar");
   add_model(*subject.sensor, lidar);
   add_calibration(*subject.sensor, calibration_path, lidar);
   add_ports(subject, lidar);
   add_return_mode(*subject.sensor, lidar);
   add_time(subject, lidar);
+  std::vector<Section> sections{std::move(lidar)};
+  // What the drive was run with says more than what the messages look like.
+  sections.push_back(drive != nullptr ? Section("imu") : imu_section(subject.can, *subject.capture));
+  if (drive != nullptr) add_configured(*drive, sections);
+  std::string text;
+  for (const Section& section : sections) text += section.text();
   std::string files = subject.capture->path;
   if (subject.can != nullptr) files += " and " + subject.can->path;
   return "# For " + comment_text(files) +
          ", made by nilio inspect.\n# Keys that are not here keep their defaults (niliod --help-config).\n" +
-         lidar.text() + imu_section(subject.can, *subject.capture);
+         text;
 }
 
 }  // namespace nilio::tools

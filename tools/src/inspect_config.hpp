@@ -23,7 +23,9 @@ core::Result<ConfigSubject> choose_config_subject(const RecordingFindings& findi
                                                   const std::string& sensor_name);
 
 /// nilio.yaml for the recording: the keys that differ from the defaults, each with a comment on what it
-/// rests. `calibration_path` is that of a file written for the sensor, or empty.
-std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path);
+/// rests. `calibration_path` is that of a file written for the sensor, or empty. With a drive (may be null)
+/// also what was configured for it, and what was found to be wrong with its IMU put right.
+std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path,
+                                  const DriveFindings* drive = nullptr);
 
 }  // namespace nilio::tools

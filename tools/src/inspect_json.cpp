@@ -1,5 +1,11 @@
+#include "nilio/daemon/imu_report.hpp"
+
+#include "inspect_correction.hpp"
 #include "inspect_report.hpp"
 #include "inspect_text.hpp"
+
+#include <cmath>
+#include <numbers>
 
 #include <nlohmann/json.hpp>
 
@@ -194,6 +200,23 @@ json imu_json(const ImuFindings& imu) {
           {"tilt_deg", optional_json(imu.tilt_deg())}};
 }
 
+json message_json(const CanMessageFindings& message) {
+  json result = {{"interface", message.interface_name},
+                 {"id", message.id},
+                 {"extended", message.extended},
+                 {"name", message.name.empty() ? json(nullptr) : json(message.name)},
+                 {"frames", message.frames},
+                 {"shortest", message.shortest},
+                 {"longest", message.longest},
+                 {"rate_hz", message.rate_hz()},
+                 {"interval_s", spread_json(message.interval_s)},
+                 {"gaps", message.gaps},
+                 {"signals", json::object()}};
+  for (const CanSignalFindings& signal : message.signals)
+    result["signals"][signal.name] = {{"unit", signal.unit}, {"physical", spread_json(signal.physical)}};
+  return result;
+}
+
 json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captures) {
   json result = {{"path", can.path},
                  {"time", span_json(can.first, can.last)},
@@ -208,16 +231,7 @@ json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captur
                  {"further_frames", can.further_frames},
                  {"imus", json::array()},
                  {"captures", json::array()}};
-  for (const CanMessageFindings& message : can.messages) {
-    result["messages"].push_back({{"interface", message.interface_name},
-                                  {"id", message.id},
-                                  {"extended", message.extended},
-                                  {"frames", message.frames},
-                                  {"shortest", message.shortest},
-                                  {"longest", message.longest},
-                                  {"rate_hz", message.rate_hz()},
-                                  {"interval_s", spread_json(message.interval_s)}});
-  }
+  for (const CanMessageFindings& message : can.messages) result["messages"].push_back(message_json(message));
   for (const ImuFindings& imu : can.imus) result["imus"].push_back(imu_json(imu));
   for (const CaptureFindings& capture : captures) {
     if (!can.has_wall_clock()) break;
@@ -230,6 +244,33 @@ json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captur
   return result;
 }
 
+json scale_json(const core::ScaleCorrection& scale) {
+  return {{"known", scale.known}, {"factor", scale.factor}, {"sigma", scale.sigma}, {"unit", scale.is_unit}};
+}
+
+json drive_json(const DriveFindings& drive) {
+  const core::ImuCorrection& c = drive.correction;
+  json result = {{"config", drive.config_path},         {"seconds", drive.seconds},
+                 {"cut_short", drive.cut_short},        {"poses", drive.poses},
+                 {"predicted", drive.predicted},        {"with_gyro", drive.with_gyro},
+                 {"imu_samples", drive.imu_samples},    {"health", daemon::imu_health_json(drive.health)},
+                 {"time_offset_ms", nullptr},           {"time_offset_sigma_ms", nullptr},
+                 {"gyro_scale", scale_json(c.gyro)},    {"accel_scale", scale_json(c.accel)},
+                 {"rotation_sigma_deg", json::array()}, {"mirror_known", c.mirror_known},
+                 {"axes_disagree", c.axes_disagree},    {"correction", json::object()}};
+  if (c.time_offset_known) {
+    result["time_offset_ms"] = 1e3 * c.time_offset_s;
+    result["time_offset_sigma_ms"] = 1e3 * c.time_offset_sigma_s;
+  }
+  for (const double sigma : c.rotation_sigma)
+    result["rotation_sigma_deg"].push_back(std::isfinite(sigma) ? json(sigma * 180.0 / std::numbers::pi)
+                                                                : json(nullptr));
+  // Values are YAML, which numbers and lists of them share with JSON.
+  for (const CorrectedKey& key : corrected_keys(drive))
+    result["correction"][key.path] = json::parse(key.value);
+  return result;
+}
+
 }  // namespace
 
 std::string inspect_json(const RecordingFindings& findings) {
@@ -237,6 +278,8 @@ std::string inspect_json(const RecordingFindings& findings) {
                  {"problems", findings.problems},
                  {"captures", json::array()},
                  {"can_logs", json::array()}};
+  result["imu_against_lidar"] = findings.drive ? drive_json(*findings.drive) : json(nullptr);
+  result["imu_against_lidar_problem"] = findings.drive_problem;
   for (const CaptureFindings& capture : findings.captures)
     result["captures"].push_back(capture_json(capture));
   for (const CanFindings& can : findings.can_logs)

@@ -82,7 +82,8 @@ std::string why_other(std::string_view head) {
          "034#0000000009CF)";
 }
 
-void inspect_file(const fs::path& path, bool named_by_user, RecordingFindings& findings) {
+void inspect_file(const fs::path& path, bool named_by_user, const drivers::DbcDatabase* dbc,
+                  RecordingFindings& findings) {
   const std::string head = read_head(path);
   const FileKind kind = kind_of(path, head);
   if (kind == FileKind::kOther) {
@@ -103,7 +104,7 @@ void inspect_file(const fs::path& path, bool named_by_user, RecordingFindings& f
     findings.captures.push_back(std::move(capture).value());
     return;
   }
-  core::Result<CanFindings> can = inspect_can_log(path.string());
+  core::Result<CanFindings> can = inspect_can_log(path.string(), dbc);
   if (!can) {
     findings.problems.push_back(can.error().message);
     return;
@@ -112,13 +113,13 @@ void inspect_file(const fs::path& path, bool named_by_user, RecordingFindings& f
   findings.can_logs.push_back(std::move(can).value());
 }
 
-void inspect_folder(const fs::path& folder, RecordingFindings& findings) {
+void inspect_folder(const fs::path& folder, const drivers::DbcDatabase* dbc, RecordingFindings& findings) {
   std::error_code code;
   std::set<fs::path> entries;
   for (fs::directory_iterator entry(folder, code), end; !code && entry != end; entry.increment(code))
     if (entry->is_regular_file(code)) entries.insert(entry->path());
   const std::size_t before = findings.captures.size() + findings.can_logs.size() + findings.problems.size();
-  for (const fs::path& entry : entries) inspect_file(entry, false, findings);
+  for (const fs::path& entry : entries) inspect_file(entry, false, dbc, findings);
   if (code) {
     findings.problems.push_back(folder.string() + ": cannot be read (" + code.message() + ")");
   } else if (before == findings.captures.size() + findings.can_logs.size() + findings.problems.size()) {
@@ -143,7 +144,7 @@ bool RecordingFindings::usable() const {
          std::any_of(can_logs.begin(), can_logs.end(), [](const CanFindings& c) { return c.usable(); });
 }
 
-RecordingFindings inspect_recording(const std::vector<std::string>& paths) {
+RecordingFindings inspect_recording(const std::vector<std::string>& paths, const drivers::DbcDatabase* dbc) {
   RecordingFindings findings;
   for (const std::string& path : paths) {
     std::error_code code;
@@ -151,9 +152,9 @@ RecordingFindings inspect_recording(const std::vector<std::string>& paths) {
     if (!fs::exists(status)) {
       findings.problems.push_back(path + ": there is no such file or folder; check the path");
     } else if (fs::is_directory(status)) {
-      inspect_folder(path, findings);
+      inspect_folder(path, dbc, findings);
     } else {
-      inspect_file(path, true, findings);
+      inspect_file(path, true, dbc, findings);
     }
   }
   return findings;

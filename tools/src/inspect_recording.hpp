@@ -4,6 +4,7 @@
 
 #include "inspect_can.hpp"
 #include "inspect_capture.hpp"
+#include "inspect_drive.hpp"
 
 #include <optional>
 #include <string>
@@ -27,6 +28,10 @@ TimeRelation relate(const CanFindings& can, const CaptureFindings& capture);
 struct RecordingFindings {
   std::vector<CaptureFindings> captures;
   std::vector<CanFindings> can_logs;
+  /// What driving over LiDAR and IMU says of the IMU; nothing when it was not tried or, with a reason,
+  /// failed.
+  std::optional<DriveFindings> drive;
+  std::string drive_problem;
   /// One line for each file that is of no use, and why.
   std::vector<std::string> problems;
 
@@ -35,7 +40,8 @@ struct RecordingFindings {
 
 /// Inspects captures and CAN logs, told by their content, and those in folders (not in folders of folders).
 /// Files in folders that are neither are passed over; those named by the user become problems, like what
-/// cannot be read.
-RecordingFindings inspect_recording(const std::vector<std::string>& paths);
+/// cannot be read. With a DBC (may be null) the messages of CAN logs are named and decoded.
+RecordingFindings inspect_recording(const std::vector<std::string>& paths,
+                                    const drivers::DbcDatabase* dbc = nullptr);
 
 }  // namespace nilio::tools

@@ -114,6 +114,9 @@ std::string inspect_report(const RecordingFindings& findings) {
     for (const CaptureFindings& capture : findings.captures)
       if (capture.records > 0) text += relation_text(can, capture);
   }
+  if (findings.drive) text += "\n" + imu_check_report(*findings.drive);
+  if (!findings.drive_problem.empty())
+    text += "\nIMU against LiDAR\n  not checked: " + findings.drive_problem + "\n";
   return text;
 }
 

@@ -11,6 +11,7 @@ std::string inspect_report(const RecordingFindings& findings);
 /// One part of it.
 std::string sensor_report(const SensorFindings& sensor);
 std::string can_report(const CanFindings& can);
+std::string imu_check_report(const DriveFindings& drive);
 
 /// The same as JSON; what was not seen is null.
 std::string inspect_json(const RecordingFindings& findings);

@@ -21,26 +21,50 @@ std::string message_name(const CanMessageFindings& message) {
   return format(message.extended ? "%08X" : "%03X", message.id);
 }
 
+bool has_names(const CanFindings& can) {
+  return std::any_of(can.messages.begin(), can.messages.end(),
+                     [](const CanMessageFindings& m) { return !m.name.empty(); });
+}
+
 std::string message_table(const CanFindings& can) {
   constexpr std::size_t kShown = 24;
   std::vector<CanMessageFindings> sorted = can.messages;
   std::stable_sort(
       sorted.begin(), sorted.end(),
       [](const CanMessageFindings& a, const CanMessageFindings& b) { return a.frames > b.frames; });
-  std::string text = format("\n  %-10s %-9s %10s %7s %9s %10s %12s\n", "interface", "id", "frames", "bytes",
-                            "rate Hz", "jitter ms", "largest ms");
+  std::string text = without_trailing_space(
+      format("\n  %-10s %-9s %10s %7s %9s %10s %12s %6s  %s", "interface", "id", "frames", "bytes", "rate Hz",
+             "jitter ms", "largest ms", "gaps", has_names(can) ? "message" : ""));
   for (std::size_t i = 0; i < std::min(kShown, sorted.size()); ++i) {
     const CanMessageFindings& message = sorted[i];
     const std::string bytes = message.shortest == message.longest
                                   ? format("%u", message.longest)
                                   : format("%u-%u", message.shortest, message.longest);
-    text += format("  %-10s %-9s %10llu %7s %9.1f %10.3f %12.3f\n",
-                   printable_text(message.interface_name).c_str(), message_name(message).c_str(),
-                   count(message.frames), bytes.c_str(), message.rate_hz(),
-                   message.interval_s.standard_deviation() * 1e3, message.interval_s.largest() * 1e3);
+    text += without_trailing_space(format(
+        "  %-10s %-9s %10llu %7s %9.1f %10.3f %12.3f %6llu  %s",
+        printable_text(message.interface_name).c_str(), message_name(message).c_str(), count(message.frames),
+        bytes.c_str(), message.rate_hz(), message.interval_s.standard_deviation() * 1e3,
+        message.interval_s.largest() * 1e3, count(message.gaps), printable_text(message.name).c_str()));
   }
   if (sorted.size() > kShown)
     text += format("  and %zu rarer identifiers (--json has them)\n", sorted.size() - kShown);
+  return text + "\n";
+}
+
+/// Of the messages that the DBC has.
+std::string signal_table(const CanFindings& can) {
+  if (!has_names(can)) return "";
+  std::string text = format("  %-10s %-9s %-28s %8s %11s %11s %11s  %s\n", "interface", "id", "signal",
+                            "values", "least", "mean", "largest", "unit");
+  for (const CanMessageFindings& message : can.messages) {
+    for (const CanSignalFindings& signal : message.signals) {
+      text += without_trailing_space(
+          format("  %-10s %-9s %-28s %8llu %11.5g %11.5g %11.5g  %s",
+                 printable_text(message.interface_name).c_str(), message_name(message).c_str(),
+                 printable_text(signal.name).c_str(), count(signal.physical.count()), signal.physical.least(),
+                 signal.physical.mean(), signal.physical.largest(), printable_text(signal.unit).c_str()));
+    }
+  }
   return text + "\n";
 }
 
@@ -120,7 +144,7 @@ std::string can_report(const CanFindings& can) {
   if (can.broken_lines > 0)
     text += format("  %llu broken lines, the first is line %llu\n", count(can.broken_lines),
                    count(can.first_broken_line));
-  if (!can.messages.empty()) text += message_table(can);
+  if (!can.messages.empty()) text += message_table(can) + signal_table(can);
   for (const ImuFindings& imu : can.imus) text += imu_report(imu);
   if (can.imus.empty()) {
     std::string presets;

@@ -41,6 +41,11 @@ std::string printable_text(std::string_view text) {
   return result;
 }
 
+std::string without_trailing_space(std::string line) {
+  line.erase(line.find_last_not_of(' ') + 1);
+  return line + "\n";
+}
+
 std::string span_text(double seconds) {
   const double size = std::abs(seconds);
   if (size < 1e-3) return format("%.0f us", seconds * 1e6);

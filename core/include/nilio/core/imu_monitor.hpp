@@ -74,6 +74,8 @@ struct ImuHealth {
 /// "gyro_axes", "deg", "ok", as logs and tables print them.
 const char* name_of(ImuCheck check);
 const char* unit_of(ImuCheck check);
+/// What a sound IMU shows: thresholds hold for the distance from it.
+double normal_of(ImuCheck check);
 const char* name_of(ImuCheckState state);
 /// What the value probably means and what to do about it; empty while the row is ok or unknown.
 std::string hint_for(ImuCheck check, const ImuHealth& health);

@@ -72,7 +72,7 @@ struct ImuSampleTimeConfig {
 struct ImuConfig {
   bool enabled = true;
   std::string preset = "xsens_mti";
-  /// A DBC file and six mapped signals take the place of the preset.
+  /// A DBC file and six mapped signals take the place of the preset, whose values the scales below multiply.
   std::string dbc;
   std::array<ImuAxisConfig, 3> angular_velocity;
   std::array<ImuAxisConfig, 3> linear_acceleration;

@@ -35,6 +35,9 @@ std::vector<ConfigKey> config_keys(Config& config);
 core::Result<std::monostate> apply_file(Config& config, const std::string& path);
 /// Same, from text; `name` stands for the file in messages.
 core::Result<std::monostate> apply_yaml(Config& config, const std::string& text, const std::string& name);
+/// What the key holds, as YAML on one line.
+std::string value_text(const ConfigKey& key);
+
 /// "odometry.threads=2".
 core::Result<std::monostate> apply_override(Config& config, const std::string& assignment);
 

@@ -8,6 +8,9 @@
 
 namespace nilio::daemon {
 
+/// Everything that the monitor says, with units and hints.
+nlohmann::json imu_health_json(const core::ImuHealth& health);
+
 /// Tells the log what changes about the IMU, each change once, and the summary how it ended. One thread.
 class ImuReport {
  public:

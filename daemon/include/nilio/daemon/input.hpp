@@ -51,6 +51,9 @@ struct Input {
 /// Defaults that belong to a kind of recording; apply before any configuration file.
 void apply_recording_defaults(const ReplayFiles& files, Config& config);
 
+/// The recording's defaults, its own nilio.yaml, and `config_file` (empty = none), each over the one before.
+core::Result<Config> replay_config(const ReplayFiles& files, const std::string& config_file);
+
 /// Looks at each LiDAR's first packets before playing them: which sensor they come from, and for an HDL-64E
 /// the calibration that it sends. Several LiDARs in one recording are told apart by sender_address and port.
 core::Result<Input> open_replay(const ReplayFiles& files, const Config& config);

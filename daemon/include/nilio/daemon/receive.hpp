@@ -29,8 +29,6 @@ struct ReceivePolicy {
   /// (live).
   bool wait_when_full = false;
   std::optional<Pace> pace;
-  /// Subtracted from the stamps of IMU samples.
-  core::Duration imu_time_offset;
 };
 
 /// What a receive thread and the others share. The flags go from false to true once.

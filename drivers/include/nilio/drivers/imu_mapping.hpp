@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
 #include "nilio/drivers/dbc.hpp"
 
 #include <array>
@@ -63,6 +64,8 @@ struct ImuMapping {
   std::optional<ImuSampleTime> sample_time{};
   /// In degrees Celsius.
   std::optional<ImuSignal> temperature{};
+  /// Subtracted from every sample's time, whatever it rests on: positive = they come out too late.
+  core::Duration time_offset{};
   /// Of messages that the database calls J1939: only frames of this sender; otherwise those of the first one.
   std::optional<std::uint8_t> source_address{};
 };

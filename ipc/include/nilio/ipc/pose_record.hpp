@@ -39,6 +39,8 @@ struct PoseRecord {
   std::array<double, 3> linear_velocity{};   ///< m/s in base_link
   std::array<double, 3> angular_velocity{};  ///< rad/s in base_link
   std::array<double, 36> twist_covariance{};
+  /// Mean rate of deskewing before registration, rad/s in base_link; 0 when there was none.
+  std::array<double, 3> deskew_rate{};
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
   bool imu_used = false;

@@ -1,0 +1,45 @@
+#pragma once
+
+#include "nilio/core/imu_correction.hpp"
+#include "nilio/core/imu_monitor.hpp"
+#include "nilio/core/result.hpp"
+#include "nilio/daemon/config.hpp"
+#include "nilio/daemon/replay_files.hpp"
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+namespace nilio::tools {
+
+/// What the odometry says about the IMU of a recording with LiDAR.
+struct DriveFindings {
+  /// What the drive was run with, and where from; empty = the defaults and what was found in the CAN log.
+  daemon::Config config;
+  std::string config_path;
+  std::uint64_t poses = 0;
+  /// Poses that are a prediction: nothing could be registered.
+  std::uint64_t predicted = 0;
+  /// Poses for which the gyroscope was used.
+  std::uint64_t with_gyro = 0;
+  std::uint64_t imu_samples = 0;
+  double seconds = 0.0;
+  /// It ended before the recording did.
+  bool cut_short = false;
+  core::ImuHealth health;
+  core::ImuCorrection correction;
+};
+
+struct DriveOptions {
+  /// Longest part of the recording, from its start.
+  double seconds = 0.0;
+  /// Called with the seconds that are done; may be empty.
+  std::function<void(double)> progress;
+};
+
+/// Runs niliod's odometry over the recording and compares the IMU with what it registers. Fails when the
+/// recording cannot be replayed with this configuration, or has no sample of the configured IMU.
+core::Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
+                                          const DriveOptions& options);
+
+}  // namespace nilio::tools
