@@ -166,6 +166,11 @@ void find_orientation(const std::vector<DirectionPair>& gyro, const ForceCompari
   if (agreement == Agreement::kOpposite) negate_gyro_alone(gyro, R_base_imu, result);
 }
 
+void judge_offset(ImuCorrection& result) {
+  const double least = std::max(kLeastOffset, 3.0 * result.time_offset_sigma_s);
+  result.time_offset_matters = std::abs(result.time_offset_s) > least;
+}
+
 /// Finds the offset in rounds, each over samples shifted by what the one before found: the fit looks only so
 /// far, and is best near 0.
 RotationEstimate find_offset(std::span<const RegisteredMotion> motions, std::span<const ImuSample> samples,
@@ -187,8 +192,16 @@ RotationEstimate find_offset(std::span<const RegisteredMotion> motions, std::spa
   if (at_edge || std::abs(offset_s) > kLargestCorrectableOffset) result.time_offset_known = false;
   if (!result.time_offset_known) return rotation;
   result.time_offset_s = offset_s;
-  result.time_offset_matters = std::abs(offset_s) > std::max(kLeastOffset, 3.0 * result.time_offset_sigma_s);
+  judge_offset(result);
   return rotation;
+}
+
+void refine_scale(const ScaleCorrection& rest, ScaleCorrection& scale) {
+  if (!rest.known) return;
+  scale.is_unit = scale.is_unit && rest.factor == 1.0;
+  scale.factor *= rest.factor;
+  scale.sigma = rest.sigma;
+  scale.known = true;
 }
 
 }  // namespace
@@ -210,6 +223,32 @@ ImuCorrection find_imu_correction(std::span<const RegisteredMotion> motions,
   result.accel = judge_scale(forces.gravity_ratio, 0.0,
                              {kStandardGravity, 1.0 / kStandardGravity, 1e-3 * kStandardGravity});
   find_orientation(gyro_pairs(rotation), forces, mounting.T_base_imu.rotation, result);
+  return result;
+}
+
+ImuCorrection refine(const ImuCorrection& correction, const ImuCorrection& rest) {
+  ImuCorrection result = correction;
+  if (rest.time_offset_known) {
+    // What did not matter was not applied.
+    result.time_offset_s =
+        rest.time_offset_s + (correction.time_offset_matters ? correction.time_offset_s : 0.0);
+    result.time_offset_sigma_s = rest.time_offset_sigma_s;
+    result.time_offset_known = true;
+    judge_offset(result);
+  }
+  refine_scale(rest.gyro, result.gyro);
+  refine_scale(rest.accel, result.accel);
+  result.rotation_sigma = rest.rotation_sigma;
+  result.mirror_known = rest.mirror_known;
+  result.axes_disagree = rest.axes_disagree;
+  if (!rest.orientation_changed) return result;
+  result.orientation_changed = true;
+  result.R_base_imu = rest.R_base_imu;
+  result.along_axes = rest.along_axes && (correction.along_axes || !correction.orientation_changed);
+  for (std::size_t i = 0; i < 3; ++i) {
+    result.negate_gyro[i] = correction.negate_gyro[i] != rest.negate_gyro[i];
+    result.negate_accel[i] = correction.negate_accel[i] != rest.negate_accel[i];
+  }
   return result;
 }
 

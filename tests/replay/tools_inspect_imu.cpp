@@ -118,9 +118,11 @@ TEST_CASE("the configuration written for a faulty IMU makes it agree", "[inspect
     REQUIRE(before["correction"].contains(c.key));
     CHECK(before["correction"][c.key].get<double>() == Approx(c.value).margin(c.tolerance));
     const json after = inspect("--config " + written);
+    INFO("before " << before["correction"] << ", after " << after["correction"]);
     CHECK(bad_checks(after).empty());
     CHECK(after["correction"].empty());
     CHECK(after["health"]["trusted"] == true);
+    CHECK(before["with_gyro_corrected"].get<int>() > before["with_gyro"].get<int>());
   }
 }
 

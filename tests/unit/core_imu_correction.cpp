@@ -211,6 +211,32 @@ TEST_CASE("a time offset is found to a few milliseconds, beyond what one fit loo
   }
 }
 
+TEST_CASE("what is left of a correction is added to it") {
+  const ImuCorrection first = correct({.actual = rotated(0.0, 0.0, 10.0), .fault = [](ImuSample& s) {
+                                         s.stamp = s.stamp + Duration::from_milliseconds(50.0);
+                                         scale(s.angular_velocity, 57.29578);
+                                         s.angular_velocity[2] *= -1.0;
+                                       }});
+  REQUIRE(first.gyro.is_unit);
+  REQUIRE(first.negate_gyro[2]);
+  ImuCorrection rest;
+  rest.R_base_imu = rotated(0.0, 0.0, 9.5).rotation;
+  rest.orientation_changed = true;
+  rest.time_offset_known = true;
+  rest.time_offset_s = -4e-3;
+  rest.time_offset_sigma_s = 3e-4;
+  const ImuCorrection both = refine(first, rest);
+  CHECK(1e3 * both.time_offset_s == Approx(46.0).margin(3.0));
+  CHECK(both.time_offset_matters);
+  CHECK(both.gyro.factor == first.gyro.factor);
+  CHECK(both.negate_gyro == first.negate_gyro);
+  CHECK(both.R_base_imu.coeffs() == rest.R_base_imu.coeffs());
+  rest.time_offset_s = -first.time_offset_s;
+  rest.negate_gyro = first.negate_gyro;
+  CHECK_FALSE(refine(first, rest).time_offset_matters);
+  CHECK_FALSE(refine(first, rest).negate_gyro[2]);
+}
+
 TEST_CASE("a straight road at steady speed tells only which way is up") {
   const ImuCorrection level = correct({.drive = straight});
   CHECK_FALSE(level.any());

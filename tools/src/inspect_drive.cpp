@@ -3,6 +3,8 @@
 #include "nilio/daemon/config_terms.hpp"
 #include "nilio/daemon/pipeline.hpp"
 
+#include "inspect_correction.hpp"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -143,10 +145,8 @@ std::span<const core::ImuSample> samples_around(const std::vector<core::ImuSampl
   return {first, last};
 }
 
-}  // namespace
-
-Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
-                                    const DriveOptions& options) {
+Result<DriveFindings> drive_once(const daemon::ReplayFiles& files, const daemon::Config& config,
+                                 const DriveOptions& options) {
   const Result<std::vector<core::ImuSample>> samples = read_samples(files, config);
   if (!samples) return samples.error();
   Result<daemon::Input> input = daemon::open_replay(files, config);
@@ -172,6 +172,19 @@ Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daem
                                 {daemon::to_transform(config.imu.extrinsic),
                                  core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms)});
   return findings;
+}
+
+}  // namespace
+
+Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
+                                    const DriveOptions& options) {
+  Result<DriveFindings> first = drive_once(files, config, options);
+  if (!first || !first->correction.any()) return first;
+  const Result<DriveFindings> second = drive_once(files, corrected_config(*first), options);
+  if (!second) return second.error();
+  first->with_gyro_corrected = second->with_gyro;
+  first->correction = core::refine(first->correction, second->correction);
+  return first;
 }
 
 }  // namespace nilio::tools

@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 namespace nilio::tools {
@@ -28,6 +29,8 @@ struct DriveFindings {
   bool cut_short = false;
   core::ImuHealth health;
   core::ImuCorrection correction;
+  /// Poses for which the gyroscope was used once it was corrected; nothing without a correction.
+  std::optional<std::uint64_t> with_gyro_corrected;
 };
 
 struct DriveOptions {
@@ -37,7 +40,8 @@ struct DriveOptions {
   std::function<void(double)> progress;
 };
 
-/// Runs niliod's odometry over the recording and compares the IMU with what it registers. Fails when the
+/// Runs niliod's odometry over the recording and compares the IMU with what it registers; where something is
+/// to be corrected, once more with that, for what is left. Checks are those of the first run. Fails when the
 /// recording cannot be replayed with this configuration, or has no sample of the configured IMU.
 core::Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
                                           const DriveOptions& options);

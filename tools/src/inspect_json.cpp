@@ -250,14 +250,23 @@ json scale_json(const core::ScaleCorrection& scale) {
 
 json drive_json(const DriveFindings& drive) {
   const core::ImuCorrection& c = drive.correction;
-  json result = {{"config", drive.config_path},         {"seconds", drive.seconds},
-                 {"cut_short", drive.cut_short},        {"poses", drive.poses},
-                 {"predicted", drive.predicted},        {"with_gyro", drive.with_gyro},
-                 {"imu_samples", drive.imu_samples},    {"health", daemon::imu_health_json(drive.health)},
-                 {"time_offset_ms", nullptr},           {"time_offset_sigma_ms", nullptr},
-                 {"gyro_scale", scale_json(c.gyro)},    {"accel_scale", scale_json(c.accel)},
-                 {"rotation_sigma_deg", json::array()}, {"mirror_known", c.mirror_known},
-                 {"axes_disagree", c.axes_disagree},    {"correction", json::object()}};
+  json result = {{"config", drive.config_path},
+                 {"seconds", drive.seconds},
+                 {"cut_short", drive.cut_short},
+                 {"poses", drive.poses},
+                 {"predicted", drive.predicted},
+                 {"with_gyro", drive.with_gyro},
+                 {"with_gyro_corrected", optional_json(drive.with_gyro_corrected)},
+                 {"imu_samples", drive.imu_samples},
+                 {"health", daemon::imu_health_json(drive.health)},
+                 {"time_offset_ms", nullptr},
+                 {"time_offset_sigma_ms", nullptr},
+                 {"gyro_scale", scale_json(c.gyro)},
+                 {"accel_scale", scale_json(c.accel)},
+                 {"rotation_sigma_deg", json::array()},
+                 {"mirror_known", c.mirror_known},
+                 {"axes_disagree", c.axes_disagree},
+                 {"correction", json::object()}};
   if (c.time_offset_known) {
     result["time_offset_ms"] = 1e3 * c.time_offset_s;
     result["time_offset_sigma_ms"] = 1e3 * c.time_offset_sigma_s;

@@ -133,6 +133,10 @@ std::string correction_text(const DriveFindings& drive) {
     const std::string line = key.path + ": " + key.value;
     text += format("    %-*s  # %s\n", static_cast<int>(width), line.c_str(), key.why.c_str());
   }
+  if (drive.with_gyro_corrected)
+    text += row("with it", format("the gyroscope is used for %llu of %llu poses",
+                                  static_cast<unsigned long long>(*drive.with_gyro_corrected),
+                                  static_cast<unsigned long long>(drive.poses)));
   return text;
 }
 

@@ -77,6 +77,10 @@ inline constexpr double kLargestCorrectableOffset = 1.0;
 ImuCorrection find_imu_correction(std::span<const RegisteredMotion> motions,
                                   std::span<const ImuSample> samples, const ImuMounting& mounting);
 
+/// A correction and what was found to be left of it when it was applied, as one: the first cannot be exact,
+/// for a gyro that is wrong does not deskew.
+ImuCorrection refine(const ImuCorrection& correction, const ImuCorrection& rest);
+
 /// [roll, pitch, yaw] about fixed axes (R = Rz Ry Rx), rad; where pitch is upright, roll is 0.
 Vector3 roll_pitch_yaw(const Matrix3& rotation);
 
