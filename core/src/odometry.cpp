@@ -42,7 +42,7 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   result.T_odom_base = T_odom_base;
   result.map_voxels = static_cast<std::uint32_t>(planes->size());
   result.map_refused = planes->refused() + coarse_map.refused();
-  fill_covariance(registration, (span.end - span.previous).seconds(), result);
+  fill_covariance({registration, prediction_square, (span.end - span.previous).seconds(), failures}, result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
   stamp(result, OdometryStage::kMapped);
@@ -54,6 +54,7 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
   OdometryResult result = s.begin(scan);
   s.filter_points(scan, result);
+  if (s.restart_is_due()) s.forget_map();
   if (s.scans == 0) {
     s.start(scan, result);
   } else {

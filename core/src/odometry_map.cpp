@@ -16,6 +16,8 @@ constexpr float kBeamSpread = 0.5F;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
+// Fewer points make no map to register against.
+constexpr std::size_t kMinStartPoints = 500;
 constexpr double kStillForceDeviation = 0.5;
 constexpr double kGravity = 9.81;
 // No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
@@ -56,7 +58,28 @@ void Odometry::State::align_with_gravity(const Scan& scan) {
   if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
   if (std::abs(force - kGravity) > kStillForceDeviation) return;
   if (statistics.mean_acceleration.z() < kLeastUprightness * force) return;
-  T_odom_base.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
+  // The heading stays.
+  const Vector3 up = T_odom_base.rotation * statistics.mean_acceleration;
+  T_odom_base.rotation =
+      (Eigen::Quaterniond::FromTwoVectors(up, Vector3::UnitZ()) * T_odom_base.rotation).normalized();
+}
+
+bool Odometry::State::restart_is_due() const {
+  return failures >= kRestartAfterFailures && sweep.size() >= kMinStartPoints;
+}
+
+/// To begin again from the predicted pose. What the vehicle did meanwhile is not known: its speed least of
+/// all.
+void Odometry::State::forget_map() {
+  scans = 0;
+  failures = 0;
+  body_velocity.setZero();
+  angular_velocity.setZero();
+  mean_inlier_ratio = 0.0;
+  sigma_m = kMaxSigmaMetres;
+  prediction_error_m = 0.0;
+  prediction_square.setZero();
+  registration = {};
 }
 
 void Odometry::State::start(const Scan& scan, OdometryResult& result) {

@@ -34,6 +34,14 @@ constexpr double kPeriodMemory = 0.9;
 constexpr double kInlierCollapse = 0.6;
 constexpr double kInlierMemory = 0.95;
 constexpr int kLostAfterFailures = 5;
+// Where to look for a lost vehicle: turned, and ahead of or behind the prediction. NDT reaches 3 m and 10 deg
+// from each.
+struct Hypothesis {
+  double forward_m;
+  double yaw_rad;
+};
+constexpr std::array<Hypothesis, 7> kLostHypotheses = {
+    {{0.0, 0.0}, {0.0, 0.17}, {0.0, -0.17}, {0.0, 0.35}, {0.0, -0.35}, {4.0, 0.0}, {-4.0, 0.0}}};
 // No road vehicle is faster, or turns faster.
 constexpr double kMaxSpeed = 90.0;
 constexpr double kMaxTurnRate = 6.0;
@@ -118,26 +126,40 @@ void Odometry::State::register_coarse(OdometryResult& result) {
   }
 }
 
+void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result) {
+  SolverOptions options;
+  options.max_iterations = config.max_coarse_iterations;
+  const RegistrationResult coarse =
+      register_ndt(coarse_map, coarse_points, T_guess, kKernelSchedule, options);
+  const RegistrationResult fine = register_fine(coarse_points, coarse.T_map_moving, result);
+  result.coarse_iterations += coarse.iterations;
+  if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;
+  search.inliers = fine.equations.inliers;
+  search.T_best = fine.T_map_moving;
+}
+
 void Odometry::State::register_from_standstill(OdometryResult& result) {
   // Nothing is known of the speed: try several along the vehicle's axis and keep the one most points agree
   // with.
-  SolverOptions options;
-  options.max_iterations = config.max_coarse_iterations;
-  std::uint32_t best_inliers = 0;
-  SE3 T_best = T_predicted;
+  Search search{T_predicted, 0};
   for (const double displacement : kStartDisplacementsMetres) {
-    const SE3 T_guess = T_predicted * SE3{Eigen::Quaterniond::Identity(), Vector3(displacement, 0.0, 0.0)};
-    const RegistrationResult coarse =
-        register_ndt(coarse_map, coarse_points, T_guess, kKernelSchedule, options);
-    const RegistrationResult fine = register_fine(coarse_points, coarse.T_map_moving, result);
-    result.coarse_iterations += coarse.iterations;
-    if (fine.T_map_moving.is_finite() && fine.equations.inliers > best_inliers) {
-      best_inliers = fine.equations.inliers;
-      T_best = fine.T_map_moving;
-    }
+    const SE3 T_ahead{Eigen::Quaterniond::Identity(), Vector3(displacement, 0.0, 0.0)};
+    try_hypothesis(T_predicted * T_ahead, search, result);
   }
-  registration.T_map_moving = T_best;
-  motion.refine(T_odom_base.inverse() * T_best, motion_gain());
+  registration.T_map_moving = search.T_best;
+  motion.refine(T_odom_base.inverse() * search.T_best, motion_gain());
+}
+
+void Odometry::State::search_lost_vehicle(OdometryResult& result) {
+  Search search{T_predicted, 0};
+  // It may have stopped where it was seen last.
+  try_hypothesis(T_accepted, search, result);
+  for (const Hypothesis& h : kLostHypotheses) {
+    const SE3 T_there{Eigen::Quaterniond(Eigen::AngleAxisd(h.yaw_rad, Vector3::UnitZ())),
+                      Vector3(h.forward_m, 0.0, 0.0)};
+    try_hypothesis(T_predicted * T_there, search, result);
+  }
+  registration.T_map_moving = search.T_best;
 }
 
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
@@ -169,7 +191,9 @@ void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
     T_predicted = registration.T_map_moving;
     select_points();
   }
-  register_points(scans > 1 && coarse_is_due(scan), result);
+  const bool lost = failures >= kLostAfterFailures;
+  if (lost) search_lost_vehicle(result);
+  register_points(!lost && scans > 1 && coarse_is_due(scan), result);
   result.points_used = static_cast<std::uint32_t>(selected.size());
   result.correspondences = registration.equations.correspondences;
   result.inlier_ratio = selected.empty() ? 0.0
@@ -221,7 +245,12 @@ void Odometry::State::learn_gyro_bias() {
 
 void Odometry::State::learn_prediction_error() {
   const SE3 error = T_predicted.inverse() * registration.T_map_moving;
-  const double angle = so3_log(error.rotation).norm();
+  const Vector3 turn = so3_log(error.rotation);
+  Vector6 squares;
+  squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
+  // A manoeuvre is believed at once, calm only after a while.
+  prediction_square = squares.cwiseMax(kErrorMemory * prediction_square + (1.0 - kErrorMemory) * squares);
+  const double angle = turn.norm();
   prediction_error_m = error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
   const double square =
       kErrorMemory * sigma_m * sigma_m + (1.0 - kErrorMemory) * prediction_error_m * prediction_error_m;
@@ -243,6 +272,7 @@ void Odometry::State::accept(OdometryResult& result) {
   const double span_s = (span.end - span.previous).seconds();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
   T_odom_base = registration.T_map_moving;
+  T_accepted = T_odom_base;
   result.stop_reason = registration.stop_reason;
   result.degenerate_axes = registration.degenerate_axes;
   result.state = scans < kInitialScans               ? TrackingState::kInitialising

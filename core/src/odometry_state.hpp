@@ -22,6 +22,9 @@ inline constexpr std::uint64_t kInitialScans = 5;
 inline constexpr float kInitialVoxelShare = 0.5F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
 inline constexpr float kCoarseVoxelMetres = 1.0F;
+/// Scans without a pose after which the old map is given up: it has moved out of sight, or the search would
+/// have found it.
+inline constexpr int kRestartAfterFailures = 30;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
 
@@ -43,9 +46,17 @@ struct Odometry::State {
     if (clock != nullptr) result.stage_ns[static_cast<std::size_t>(stage)] = clock();
   }
 
+  /// The pose that most points agreed with so far.
+  struct Search {
+    SE3 T_best;
+    std::uint32_t inliers = 0;
+  };
+
   // The steps of the algorithm, in the order of use.
   OdometryResult begin(const Scan& scan);
   void filter_points(const Scan& scan, OdometryResult& result);
+  [[nodiscard]] bool restart_is_due() const;
+  void forget_map();
   void start(const Scan& scan, OdometryResult& result);
   void predict(const Scan& scan, OdometryResult& result);
   void select_points();
@@ -53,7 +64,9 @@ struct Odometry::State {
   void register_sweep(const Scan& scan, OdometryResult& result);
   void reconsider_imu(const Scan& scan, OdometryResult& result);
   void register_coarse(OdometryResult& result);
+  void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
   void register_from_standstill(OdometryResult& result);
+  void search_lost_vehicle(OdometryResult& result);
   void register_points(bool coarse, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
@@ -91,6 +104,7 @@ struct Odometry::State {
 
   std::uint64_t scans = 0;
   SE3 T_odom_base;
+  SE3 T_accepted;  ///< the last pose that is not a prediction
   Time time;
   SE3 T_predicted;
   bool imu_used = false;
@@ -104,7 +118,8 @@ struct Odometry::State {
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;
   double prediction_error_m = 0.0;
-  double period_s = 0.1;  ///< between poses, slowly averaged
+  Vector6 prediction_square = Vector6::Zero();  ///< of corrections of predictions, in body axes
+  double period_s = 0.1;                        ///< between poses, slowly averaged
   double mean_inlier_ratio = 0.0;
   int failures = 0;
   RegistrationResult registration;

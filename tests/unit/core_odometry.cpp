@@ -164,3 +164,43 @@ TEST_CASE("the covariance covers the error of a tracked pose and is symmetric an
   CHECK(covariance.ldlt().isPositive());
   CHECK(run.end_error_m < 6.0 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
 }
+
+TEST_CASE("a vehicle that is turned and moved while nothing is seen is reported as lost and found again") {
+  // 14 deg and 2 m away from where the prediction has it.
+  const PoseFunction moved = [](double t) {
+    const SE3 jump{Eigen::Quaterniond(Eigen::AngleAxisd(0.25, Vector3::UnitZ())), Vector3(2.0, 0.5, 0.0)};
+    return t < 3.0 ? driving(1.0) : driving(1.0) * jump;
+  };
+  RunSettings settings;
+  settings.damage = [](int i, Scan& scan) {
+    if (i >= 24 && i < 30) scan.points.clear();
+  };
+  const Run run = run_odometry(moved, settings);
+  CHECK(run.results[23].state == TrackingState::kTracking);
+  CHECK(run.results[29].state == TrackingState::kLost);
+  CHECK(run.results[29].pose_covariance(0, 0) > 10.0 * run.results[24].pose_covariance(0, 0));
+  CHECK_FALSE(run.results[30].predicted);
+  CHECK(run.results.back().state == TrackingState::kTracking);
+  CHECK(run.end_error_m < 0.1);
+}
+
+TEST_CASE("a vehicle that left its map unseen begins a new one where it is predicted to be, and says so") {
+  RunSettings settings;
+  settings.scans = 90;
+  settings.damage = [](int i, Scan& scan) {
+    if (i >= 20 && i < 55) scan.points.clear();
+    // Another place: nothing of it is in the map.
+    if (i >= 55) {
+      for (Point& point : scan.points) point.x += 15.0F;
+    }
+  };
+  const PoseFunction creeping = [](double t) {
+    return SE3{Eigen::Quaterniond::Identity(), Vector3(t, 0.0, 0.0)};
+  };
+  const Run run = run_odometry(creeping, settings);
+  CHECK(run.results[54].state == TrackingState::kLost);
+  CHECK(run.results[55].state == TrackingState::kInitialising);
+  CHECK(run.results[70].state == TrackingState::kTracking);
+  const SE3 since = run.results[70].T_odom_base.inverse() * run.results[89].T_odom_base;
+  CHECK(since.translation.x() == Approx(1.9).margin(0.1));
+}
