@@ -11,7 +11,7 @@ namespace {
 constexpr double kPlaneReachMetres = 45.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
-// Points whose elevations differ by this share of the beam spacing come from different beams.
+// Points whose beams differ by this come from different ones.
 constexpr float kBeamSpread = 0.5F;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
@@ -35,7 +35,7 @@ void Odometry::State::prepare_maps(const Scan& scan) {
   if (planes) return;
   VoxelMapConfig map_config{plane_voxel_for(config, scan.beam_spacing_rad), config.map_radius_m,
                             config.map_capacity};
-  map_config.min_elevation_spread_rad = kBeamSpread * scan.beam_spacing_rad;
+  map_config.min_beam_spread = kBeamSpread;
   planes.emplace(map_config);
 }
 
@@ -111,9 +111,9 @@ void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vec
   world_points.clear();
   for (const Eigen::Vector3f& p : points)
     world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
-  elevations_rad.clear();
-  for (const SweepPoint& point : seen) elevations_rad.push_back(point.elevation_rad);
-  planes->insert(world_points, elevations_rad);
+  beams.clear();
+  for (const SweepPoint& point : seen) beams.push_back(point.beam);
+  planes->insert(world_points, beams);
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
   coarse_filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
   std::size_t kept = 0;

@@ -135,7 +135,7 @@ struct Odometry::State {
   std::vector<Eigen::Vector3f> selected;
   std::vector<Eigen::Vector3f> coarse_points;
   std::vector<Vector3> world_points;
-  std::vector<float> elevations_rad;
+  std::vector<float> beams;
 };
 
 }  // namespace nilio::core

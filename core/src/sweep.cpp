@@ -1,5 +1,6 @@
 #include "nilio/core/sweep.hpp"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 
@@ -67,16 +68,20 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
   const auto sweep_ns = (scan.end - scan.start).ns;
   const float cosine = std::cos(config.elevation_correction_rad);
   const float sine = std::sin(config.elevation_correction_rad);
+  // KITTI's files have no numbers of beams.
+  const bool numbered =
+      std::any_of(scan.points.begin(), scan.points.end(), [](const Point& point) { return point.ring != 0; });
   for (const Point& point : scan.points) {
     Eigen::Vector3f p(point.x, point.y, point.z);
     const float square = p.squaredNorm();
     // Also false for NaN.
     if (!(square >= min_square && square <= max_square)) continue;
     if (!filter.insert(p)) continue;
-    const float elevation_rad = std::atan2(p.z(), p.head<2>().norm());
+    const float beam = numbered ? static_cast<float>(point.ring)
+                                : std::atan2(p.z(), p.head<2>().norm()) / scan.beam_spacing_rad;
     if (sine != 0.0F) p = raise_beam(p, cosine, sine);
     const float time_s = static_cast<float>(static_cast<double>(point.time_offset_ns - sweep_ns) * 1e-9);
-    output.push_back({R_base_lidar * p + t_base_lidar, time_s, elevation_rad});
+    output.push_back({R_base_lidar * p + t_base_lidar, time_s, beam});
   }
 }
 

@@ -112,21 +112,21 @@ void VoxelMap::erase(std::uint32_t voxel) {
   --size_;
 }
 
-void VoxelMap::insert(std::span<const Vector3> points, std::span<const float> elevations_rad) {
+void VoxelMap::insert(std::span<const Vector3> points, std::span<const float> beams) {
   for (std::size_t i = 0; i < points.size(); ++i) {
     const VoxelIndex index = index_of(points[i]);
     const std::uint32_t voxel = find_or_create(pack_key(index));
     if (voxel == kNoVoxel) continue;
-    add(voxel, points[i] - corner_of(index), elevations_rad.empty() ? 0.0F : elevations_rad[i]);
+    add(voxel, points[i] - corner_of(index), beams.empty() ? 0.0F : beams[i]);
   }
 }
 
-void VoxelMap::add(std::uint32_t voxel, const Vector3& local, float elevation_rad) {
+void VoxelMap::add(std::uint32_t voxel, const Vector3& local, float beam) {
   Moments& m = moments_[voxel];
-  if (m.count == 0) m.min_elevation_rad = m.max_elevation_rad = elevation_rad;
+  if (m.count == 0) m.min_beam = m.max_beam = beam;
   const bool one_beam = !seen_by_several_beams(m);
-  m.min_elevation_rad = std::min(m.min_elevation_rad, elevation_rad);
-  m.max_elevation_rad = std::max(m.max_elevation_rad, elevation_rad);
+  m.min_beam = std::min(m.min_beam, beam);
+  m.max_beam = std::max(m.max_beam, beam);
   if (m.count >= config_.max_points) {
     m.count /= 2;
     m.sum *= 0.5;

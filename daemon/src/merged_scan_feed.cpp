@@ -19,6 +19,8 @@ constexpr Duration kLongestSeam = Duration::from_milliseconds(100.0);
 constexpr Duration kFarthestAhead = Duration::from_seconds(1.0);
 // A second without one point in step is no accident.
 constexpr std::uint32_t kScansToSayOffset = 10;
+// More than any model has.
+constexpr std::size_t kRingsOfLidar = 256;
 // Half a ring.
 constexpr std::size_t kMostWaiting = 2048;
 // The first scan after a LiDAR fell silent has a part of its packets.
@@ -49,6 +51,7 @@ MergedScanFeed::MergedScanFeed(PacketScanFeed& first, std::vector<Other> others,
   for (Other& other : others) {
     Lane lane;
     lane.other = other;
+    lane.first_ring = static_cast<std::uint16_t>(kRingsOfLidar * (lanes_.size() + 1));
     lanes_.push_back(std::move(lane));
   }
 }
@@ -158,6 +161,7 @@ void MergedScanFeed::take_points(Lane& lane, core::Scan& scan) {
     if (lane.other.elevation_correction_rad != 0.0F)
       p = raise_beam(p, static_cast<double>(lane.other.elevation_correction_rad));
     store(lane.other.T_first_other * p, point);
+    point.ring = static_cast<std::uint16_t>(point.ring + lane.first_ring);
     lane.pending.push_back({part_.start + Duration{point.time_offset_ns}, point});
   }
 }

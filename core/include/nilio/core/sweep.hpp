@@ -15,8 +15,8 @@ struct SweepPoint {
   Eigen::Vector3f position = Eigen::Vector3f::Zero();
   /// Seconds relative to the end of the scan (zero or negative).
   float time_s = 0.0F;
-  /// Elevation of the beam that saw it, rad: tells the beams apart.
-  float elevation_rad = 0.0F;
+  /// Tells the beams apart: the number of the one that saw it, or its elevation in beam spacings.
+  float beam = 0.0F;
 };
 
 /// Keeps the first point of every voxel. The table is stamped with a generation instead of being cleared, so

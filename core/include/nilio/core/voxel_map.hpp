@@ -41,9 +41,9 @@ struct VoxelMapConfig {
   /// Moments are halved when a voxel reaches this many points, so that it follows a changing world and never
   /// overflows.
   std::uint32_t max_points = 100;
-  /// A voxel is no plane while its points lie within this range of elevations of beams, rad: those of one
-  /// beam lie on its cone whatever they hit, so their plane turns with the sensor. 0 = not looked at.
-  float min_elevation_spread_rad = 0.0F;
+  /// A voxel is no plane while the numbers of its points' beams lie within this range: points of one beam
+  /// lie on its cone whatever they hit, so their plane turns with the sensor. 0 = not looked at.
+  float min_beam_spread = 0.0F;
 };
 
 /// Incremental voxel map with a Gaussian and a plane per voxel, kept up to date on insertion and never
@@ -55,9 +55,9 @@ class VoxelMap {
   explicit VoxelMap(const VoxelMapConfig& config);
 
   void clear();
-  /// Inserts points given in the map frame. `elevations_rad` of the beams that saw them: one for each point,
+  /// Inserts points given in the map frame. `beams` that saw them: one for each point,
   /// or none for a map that does not look at them.
-  void insert(std::span<const Vector3> points, std::span<const float> elevations_rad = {});
+  void insert(std::span<const Vector3> points, std::span<const float> beams = {});
   /// Looks at a tenth of the slab and drops what is farther than the radius from `center`: bounded work a
   /// scan.
   void evict_far_from(const Vector3& center);
@@ -81,8 +81,8 @@ class VoxelMap {
     std::uint64_t key = 0;
     Vector3 sum = Vector3::Zero();
     double products[6] = {};
-    float min_elevation_rad = 0.0F;
-    float max_elevation_rad = 0.0F;
+    float min_beam = 0.0F;
+    float max_beam = 0.0F;
     std::uint32_t count = 0;
     std::uint32_t refresh_at = 0;
     bool occupied = false;
@@ -94,13 +94,13 @@ class VoxelMap {
   };
 
   [[nodiscard]] bool seen_by_several_beams(const Moments& moments) const {
-    return moments.max_elevation_rad - moments.min_elevation_rad >= config_.min_elevation_spread_rad;
+    return moments.max_beam - moments.min_beam >= config_.min_beam_spread;
   }
   [[nodiscard]] std::size_t home_slot(std::uint64_t key) const;
   [[nodiscard]] std::size_t find_slot(std::uint64_t key) const;
   std::uint32_t find_or_create(std::uint64_t key);
   void erase(std::uint32_t voxel);
-  void add(std::uint32_t voxel, const Vector3& local, float elevation_rad);
+  void add(std::uint32_t voxel, const Vector3& local, float beam);
   void refresh(std::uint32_t voxel);
 
   VoxelMapConfig config_;

@@ -63,6 +63,8 @@ class MergedScanFeed : public ScanFeed {
   enum class Presence { kPresent, kLate, kSilent };
   struct Lane {
     Other other;
+    /// Added to the ranks of its beams, so that no two LiDARs' are the same.
+    std::uint16_t first_ring = 0;
     std::vector<TimedPoint> pending;
     MergeCounters counters;
     /// Of the last points it gave.
