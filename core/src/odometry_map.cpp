@@ -9,6 +9,8 @@ namespace {
 
 // Two neighbouring beams meet a wall this far away in one voxel: what a plane voxel needs at 16 beams.
 constexpr double kPlaneReachMetres = 45.0;
+// Neighbours are looked for this far.
+constexpr double kPointVoxelMetres = 1.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
@@ -19,18 +21,20 @@ constexpr double kGravity = 9.81;
 // No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
 constexpr double kLeastUprightness = 0.9;
 
+}  // namespace
+
 double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
   if (config.plane_voxel_m > 0.0) return config.plane_voxel_m;
   return std::clamp(kPlaneReachMetres * static_cast<double>(beam_spacing_rad), kMinPlaneVoxelMetres,
                     kMaxPlaneVoxelMetres);
 }
 
-}  // namespace
-
 void Odometry::State::prepare_maps(const Scan& scan) {
   if (planes) return;
   planes.emplace(VoxelMapConfig{plane_voxel_for(config, scan.beam_spacing_rad), config.map_radius_m,
                                 config.map_capacity});
+  if (method.needs_points)
+    point_map.emplace(PointMapConfig{kPointVoxelMetres, config.map_radius_m, config.map_capacity});
 }
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
@@ -74,6 +78,7 @@ void Odometry::State::rebuild_first_map() {
   first_motion.predict(body_velocity);
   first_motion.deskew(first_sweep, deskewed);
   planes->clear();
+  if (point_map) point_map->clear();
   coarse_map.clear();
   insert(deskewed, T_odom_base);
 }
@@ -84,6 +89,7 @@ void Odometry::State::insert(const std::vector<Eigen::Vector3f>& points, const S
   for (const Eigen::Vector3f& p : points)
     world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
   planes->insert(world_points);
+  if (point_map) point_map->insert(world_points);
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
   coarse_filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
   std::size_t kept = 0;
@@ -98,6 +104,7 @@ void Odometry::State::update_map(OdometryResult& result) {
   const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
   if (!result.predicted && (scans < kInitialScans || !stands)) insert(deskewed, T_odom_base);
   planes->evict_far_from(T_odom_base.translation);
+  if (point_map) point_map->evict_far_from(T_odom_base.translation);
   coarse_map.evict_far_from(T_odom_base.translation);
 }
 
