@@ -38,7 +38,7 @@ RegistrationResult refine_with_points(const RegistrationMaps& maps, std::span<co
 
 constexpr std::array<RegistrationMethodInfo, 5> kMethods = {{
     {RegistrationMethod::kNdtIcp, "ndt_icp", true, false, refine_with_planes},
-    {RegistrationMethod::kNdt, "ndt", false, false, refine_with_ndt},
+    {RegistrationMethod::kNdt, "ndt", true, false, refine_with_ndt},
     {RegistrationMethod::kIcpPlane, "icp_plane", false, false, refine_with_planes},
     {RegistrationMethod::kIcpLine, "icp_line", false, true, refine_with_lines},
     {RegistrationMethod::kIcpPoint, "icp_point", false, true, refine_with_points},

@@ -127,14 +127,16 @@ TEST_CASE("NDT before ICP finds home from farther away than ICP alone") {
   REQUIRE(pairs.ok());
   REQUIRE(pairs->size() == 8);
   const std::array<BasinOffset, 3> offsets{{{0.0, 0.0}, {1.0, 0.0}, {2.5, 0.0}}};
-  const auto counts = count_successes(*pairs, offsets, daemon::odometry_config(*config), 1);
+  const auto counts =
+      count_successes(core::registration_methods(), *pairs, offsets, daemon::odometry_config(*config), 1);
   REQUIRE(counts.size() == core::registration_methods().size());
   const std::vector<std::size_t>& ndt_icp = counts[0];
   const std::vector<std::size_t>& icp_plane = counts[2];
   CHECK(ndt_icp[0] == 8);
   CHECK(ndt_icp[1] >= 7);
   CHECK(ndt_icp[2] >= icp_plane[2]);
-  CHECK(count_successes(*pairs, offsets, daemon::odometry_config(*config), 1) == counts);
+  CHECK(count_successes(core::registration_methods(), *pairs, offsets, daemon::odometry_config(*config), 1) ==
+        counts);
 }
 
 TEST_CASE("the ablation leaves out what makes no difference") {

@@ -123,14 +123,15 @@ SE3 make_offset(const BasinOffset& offset, std::mt19937_64& random) {
 }
 
 /// Success of [method * offsets + offset].
-std::vector<bool> try_pair(const ScanPair& pair, std::span<const BasinOffset> offsets,
-                           const core::OdometryConfig& config, std::uint64_t seed) {
+std::vector<bool> try_pair(std::span<const RegistrationMethodInfo> methods, const ScanPair& pair,
+                           std::span<const BasinOffset> offsets, const core::OdometryConfig& config,
+                           std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::vector<SE3> guesses;
   for (const BasinOffset& offset : offsets) guesses.push_back(pair.T_odom_base * make_offset(offset, random));
   PairTrials trials(pair, config);
   std::vector<bool> success;
-  for (const RegistrationMethodInfo& method : core::registration_methods()) {
+  for (const RegistrationMethodInfo& method : methods) {
     const SE3 home = trials.register_from(method, pair.T_odom_base);
     const bool is_home = is_near(home, pair.T_odom_base, kBasinTruthMetres, kBasinTruthDegrees);
     for (const SE3& guess : guesses) {
@@ -182,15 +183,16 @@ core::Result<std::vector<ScanPair>> collect_pairs(const BenchDataset& dataset, c
   return pairs;
 }
 
-std::vector<std::vector<std::size_t>> count_successes(std::span<const ScanPair> pairs,
+std::vector<std::vector<std::size_t>> count_successes(std::span<const RegistrationMethodInfo> methods,
+                                                      std::span<const ScanPair> pairs,
                                                       std::span<const BasinOffset> offsets,
                                                       const core::OdometryConfig& config,
                                                       std::uint64_t seed) {
   std::vector<std::vector<bool>> success(pairs.size());
-  tbb::parallel_for(std::size_t{0}, pairs.size(),
-                    [&](std::size_t i) { success[i] = try_pair(pairs[i], offsets, config, seed + i); });
-  const std::size_t methods = core::registration_methods().size();
-  std::vector<std::vector<std::size_t>> counts(methods, std::vector<std::size_t>(offsets.size(), 0));
+  tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
+    success[i] = try_pair(methods, pairs[i], offsets, config, seed + i);
+  });
+  std::vector<std::vector<std::size_t>> counts(methods.size(), std::vector<std::size_t>(offsets.size(), 0));
   for (const std::vector<bool>& of_pair : success) {
     for (std::size_t k = 0; k < of_pair.size(); ++k)
       counts[k / offsets.size()][k % offsets.size()] += of_pair[k] ? 1 : 0;

@@ -40,9 +40,10 @@ inline constexpr double kBasinDegrees = 0.5;
 inline constexpr double kBasinTruthMetres = 0.3;
 inline constexpr double kBasinTruthDegrees = 1.0;
 
-/// Of each method in core::registration_methods() how many of the pairs it brings home from each offset:
+/// Of each method how many of the pairs it brings home from each offset:
 /// [method][offset]. The same offsets for every method; each pair has its own directions from `seed`.
-std::vector<std::vector<std::size_t>> count_successes(std::span<const ScanPair> pairs,
+std::vector<std::vector<std::size_t>> count_successes(std::span<const core::RegistrationMethodInfo> methods,
+                                                      std::span<const ScanPair> pairs,
                                                       std::span<const BasinOffset> offsets,
                                                       const core::OdometryConfig& config, std::uint64_t seed);
 

@@ -6,6 +6,7 @@
 #include "number_between.hpp"
 #include "results_page.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <memory>
@@ -23,10 +24,11 @@ constexpr std::array<double, 6> kRotationsDeg = {0.0, 2.5, 5.0, 10.0, 15.0, 20.0
 
 struct BenchBasinOptions {
   std::vector<std::string> datasets;
+  std::vector<std::string> registrations{"all"};
   std::vector<std::string> overrides;
   std::size_t pairs = 200;
   std::uint64_t seed = 1;
-  std::string output;
+  ResultsPage::Options page;
 };
 
 /// Every rotation with every translation; the rotation's index counts faster.
@@ -38,8 +40,17 @@ std::vector<BasinOffset> all_offsets() {
   return offsets;
 }
 
+std::vector<core::RegistrationMethodInfo> chosen_methods(const std::vector<std::string>& names) {
+  const auto all = core::registration_methods();
+  if (std::find(names.begin(), names.end(), "all") != names.end()) return {all.begin(), all.end()};
+  std::vector<core::RegistrationMethodInfo> methods;
+  for (const std::string& name : names) methods.push_back(*core::find_registration_method(name));
+  return methods;
+}
+
 /// Share of successes [method][translation][rotation].
 struct Basin {
+  std::vector<core::RegistrationMethodInfo> methods;
   std::vector<std::vector<std::size_t>> counts;
   std::size_t pairs = 0;
 
@@ -57,9 +68,8 @@ BenchTable basin_table(const Basin& basin) {
     table.headings.push_back(fixed(kRotationsDeg[r], 1) + " deg");
   table.headings.emplace_back("1 m, 5 deg");
   table.headings.emplace_back("all offsets");
-  const auto methods = core::registration_methods();
-  for (std::size_t m = 0; m < methods.size(); ++m) {
-    std::vector<std::string> row{methods[m].name};
+  for (std::size_t m = 0; m < basin.methods.size(); ++m) {
+    std::vector<std::string> row{basin.methods[m].name};
     for (std::size_t t = 1; t < kTranslationsMetres.size(); ++t)
       row.push_back(fixed(basin.share(m, t, 0), 2));
     for (std::size_t r = 1; r < kRotationsDeg.size(); ++r) row.push_back(fixed(basin.share(m, 0, r), 2));
@@ -100,8 +110,7 @@ void draw_panel(Canvas& canvas, const Basin& basin, std::size_t method, const Re
   }
   canvas.text("offset [m]", {area.x + 0.5 * area.width, area.y + area.height + 40.0},
               {.size = 14.0, .align = TextAlign::kCentre});
-  canvas.text(core::registration_methods()[method].name, {area.x, area.y - 12.0},
-              {.size = 16.0, .bold = true});
+  canvas.text(basin.methods[method].name, {area.x, area.y - 12.0}, {.size = 16.0, .bold = true});
   if (!first) return;
   for (std::size_t r = 0; r < kRotationsDeg.size(); ++r) {
     const double y = area.y + area.height - (static_cast<double>(r) + 0.5) * cell_height + 4.5;
@@ -121,7 +130,7 @@ void draw_basin(Canvas& canvas, const Basin& basin) {
   canvas.text(
       "Registrations that end at home, %, of " + std::to_string(basin.pairs) + " scan pairs for each offset",
       {left, 34.0}, {.size = 16.0});
-  const std::size_t methods = core::registration_methods().size();
+  const std::size_t methods = basin.methods.size();
   const double width =
       (canvas.width() - left - right - gap * static_cast<double>(methods - 1)) / static_cast<double>(methods);
   for (std::size_t m = 0; m < methods; ++m) {
@@ -136,7 +145,7 @@ Result<std::monostate> report(const std::string& name, const Basin& basin, Resul
   if (!page.wants_pictures()) return std::monostate{};
   constexpr int picture_width = 1700;
   constexpr int picture_height = 380;
-  const std::string file = "basin-" + name + ".svg";
+  const std::string file = "basin-" + name;
   auto canvas = page.new_picture(file, picture_width, picture_height);
   if (!canvas) return canvas.error();
   draw_basin(*canvas, basin);
@@ -149,8 +158,10 @@ Result<Basin> measure_basin(const BenchDataset& dataset, std::size_t pairs,
   if (!config) return config.error();
   const auto collected = collect_pairs(dataset, *config, pairs);
   if (!collected) return collected.error();
-  return Basin{count_successes(*collected, all_offsets(), daemon::odometry_config(*config), options.seed),
-               collected->size()};
+  Basin basin{chosen_methods(options.registrations), {}, collected->size()};
+  basin.counts = count_successes(basin.methods, *collected, all_offsets(), daemon::odometry_config(*config),
+                                 options.seed);
+  return basin;
 }
 
 Result<std::monostate> run(const BenchBasinOptions& options) {
@@ -160,7 +171,7 @@ Result<std::monostate> run(const BenchBasinOptions& options) {
     if (!dataset) return dataset.error();
     datasets.push_back(std::move(dataset).value());
   }
-  Result<ResultsPage> page = ResultsPage::create(options.output, "Convergence basin");
+  Result<ResultsPage> page = ResultsPage::create(options.page, "Convergence basin");
   if (!page) return page.error();
   page->paragraph(
       "Each scan is registered against the map of the five before it, from a pose that is wrong by so much: "
@@ -178,6 +189,7 @@ Result<std::monostate> run(const BenchBasinOptions& options) {
     if (!reported) return reported;
     sum.pairs += basin->pairs;
     if (sum.counts.empty()) {
+      sum.methods = basin->methods;
       sum.counts = basin->counts;
       continue;
     }
@@ -203,6 +215,14 @@ void add_bench_basin(CLI::App& bench) {
                    "FOLDER of a recording or of a KITTI sequence, with truth.tum or poses.txt in it; or "
                    "FOLDER:TRUTH")
       ->required();
+  std::vector<std::string> names;
+  for (const core::RegistrationMethodInfo& method : core::registration_methods())
+    names.emplace_back(method.name);
+  names.emplace_back("all");
+  command->add_option("--registration", options->registrations, "methods to compare, or 'all'")
+      ->delimiter(',')
+      ->check(CLI::IsMember(names))
+      ->capture_default_str();
   constexpr double most_pairs = 100000;
   command->add_option("--pairs", options->pairs, "scans to try, shared among the data sets")
       ->check(number_between(1, most_pairs))
@@ -211,7 +231,7 @@ void add_bench_basin(CLI::App& bench) {
   command->add_option("--set", options->overrides, "configuration, such as odometry.coarse_voxel_m=3")
       ->take_all()
       ->expected(1);
-  command->add_option("--output", options->output, "folder for results.md and its pictures");
+  add_page_options(*command, options->page);
   command->callback([options] {
     const auto done = run(*options);
     if (done) return;

@@ -129,7 +129,7 @@ Spread spread_of(std::vector<double> values) {
 }
 
 const char* stage_name(std::size_t stage) {
-  static constexpr std::array<const char*, kStages> kNames = {"filter", "NDT", "ICP", "map"};
+  static constexpr std::array<const char*, kStages> kNames = {"filter", "coarse", "fine", "map"};
   return kNames[stage];
 }
 

@@ -38,8 +38,10 @@ struct Spread {
 /// All zero for no values; p99 is the smallest value that 99 % do not exceed.
 Spread spread_of(std::vector<double> values);
 
-/// Filter (with prediction, deskewing and selection), NDT, ICP, map update.
+/// Filter (with prediction, deskewing and selection), coarse and fine registration, map update.
 inline constexpr std::size_t kStages = 4;
+inline constexpr std::size_t kCoarseStage = 1;
+inline constexpr std::size_t kFineStage = 2;
 const char* stage_name(std::size_t stage);
 
 /// Milliseconds a scan.

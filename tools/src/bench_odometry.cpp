@@ -12,6 +12,7 @@
 #include "plot_trajectories.hpp"
 #include "results_page.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <variant>
@@ -44,11 +45,11 @@ struct BenchOdometryOptions {
   int repeats = 1;
   std::vector<std::string> peers;
   bool ablation = false;
-  std::string output;
+  ResultsPage::Options page;
 };
 
 std::vector<std::string> method_names(const std::vector<std::string>& chosen) {
-  if (chosen != std::vector<std::string>{"all"}) return chosen;
+  if (std::find(chosen.begin(), chosen.end(), "all") == chosen.end()) return chosen;
   std::vector<std::string> names;
   for (const core::RegistrationMethodInfo& method : core::registration_methods())
     names.emplace_back(method.name);
@@ -100,26 +101,36 @@ Result<std::monostate> add_pictures(const BenchDataset& dataset, const std::vect
   truth.path = dataset.name;
   const auto figure = trajectory_figure(trajectories, truth, {}, {});
   if (!figure) return figure.error();
-  const std::string drive = "trajectory-" + dataset.name + ".svg";
+  const std::string drive = "trajectory-" + dataset.name;
   auto canvas = page.new_picture(drive, kPictureWidth, kDriveHeight);
   if (!canvas) return canvas.error();
   draw_figure(*canvas, *figure);
   if (auto added = page.picture(drive, "Drive and position error, " + dataset.name, *canvas); !added)
     return added;
-  const std::string latency = "latency-" + dataset.name + ".svg";
+  const std::string latency = "latency-" + dataset.name;
   canvas = page.new_picture(latency, kPictureWidth, kLatencyHeight);
   if (!canvas) return canvas.error();
   draw_latency(*canvas, runs);
   return page.picture(latency, "Time of a scan, " + dataset.name, *canvas);
 }
 
-/// How many times PCL's CPU time the first run's is.
-void compare_with_peers(const Measurement& own, const std::vector<Measurement>& peers, ResultsPage& page) {
-  for (const Measurement& peer : peers) {
-    page.paragraph(peer.name + " takes " + fixed(peer.cpu.total.median / own.cpu.total.median, 1) +
-                   " times the CPU time of " + label_of(own) + " (median " + fixed(peer.cpu.total.median, 1) +
-                   " ms against " + fixed(own.cpu.total.median, 2) + " ms, which filters and deskews, too).");
-  }
+/// PCL's CPU time as a multiple of the first run's: of all that this does with a scan, and of its
+/// registration alone, as PCL gets the scans filtered and deskewed.
+BenchTable peer_table(const Measurement& own, std::span<const Measurement> peers) {
+  BenchTable table{
+      {"", "CPU ms/scan", "times " + label_of(own), "times its registration", "t %, 10-80 m", "RPE cm"}, {}};
+  const double registration = own.cpu.stages[kCoarseStage].median + own.cpu.stages[kFineStage].median;
+  const auto add_row = [&](const Measurement& m) {
+    const double ms = m.cpu.total.median;
+    table.rows.push_back({label_of(m), fixed(ms, 2), fixed(ms / own.cpu.total.median, 1),
+                          fixed(ms / registration, 1),
+                          m.accuracy.near ? fixed(m.accuracy.near->translation_percent, 3) : "-",
+                          fixed(100.0 * m.accuracy.rpe_m, 2)});
+  };
+  if (peers.empty()) return table;
+  add_row(own);
+  for (const Measurement& peer : peers) add_row(peer);
+  return table;
 }
 
 Result<std::monostate> report_dataset(const BenchDataset& dataset, const BenchOdometryOptions& options,
@@ -138,7 +149,7 @@ Result<std::monostate> report_dataset(const BenchDataset& dataset, const BenchOd
   runs->insert(runs->end(), peers.begin(), peers.end());
   page.table("Accuracy", accuracy_table(*runs));
   page.table("Cost: median / 99 % / most", cost_table(*runs));
-  compare_with_peers(runs->front(), peers, page);
+  page.table("Against PCL, median CPU time", peer_table(runs->front(), peers));
   const std::span<const Measurement> own_runs = std::span(*runs).first(own);
   page.table("Stages: median / 99 % / most", stage_table(own_runs));
   page.table("Work, mean per scan", work_table(own_runs));
@@ -158,7 +169,7 @@ Result<std::monostate> run(const BenchOdometryOptions& options) {
     if (!dataset) return dataset.error();
     datasets.push_back(std::move(dataset).value());
   }
-  Result<ResultsPage> page = ResultsPage::create(options.output, "Odometry: accuracy and cost");
+  Result<ResultsPage> page = ResultsPage::create(options.page, "Odometry: accuracy and cost");
   if (!page) return page.error();
   page->paragraph(kLegend);
   for (const BenchDataset& dataset : datasets) {
@@ -198,7 +209,7 @@ void add_bench_odometry(CLI::App& bench) {
       ->check(CLI::IsMember({"pcl"}));
   command->add_flag("--ablation", options->ablation,
                     "also run with one choice of the default changed at a time");
-  command->add_option("--output", options->output, "folder for results.md and its pictures");
+  add_page_options(*command, options->page);
   command
       ->add_option("--set", options->overrides,
                    "configuration of all runs, such as lidar.max_range_m=80; may be repeated")

@@ -63,7 +63,7 @@ BenchTable cost_table(std::span<const Measurement> measurements) {
                     "allocations, first " + std::to_string(kWarmUpScans) + " scans", "allocations/scan then"},
                    {}};
   for (const Measurement& m : measurements) {
-    const bool counted = allocations_are_counted();
+    const bool counted = allocations_are_counted() && m.work.scans > 0;
     table.rows.push_back(
         {label_of(m), three(m.cpu.total), three(m.wall.total),
          m.peak_resident_bytes > 0 ? fixed(static_cast<double>(m.peak_resident_bytes) / kMebibyte, 0) : "-",
@@ -88,7 +88,7 @@ BenchTable stage_table(std::span<const Measurement> measurements) {
 
 BenchTable work_table(std::span<const Measurement> measurements) {
   BenchTable table{{"registration", "scans", "with IMU", "not accepted", "points", "filtered", "used",
-                    "matched", "passes", "NDT it.", "ICP it.", "map voxels"},
+                    "matched", "passes", "coarse it.", "fine it.", "map voxels"},
                    {}};
   for (const Measurement& m : measurements) {
     const WorkCounts& w = m.work;

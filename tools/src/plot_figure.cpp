@@ -10,14 +10,16 @@ namespace nilio::tools {
 namespace {
 
 constexpr Colour kTruthColour{0.45, 0.45, 0.45};
-constexpr std::array<Colour, 8> kEstimateColours{{{0.12, 0.47, 0.71},
-                                                  {0.90, 0.33, 0.05},
-                                                  {0.17, 0.63, 0.17},
-                                                  {0.58, 0.40, 0.74},
-                                                  {0.84, 0.15, 0.16},
-                                                  {0.55, 0.34, 0.29},
-                                                  {0.09, 0.75, 0.81},
-                                                  {0.89, 0.47, 0.76}}};
+constexpr std::array<Colour, 10> kEstimateColours{{{0.12, 0.47, 0.71},
+                                                   {0.90, 0.33, 0.05},
+                                                   {0.17, 0.63, 0.17},
+                                                   {0.58, 0.40, 0.74},
+                                                   {0.84, 0.15, 0.16},
+                                                   {0.55, 0.34, 0.29},
+                                                   {0.09, 0.75, 0.81},
+                                                   {0.89, 0.47, 0.76},
+                                                   {0.74, 0.65, 0.05},
+                                                   {0.10, 0.10, 0.10}}};
 constexpr double kLeftMargin = 90.0;
 constexpr double kRightMargin = 30.0;
 constexpr double kBottomMargin = 60.0;

@@ -16,13 +16,14 @@ using core::Result;
 
 }  // namespace
 
-Result<ResultsPage> ResultsPage::create(const std::string& folder, const std::string& title) {
+Result<ResultsPage> ResultsPage::create(const Options& options, const std::string& title) {
   ResultsPage page;
-  page.folder_ = folder;
-  if (folder.empty()) return page;
+  page.options_ = options;
+  if (options.folder.empty()) return page;
   std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) return Error{folder + ": cannot be made (" + error.message() + "): choose another --output"};
+  fs::create_directories(options.folder, error);
+  if (error)
+    return Error{options.folder + ": cannot be made (" + error.message() + "): choose another --output"};
   page.text_ =
       "# " + title + "\n\nMade by\n\n```sh\n" + command_line() + "\n```\n\non " + describe_machine() + ".\n";
   return page;
@@ -35,6 +36,7 @@ void ResultsPage::heading(const std::string& text) {
 
 void ResultsPage::paragraph(const std::string& text) {
   std::printf("\n%s\n", text.c_str());
+  std::fflush(stdout);
   text_ += "\n" + text + "\n";
 }
 
@@ -46,20 +48,28 @@ void ResultsPage::table(const std::string& title, const BenchTable& table) {
 }
 
 Result<Canvas> ResultsPage::new_picture(const std::string& name, int width, int height) const {
-  return Canvas::create((fs::path(folder_) / name).string(), width, height);
+  return Canvas::create((fs::path(options_.folder) / (name + "." + options_.picture_format)).string(), width,
+                        height);
 }
 
 Result<std::monostate> ResultsPage::picture(const std::string& name, const std::string& caption,
                                             Canvas& canvas) {
   const auto saved = canvas.save();
   if (!saved) return saved.error();
-  text_ += "\n![" + caption + "](" + name + ")\n\n" + caption + "\n";
+  text_ += "\n![" + caption + "](" + name + "." + options_.picture_format + ")\n\n" + caption + "\n";
   return std::monostate{};
 }
 
+void add_page_options(CLI::App& command, ResultsPage::Options& options) {
+  command.add_option("--output", options.folder, "folder for results.md and its pictures");
+  command.add_option("--pictures", options.picture_format, "format of the pictures")
+      ->check(CLI::IsMember({"svg", "png"}))
+      ->capture_default_str();
+}
+
 Result<std::monostate> ResultsPage::save() const {
-  if (folder_.empty()) return std::monostate{};
-  const fs::path path = fs::path(folder_) / "results.md";
+  if (options_.folder.empty()) return std::monostate{};
+  const fs::path path = fs::path(options_.folder) / "results.md";
   std::ofstream file(path);
   file << text_;
   if (!file.flush())

@@ -75,6 +75,8 @@ class PclOdometry {
     if (!poses_.empty()) pose = align(scan, T_before);
     motion_ = T_before.inverse() * pose;
     keep(scan, pose);
+    // Nothing is registered with the first scan.
+    if (poses_.size() == 1) return;
     wall_ms_.push_back(static_cast<double>(clock_ns(CLOCK_MONOTONIC) - wall_ns) * 1e-6);
     cpu_ms_.push_back(static_cast<double>(clock_ns(CLOCK_THREAD_CPUTIME_ID) - cpu_ns) * 1e-6);
   }
