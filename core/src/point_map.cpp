@@ -59,6 +59,8 @@ PointMap::PointMap(const PointMapConfig& config)
   clear();
 }
 
+double PointMap::spacing_m() const { return std::sqrt(static_cast<double>(square_spacing_)); }
+
 void PointMap::clear() {
   std::fill(cells_.begin(), cells_.end(), kNoVoxel);
   for (Voxel& voxel : voxels_) voxel.count = 0;

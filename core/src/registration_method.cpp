@@ -24,16 +24,24 @@ RegistrationResult refine_with_ndt(const RegistrationMaps& maps, std::span<const
   return result;
 }
 
+/// Stored points stand for the surface between them: gate and kernel narrower than their spacing would
+/// believe only those points that happen to be hit again, such as a flat floor's rings, which move along.
+PlaneMetric not_finer_than(const PointMap& map, PlaneMetric metric) {
+  metric.gate_m = std::max(metric.gate_m, map.config().voxel_size_m);
+  metric.kernel_scale_m = std::max(metric.kernel_scale_m, map.spacing_m());
+  return metric;
+}
+
 RegistrationResult refine_with_lines(const RegistrationMaps& maps, std::span<const Eigen::Vector3f> points,
                                      const SE3& T_map_guess, const PlaneMetric& metric,
                                      const SolverOptions& options) {
-  return register_lines(*maps.points, points, T_map_guess, metric, options);
+  return register_lines(*maps.points, points, T_map_guess, not_finer_than(*maps.points, metric), options);
 }
 
 RegistrationResult refine_with_points(const RegistrationMaps& maps, std::span<const Eigen::Vector3f> points,
                                       const SE3& T_map_guess, const PlaneMetric& metric,
                                       const SolverOptions& options) {
-  return register_points(*maps.points, points, T_map_guess, metric, options);
+  return register_points(*maps.points, points, T_map_guess, not_finer_than(*maps.points, metric), options);
 }
 
 constexpr std::array<RegistrationMethodInfo, 5> kMethods = {{

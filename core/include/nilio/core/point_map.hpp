@@ -48,6 +48,8 @@ class PointMap {
                            std::span<Neighbour> neighbours) const;
 
   [[nodiscard]] const PointMapConfig& config() const { return config_; }
+  /// Stored points of a voxel are at least so far apart, metres.
+  [[nodiscard]] double spacing_m() const;
   [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] std::uint64_t refused() const { return refused_; }
 
