@@ -8,7 +8,7 @@
 
 namespace nilio::tools {
 
-/// Errors of each run.
+/// Errors of each method.
 BenchTable accuracy_table(std::span<const Measurement> measurements);
 /// Time, memory and allocations of each run.
 BenchTable cost_table(std::span<const Measurement> measurements);
