@@ -139,7 +139,11 @@ void draw_shares(Canvas& canvas, std::span<const Measurement> measurements, cons
                 {.size = 13.0, .align = TextAlign::kRight});
   }
   double legend_y = kTop + 26.0;
+  std::size_t curves = 0;
   for (std::size_t i = 0; i < measurements.size(); ++i) {
+    // One curve a method, or there are more than can be told apart.
+    if (i > 0 && measurements[i].name == measurements[i - 1].name) continue;
+    const Colour& colour = curve_colour(curves++);
     std::vector<double> sorted = measurements[i].wall.per_scan;
     std::sort(sorted.begin(), sorted.end());
     std::vector<Eigen::Vector2d> curve;
@@ -147,14 +151,14 @@ void draw_shares(Canvas& canvas, std::span<const Measurement> measurements, cons
       const double share = static_cast<double>(k + 1) / static_cast<double>(sorted.size());
       curve.emplace_back(scale.to_x(sorted[k]), to_y(share));
     }
-    canvas.line(curve, curve_colour(i), 2.4);
-    canvas.disc(curve.back(), 4.0, curve_colour(i), kWhite);
+    canvas.line(curve, colour, 2.4);
+    canvas.disc(curve.back(), 4.0, colour, kWhite);
     const std::string name = label_of(measurements[i]);
     const double width = canvas.text_width(name, {.size = 14.0});
     canvas.fill({area.x + 10.0, legend_y - 14.0, width + 46.0, 20.0}, {1.0, 1.0, 1.0, 0.85});
     const std::array<Eigen::Vector2d, 2> swatch{Eigen::Vector2d(area.x + 14.0, legend_y - 5.0),
                                                 Eigen::Vector2d(area.x + 42.0, legend_y - 5.0)};
-    canvas.line(swatch, curve_colour(i), 2.6);
+    canvas.line(swatch, colour, 2.6);
     canvas.text(name, {area.x + 50.0, legend_y}, {.size = 14.0});
     legend_y += 22.0;
   }
