@@ -9,6 +9,8 @@ namespace {
 
 // Two neighbouring beams meet a wall this far away in one voxel: what a plane voxel needs at 16 beams.
 constexpr double kPlaneReachMetres = 45.0;
+// Neighbours are looked for this far.
+constexpr double kPointVoxelMetres = 1.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
 // Points whose beams differ by this come from different ones.
@@ -23,13 +25,13 @@ constexpr double kGravity = 9.81;
 // No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
 constexpr double kLeastUprightness = 0.9;
 
+}  // namespace
+
 double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
   if (config.plane_voxel_m > 0.0) return config.plane_voxel_m;
   return std::clamp(kPlaneReachMetres * static_cast<double>(beam_spacing_rad), kMinPlaneVoxelMetres,
                     kMaxPlaneVoxelMetres);
 }
-
-}  // namespace
 
 void Odometry::State::prepare_maps(const Scan& scan) {
   if (planes) return;
@@ -37,6 +39,8 @@ void Odometry::State::prepare_maps(const Scan& scan) {
                             config.map_capacity};
   map_config.min_beam_spread = kBeamSpread;
   planes.emplace(map_config);
+  if (method.needs_points)
+    point_map.emplace(PointMapConfig{kPointVoxelMetres, config.map_radius_m, config.map_capacity});
 }
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
@@ -101,6 +105,7 @@ void Odometry::State::rebuild_first_map() {
   first_motion.predict(body_velocity);
   first_motion.deskew(first_sweep, deskewed);
   planes->clear();
+  if (point_map) point_map->clear();
   coarse_map.clear();
   insert(first_sweep, deskewed, T_odom_base);
 }
@@ -114,6 +119,7 @@ void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vec
   beams.clear();
   for (const SweepPoint& point : seen) beams.push_back(point.beam);
   planes->insert(world_points, beams);
+  if (point_map) point_map->insert(world_points);
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
   coarse_filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
   std::size_t kept = 0;
@@ -128,6 +134,7 @@ void Odometry::State::update_map(OdometryResult& result) {
   const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
   if (!result.predicted && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_odom_base);
   planes->evict_far_from(T_odom_base.translation);
+  if (point_map) point_map->evict_far_from(T_odom_base.translation);
   coarse_map.evict_far_from(T_odom_base.translation);
 }
 

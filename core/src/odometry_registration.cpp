@@ -15,9 +15,6 @@ constexpr double kMinSigmaMetres = 0.1;
 constexpr double kErrorLeverMetres = 30.0;
 constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
-// Wide first, then exact: with this schedule NDT's basin reaches as far as its voxels see (3 m at 2 m
-// voxels).
-constexpr std::array<double, 2> kKernelSchedule = {5.0, 2.0};
 constexpr std::size_t kCoarsePoints = 800;
 // Start: speeds to try along the vehicle's axis, as displacements a scan.
 constexpr std::array<double, 5> kStartDisplacementsMetres = {0.0, 1.5, 3.0, 4.5, -1.5};
@@ -88,6 +85,7 @@ void Odometry::State::select_points() {
 }
 
 bool Odometry::State::coarse_is_due(const Scan& scan) const {
+  if (!method.coarse) return false;
   if (config.coarse == CoarsePolicy::kAlways || scans < kInitialScans || failures > 0) return true;
   return prediction_error_m > kCoarseTriggerErrorMetres ||
          (scan.end - time).seconds() > kCoarseTriggerGap * period_s;
@@ -110,7 +108,8 @@ RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vecto
                                                   const SE3& T_guess, OdometryResult& result) {
   SolverOptions options;
   options.max_iterations = config.max_fine_iterations;
-  const RegistrationResult fine = register_planes(*planes, points, T_guess, plane_metric(), options);
+  const RegistrationMaps maps{&*planes, &coarse_map, point_map ? &*point_map : nullptr};
+  const RegistrationResult fine = method.refine(maps, points, T_guess, plane_metric(), options);
   result.fine_iterations += fine.iterations;
   return fine;
 }
@@ -119,7 +118,7 @@ void Odometry::State::register_coarse(OdometryResult& result) {
   SolverOptions options;
   options.max_iterations = config.max_coarse_iterations;
   const RegistrationResult coarse =
-      register_ndt(coarse_map, coarse_points, registration.T_map_moving, kKernelSchedule, options);
+      register_ndt(coarse_map, coarse_points, registration.T_map_moving, kNdtKernelSchedule, options);
   result.coarse_iterations += coarse.iterations;
   if (coarse.stop_reason == StopReason::kConverged || coarse.stop_reason == StopReason::kMaxIterations) {
     registration.T_map_moving = coarse.T_map_moving;
@@ -129,8 +128,9 @@ void Odometry::State::register_coarse(OdometryResult& result) {
 void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result) {
   SolverOptions options;
   options.max_iterations = config.max_coarse_iterations;
-  const RegistrationResult coarse =
-      register_ndt(coarse_map, coarse_points, T_guess, kKernelSchedule, options);
+  RegistrationResult coarse;
+  coarse.T_map_moving = T_guess;
+  if (method.coarse) coarse = register_ndt(coarse_map, coarse_points, T_guess, kNdtKernelSchedule, options);
   const RegistrationResult fine = register_fine(coarse_points, coarse.T_map_moving, result);
   result.coarse_iterations += coarse.iterations;
   if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;

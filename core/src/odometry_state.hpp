@@ -34,6 +34,7 @@ struct Odometry::State {
   explicit State(const OdometryConfig& configuration, ClockFunction clock_function)
       : config(configuration),
         clock(clock_function),
+        method(info_of(config.registration)),
         arena(configuration.threads),
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
@@ -92,10 +93,12 @@ struct Odometry::State {
 
   OdometryConfig config;
   ClockFunction clock;
+  const RegistrationMethodInfo& method;
   tbb::task_arena arena;
   ImuBuffer imu;
   ImuMonitor monitor;
   std::optional<VoxelMap> planes;
+  std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;
   VoxelFilter filter;
   VoxelFilter coarse_filter;

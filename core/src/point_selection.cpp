@@ -46,8 +46,10 @@ void PointSelector::select(const VoxelMap& map, std::span<const Eigen::Vector3f>
   // Smallest group first, so that what it cannot give is shared among those still to come.
   std::array<std::size_t, kGroups> order{};
   for (std::size_t g = 0; g < kGroups; ++g) order[g] = g;
-  std::stable_sort(order.begin(), order.end(),
-                   [this](std::size_t a, std::size_t b) { return groups_[a].size() < groups_[b].size(); });
+  // Ties by index: as stable_sort, which would allocate.
+  std::sort(order.begin(), order.end(), [this](std::size_t a, std::size_t b) {
+    return groups_[a].size() != groups_[b].size() ? groups_[a].size() < groups_[b].size() : a < b;
+  });
   selection.clear();
   std::size_t remaining = config.target;
   for (std::size_t rank = 0; rank < kGroups; ++rank) {

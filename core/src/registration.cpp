@@ -1,6 +1,6 @@
 #include "nilio/core/registration.hpp"
 
-#include "thread_sanitizer.hpp"
+#include "registration_solver.hpp"
 
 #include <algorithm>
 #include <array>
@@ -8,39 +8,13 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_reduce.h>
 
 namespace nilio::core {
 
 namespace {
 
-// Points per leaf of the reduction. Fixed: the tree, and with it every rounding, depends on the number of
-// points only.
-constexpr std::size_t kGrain = 512;
 // A thinner plane has had too few points to show its thickness.
 constexpr double kMinPlaneVariance = 0.01 * 0.01;
-
-/// Sums `accumulate(point, equations)` over all points in a fixed order.
-template <class Accumulate>
-NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
-  using Range = tbb::blocked_range<std::size_t>;
-  char order = 0;
-  sanitizer_release(&order);
-  const NormalEquations sum = tbb::parallel_deterministic_reduce(
-      Range(0, points.size(), kGrain), NormalEquations{},
-      [&](const Range& range, NormalEquations equations) {
-        sanitizer_acquire(&order);
-        for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
-        // Only the upper triangle is accumulated.
-        equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
-        sanitizer_release(&order);
-        return equations;
-      },
-      [](NormalEquations a, const NormalEquations& b) { return a += b; });
-  sanitizer_acquire(&order);
-  return sum;
-}
 
 void add_upper(Matrix6& H, const Vector6& J, double weight) {
   for (int column = 0; column < 6; ++column) {
@@ -85,10 +59,8 @@ double plane_weight(const VoxelSurface& surface, const Vector3& offset, double p
   return point_variance / (point_variance + thickness * (1.0 + square_distance));
 }
 
-enum class StepOutcome { kStepped, kConverged, kNonFinite };
+}  // namespace
 
-/// Solves the equations and applies the step to the directions that are observed; the others keep the
-/// prediction.
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result) {
   const BlockObservability translation =
@@ -105,32 +77,6 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
                      step.tail<3>().norm() < options.rotation_epsilon_rad;
   return small ? StepOutcome::kConverged : StepOutcome::kStepped;
 }
-
-/// Gauss-Newton until convergence; `linearise(T)` gives the equations at T.
-template <class Linearise>
-void iterate(const Linearise& linearise, const SolverOptions& options, RegistrationResult& result) {
-  result.stop_reason = StopReason::kMaxIterations;
-  for (int i = 0; i < options.max_iterations; ++i) {
-    result.equations = linearise(result.T_map_moving);
-    ++result.iterations;
-    if (result.equations.correspondences < options.min_correspondences) {
-      result.stop_reason = StopReason::kTooFewPoints;
-      return;
-    }
-    switch (apply_step(result.equations, options, result)) {
-      case StepOutcome::kStepped:
-        break;
-      case StepOutcome::kConverged:
-        result.stop_reason = StopReason::kConverged;
-        return;
-      case StepOutcome::kNonFinite:
-        result.stop_reason = StopReason::kNonFinite;
-        return;
-    }
-  }
-}
-
-}  // namespace
 
 NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   H += other.H;

@@ -1,5 +1,6 @@
 #include "nilio/daemon/config_schema.hpp"
 
+#include "nilio/core/registration_method.hpp"
 #include "nilio/drivers/imu_mapping.hpp"
 #include "nilio/drivers/velodyne_model.hpp"
 
@@ -275,6 +276,12 @@ void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
 void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
   keys.push_back(
       {"odometry.threads", &c.threads, "threads of registration; does not change the result", "", 1, 64, {}});
+  std::vector<std::string> methods;
+  for (const core::RegistrationMethodInfo& method : core::registration_methods())
+    methods.emplace_back(method.name);
+  keys.push_back({"odometry.registration", &c.registration,
+                  "how scans are registered: NDT coarse and point-to-plane ICP fine, or one metric alone", "",
+                  0, 0, methods});
   keys.push_back({"odometry.coarse",
                   &c.coarse,
                   "when NDT runs before ICP: when needed, or before every ICP as in the paper",

@@ -47,6 +47,9 @@ core::OdometryConfig odometry_config(const Config& config) {
   result.coarse_voxel_m = config.odometry.coarse_voxel_m;
   result.map_radius_m = config.odometry.map_radius_m;
   result.map_capacity = static_cast<std::size_t>(config.odometry.map_capacity);
+  // The schema lets no other name through.
+  if (const auto* method = core::find_registration_method(config.odometry.registration))
+    result.registration = method->method;
   result.coarse =
       config.odometry.coarse == "always" ? core::CoarsePolicy::kAlways : core::CoarsePolicy::kAuto;
   result.max_passes = config.odometry.max_passes;

@@ -180,6 +180,7 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::ato
   }
   if (outputs_.clouds != nullptr) push_cloud(result);
   push_imu_health(false);
+  if (outputs_.observer) outputs_.observer(scan, result, odometry_);
   counters.poses.fetch_add(1, std::memory_order_relaxed);
   if (outputs_.event != nullptr) outputs_.event->notify();
 }

@@ -112,6 +112,7 @@ void Pipeline::odometry_body() {
   outputs.clouds = options_.collect_map ? &clouds_ : nullptr;
   outputs.event = &output_event_;
   outputs.publisher = publisher_;
+  outputs.observer = options_.observer;
   const bool with_imu = input_.frames != nullptr;
   outputs.imu_health = with_imu ? &imu_health_ : nullptr;
   const OdometryLoopConfig loop_config{!input_.live,
@@ -120,7 +121,7 @@ void Pipeline::odometry_body() {
   // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
   if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
   // Made in this thread, so that the arena's workers inherit its scheduling.
-  OdometryLoop loop(core::Odometry(odometry, monotonic_ns), *feed_, with_imu ? &imu_ring_ : nullptr,
+  OdometryLoop loop(core::Odometry(odometry, options_.clock), *feed_, with_imu ? &imu_ring_ : nullptr,
                     data_event_, with_imu ? &imu_state_ : nullptr, outputs, loop_config);
   loop.run(stop_, counters_);
   finished_.store(true, std::memory_order_release);

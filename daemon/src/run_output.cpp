@@ -26,16 +26,6 @@ core::SE3 pose_of(const ipc::PoseRecord& record) {
           core::Vector3(record.position[0], record.position[1], record.position[2])};
 }
 
-std::string tum_line(const ipc::PoseRecord& r) {
-  char line[256];
-  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
-                static_cast<long long>(r.stamp_ns / 1'000'000'000),
-                static_cast<long long>(r.stamp_ns % 1'000'000'000), r.position[0], r.position[1],
-                r.position[2], r.orientation_xyzw[0], r.orientation_xyzw[1], r.orientation_xyzw[2],
-                r.orientation_xyzw[3]);
-  return line;
-}
-
 std::string kitti_line(const core::SE3& pose) {
   const Eigen::Matrix4d m = pose.matrix();
   std::string line;
@@ -57,6 +47,16 @@ std::uint64_t voxel_key(const std::array<float, 3>& point, double voxel_m) {
 }
 
 }  // namespace
+
+std::string tum_line(const ipc::PoseRecord& r) {
+  char line[256];
+  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
+                static_cast<long long>(r.stamp_ns / 1'000'000'000),
+                static_cast<long long>(r.stamp_ns % 1'000'000'000), r.position[0], r.position[1],
+                r.position[2], r.orientation_xyzw[0], r.orientation_xyzw[1], r.orientation_xyzw[2],
+                r.orientation_xyzw[3]);
+  return line;
+}
 
 Result<std::unique_ptr<RunOutput>> RunOutput::create(const Options& options,
                                                      const std::string& effective_config) {

@@ -121,7 +121,9 @@ Result<std::monostate> Supervisor::open() {
   if (auto opened = open_output(*input); !opened) return opened;
   if (auto opened = open_publisher(); !opened) return opened;
   can_watch_ = std::move(input->can_watch);
-  const PipelineOptions pipeline_options{options_.paced, output_ != nullptr && config_.output.map};
+  PipelineOptions pipeline_options;
+  pipeline_options.paced = options_.paced;
+  pipeline_options.collect_map = output_ != nullptr && config_.output.map;
   auto pipeline = Pipeline::create(config_, std::move(input).value(), pipeline_options, publisher_.get());
   if (!pipeline) return pipeline.error();
   pipeline_ = std::move(pipeline).value();

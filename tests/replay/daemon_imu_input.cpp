@@ -36,7 +36,9 @@ Outcome replay(const std::string& path, const Config& config = {}) {
   REQUIRE(input.ok());
   Outcome outcome;
   outcome.notes = input->notes;
-  auto pipeline = Pipeline::create(config, std::move(input).value(), {false, true}, nullptr);
+  PipelineOptions options;
+  options.collect_map = true;
+  auto pipeline = Pipeline::create(config, std::move(input).value(), options, nullptr);
   REQUIRE(pipeline.ok());
   REQUIRE((*pipeline)->start().ok());
   const auto drain = [&] {

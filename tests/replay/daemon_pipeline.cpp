@@ -27,7 +27,9 @@ Outcome run_pipeline(const std::string& folder, int threads) {
   REQUIRE(files.ok());
   auto input = open_replay(*files, config);
   REQUIRE(input.ok());
-  auto pipeline = Pipeline::create(config, std::move(input).value(), {false, true}, nullptr);
+  PipelineOptions options;
+  options.collect_map = true;
+  auto pipeline = Pipeline::create(config, std::move(input).value(), options, nullptr);
   REQUIRE(pipeline.ok());
   REQUIRE((*pipeline)->start().ok());
   Outcome outcome;

@@ -1,4 +1,6 @@
+#include "bench_basin.hpp"
 #include "bench_decode.hpp"
+#include "bench_odometry.hpp"
 #include "bench_receive.hpp"
 #include "commands.hpp"
 
@@ -7,7 +9,9 @@ namespace nilio::tools {
 void add_bench_command(CLI::App& app) {
   CLI::App* const bench = app.add_subcommand("bench", "Measure parts of nilio on this machine");
   bench->require_subcommand(1);
+  add_bench_basin(*bench);
   add_bench_decode(*bench);
+  add_bench_odometry(*bench);
   add_bench_receive(*bench);
 }
 

@@ -10,20 +10,20 @@ namespace nilio::tools {
 namespace {
 
 constexpr Colour kTruthColour{0.45, 0.45, 0.45};
-constexpr std::array<Colour, 8> kEstimateColours{{{0.12, 0.47, 0.71},
-                                                  {0.90, 0.33, 0.05},
-                                                  {0.17, 0.63, 0.17},
-                                                  {0.58, 0.40, 0.74},
-                                                  {0.84, 0.15, 0.16},
-                                                  {0.55, 0.34, 0.29},
-                                                  {0.09, 0.75, 0.81},
-                                                  {0.89, 0.47, 0.76}}};
+constexpr std::array<Colour, 10> kEstimateColours{{{0.12, 0.47, 0.71},
+                                                   {0.90, 0.33, 0.05},
+                                                   {0.17, 0.63, 0.17},
+                                                   {0.58, 0.40, 0.74},
+                                                   {0.84, 0.15, 0.16},
+                                                   {0.55, 0.34, 0.29},
+                                                   {0.09, 0.75, 0.81},
+                                                   {0.89, 0.47, 0.76},
+                                                   {0.74, 0.65, 0.05},
+                                                   {0.10, 0.10, 0.10}}};
 constexpr double kLeftMargin = 90.0;
 constexpr double kRightMargin = 30.0;
 constexpr double kBottomMargin = 60.0;
 constexpr double kLegendRow = 26.0;
-
-const Colour& estimate_colour(std::size_t index) { return kEstimateColours[index % kEstimateColours.size()]; }
 
 struct Bounds {
   Eigen::Vector2d min = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
@@ -117,11 +117,11 @@ void draw_top_view(Canvas& canvas, const PlotFigure& figure, const Rectangle& ar
   canvas.clip(area);
   if (figure.truth) canvas.line(to_pixels(axes, figure.truth->points), kTruthColour, 6.0);
   for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    canvas.line(to_pixels(axes, figure.estimates[i].points), estimate_colour(i), 2.2);
+    canvas.line(to_pixels(axes, figure.estimates[i].points), curve_colour(i), 2.2);
   }
   constexpr Colour white{1.0, 1.0, 1.0};
   for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    canvas.disc(axes.to_pixel(figure.estimates[i].points.back()), 5.0, estimate_colour(i), white);
+    canvas.disc(axes.to_pixel(figure.estimates[i].points.back()), 5.0, curve_colour(i), white);
   }
   if (!figure.estimates.empty()) {
     canvas.disc(axes.to_pixel(figure.estimates.front().points.front()), 6.0, white, {0.1, 0.1, 0.1});
@@ -138,7 +138,7 @@ void draw_errors(Canvas& canvas, const PlotFigure& figure, const Rectangle& area
   draw_axes(canvas, axes, "distance travelled [m]", "position error [m]");
   canvas.clip(area);
   for (std::size_t i = 0; i < figure.errors.size(); ++i) {
-    canvas.line(to_pixels(axes, figure.errors[i].points), estimate_colour(i), 2.0);
+    canvas.line(to_pixels(axes, figure.errors[i].points), curve_colour(i), 2.0);
   }
   canvas.unclip();
 }
@@ -153,7 +153,7 @@ double draw_legend(Canvas& canvas, const PlotFigure& figure) {
   std::vector<Item> items;
   if (figure.truth) items.push_back({&*figure.truth, kTruthColour, 6.0});
   for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    items.push_back({&figure.estimates[i], estimate_colour(i), 2.5});
+    items.push_back({&figure.estimates[i], curve_colour(i), 2.5});
   }
   constexpr double swatch_width = 34.0;
   const TextStyle style{.size = 15.0};
@@ -205,6 +205,8 @@ std::pair<float, float> height_range(std::vector<float> heights) {
 }
 
 }  // namespace
+
+const Colour& curve_colour(std::size_t index) { return kEstimateColours[index % kEstimateColours.size()]; }
 
 Raster rasterise_map(const std::vector<Eigen::Vector3f>& points, const Axes& axes) {
   Raster raster{static_cast<int>(axes.area.width), static_cast<int>(axes.area.height), {}};

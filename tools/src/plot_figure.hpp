@@ -29,6 +29,9 @@ struct PlotFigure {
 /// Top view with equal scales, and below or beside it the errors, whichever leaves more room.
 void draw_figure(Canvas& canvas, const PlotFigure& figure);
 
+/// The colour of the curve with this index in a picture; they repeat after ten.
+const Colour& curve_colour(std::size_t index);
+
 /// Map points on the pixels of `axes`: colour by height, opacity by density.
 Raster rasterise_map(const std::vector<Eigen::Vector3f>& points, const Axes& axes);
 

@@ -2,6 +2,7 @@
 
 #include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/registration.hpp"
+#include "nilio/core/registration_method.hpp"
 #include "nilio/core/scan.hpp"
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
@@ -46,6 +47,7 @@ struct OdometryConfig {
   std::size_t map_capacity = 100000;
   std::size_t coarse_map_capacity = 40000;
 
+  RegistrationMethod registration = RegistrationMethod::kNdtIcp;
   CoarsePolicy coarse = CoarsePolicy::kAuto;
   int max_passes = 3;
   int max_fine_iterations = 8;
@@ -55,6 +57,9 @@ struct OdometryConfig {
   /// A longer gap between IMU samples is not bridged: the scan falls back to constant velocity.
   Duration max_imu_gap = Duration::from_milliseconds(150.0);
 };
+
+/// Edge of the plane voxels for a sensor with beams so far apart, metres.
+double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad);
 
 /// Moments inside register_scan, by the injected clock.
 enum class OdometryStage : std::uint8_t { kStarted, kFiltered, kCoarse, kFine, kMapped, kCount };

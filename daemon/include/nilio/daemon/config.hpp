@@ -92,6 +92,7 @@ struct ImuConfig {
 
 struct OdometrySection {
   int threads = 1;
+  std::string registration = "ndt_icp";
   std::string coarse = "auto";
   int registration_points = 2000;
   double filter_voxel_m = 0.5;

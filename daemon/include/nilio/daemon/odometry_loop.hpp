@@ -11,6 +11,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <functional>
 
 namespace nilio::daemon {
 
@@ -33,6 +34,10 @@ struct OdometryCounters {
   std::atomic<std::uint64_t> heartbeat{0};
 };
 
+/// Told by the odometry thread of every scan that it has registered; for measurements.
+using ScanObserver =
+    std::function<void(const core::Scan&, const core::OdometryResult&, const core::Odometry&)>;
+
 /// Where the odometry thread's results go. Null = not wanted.
 struct OdometryOutputs {
   ipc::Ring<ipc::PoseRecord>* poses = nullptr;       ///< to the supervisor
@@ -40,6 +45,7 @@ struct OdometryOutputs {
   ipc::Ring<core::ImuHealth>* imu_health = nullptr;  ///< to the supervisor, when something changes
   ipc::WakeEvent* event = nullptr;                   ///< woken after every pose
   ipc::PublisherProcess* publisher = nullptr;
+  ScanObserver observer;
 };
 
 struct OdometryLoopConfig {

@@ -23,6 +23,9 @@ namespace nilio::daemon {
 struct PipelineOptions {
   bool paced = false;        ///< a recording at its own pace instead of as fast as possible
   bool collect_map = false;  ///< fill clouds()
+  /// Stamps the odometry's stages.
+  core::Odometry::ClockFunction clock = monotonic_ns;
+  ScanObserver observer;
 };
 
 /// What one LiDAR has of its own in a run.

@@ -16,6 +16,9 @@
 
 namespace nilio::daemon {
 
+/// A pose's line of trajectory.tum.
+std::string tum_line(const ipc::PoseRecord& record);
+
 /// Files of one run, written by the supervisor: trajectory.tum and trajectory.kitti grow pose by pose,
 /// latency.json, config.yaml and map.ply are written at their time. One thread.
 class RunOutput {

@@ -1,0 +1,46 @@
+#pragma once
+
+#include "nilio/core/point_map.hpp"
+#include "nilio/core/registration.hpp"
+#include "nilio/core/voxel_map.hpp"
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+namespace nilio::core {
+
+/// How a scan is registered against the map: NI-LIO's way, and those that its paper compares it with.
+enum class RegistrationMethod : std::uint8_t { kNdtIcp, kNdt, kIcpPlane, kIcpLine, kIcpPoint };
+
+/// Kernel scales of NDT, wide first, then exact: with this schedule its basin reaches as far as its voxels
+/// see (3 m at 2 m voxels).
+inline constexpr std::array<double, 2> kNdtKernelSchedule = {5.0, 2.0};
+
+/// What methods register against. `points` only has to be there for those that need it.
+struct RegistrationMaps {
+  const VoxelMap* planes = nullptr;
+  const VoxelMap* gaussians = nullptr;
+  const PointMap* points = nullptr;
+};
+
+struct RegistrationMethodInfo {
+  RegistrationMethod method;
+  const char* name;  ///< in configuration and tables
+  /// NDT runs before it where odometry.coarse says so.
+  bool coarse;
+  bool needs_points;
+  /// From a guess to the pose. The inliers of the result are comparable from scan to scan.
+  RegistrationResult (*refine)(const RegistrationMaps& maps, std::span<const Eigen::Vector3f> points,
+                               const SE3& T_map_guess, const PlaneMetric& metric,
+                               const SolverOptions& options);
+};
+
+/// All methods, the default first.
+std::span<const RegistrationMethodInfo> registration_methods();
+const RegistrationMethodInfo& info_of(RegistrationMethod method);
+/// Nullptr for a name that no method has.
+const RegistrationMethodInfo* find_registration_method(std::string_view name);
+
+}  // namespace nilio::core

@@ -1,0 +1,70 @@
+#pragma once
+
+#include "nilio/core/registration.hpp"
+
+#include "thread_sanitizer.hpp"
+
+#include <cstddef>
+#include <span>
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+namespace nilio::core {
+
+/// Sums `accumulate(point, equations)` over all points in a fixed order; `accumulate` fills the upper
+/// triangle of H only.
+template <class Accumulate>
+NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
+  // Points per leaf of the reduction. Fixed: the tree, and with it every rounding, depends on the number of
+  // points only.
+  constexpr std::size_t grain = 512;
+  using Range = tbb::blocked_range<std::size_t>;
+  char order = 0;
+  sanitizer_release(&order);
+  const NormalEquations sum = tbb::parallel_deterministic_reduce(
+      Range(0, points.size(), grain), NormalEquations{},
+      [&](const Range& range, NormalEquations equations) {
+        sanitizer_acquire(&order);
+        for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
+        equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        sanitizer_release(&order);
+        return equations;
+      },
+      [](NormalEquations a, const NormalEquations& b) { return a += b; });
+  sanitizer_acquire(&order);
+  return sum;
+}
+
+enum class StepOutcome { kStepped, kConverged, kNonFinite };
+
+/// Solves the equations and applies the step to the directions that are observed; the others keep the
+/// prediction.
+StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
+                       RegistrationResult& result);
+
+/// Gauss-Newton until convergence; `linearise(T)` gives the equations at T.
+template <class Linearise>
+void iterate(const Linearise& linearise, const SolverOptions& options, RegistrationResult& result) {
+  result.stop_reason = StopReason::kMaxIterations;
+  for (int i = 0; i < options.max_iterations; ++i) {
+    result.equations = linearise(result.T_map_moving);
+    ++result.iterations;
+    if (result.equations.correspondences < options.min_correspondences) {
+      result.stop_reason = StopReason::kTooFewPoints;
+      return;
+    }
+    switch (apply_step(result.equations, options, result)) {
+      case StepOutcome::kStepped:
+        break;
+      case StepOutcome::kConverged:
+        result.stop_reason = StopReason::kConverged;
+        return;
+      case StepOutcome::kNonFinite:
+        result.stop_reason = StopReason::kNonFinite;
+        return;
+    }
+  }
+}
+
+}  // namespace nilio::core
