@@ -10,15 +10,14 @@ using namespace nilio::tests;
 
 TEST_CASE(
     "niliod uses an IMU on a live bus, goes on without it while the bus is down, and takes it up again") {
-  const NiliodRun run;
+  NiliodRun run;
   run.write_drive(12.0);
   const VirtualBus bus("vcan0");
-  const StallWatch guest;
   const auto niliod = run.start_niliod({"imu.interface=vcan0"});
   REQUIRE(niliod->says("info: CAN vcan0: up"));
   const auto play = run.start_playing("vcan0");
   CHECK(niliod->says("tracking: [0-9]+ poses"));
-  if (!guest.decides(imu_is_used(*niliod), "whether niliod uses a good IMU")) return;
+  if (!imu_is_used(*niliod, run, "vcan0", "whether niliod uses a good IMU")) return;
 
   set_up("vcan0", false);
   CHECK(niliod->says("warning: CAN vcan0: down; set it up"));
@@ -28,7 +27,7 @@ TEST_CASE(
   set_up("vcan0", true);
   CHECK(niliod->says("info: CAN vcan0: up", 2));
   CHECK(niliod->says("info: IMU frames again after"));
-  if (!guest.decides(imu_is_used(*niliod), "whether niliod uses a good IMU again after a silence")) return;
+  if (!imu_is_used(*niliod, run, "vcan0", "whether niliod uses a good IMU again after a silence")) return;
 
   const int status = niliod->stop(SIGTERM);
   CHECK(play->stop(SIGTERM) >= 0);
@@ -53,7 +52,7 @@ TEST_CASE(
 }
 
 TEST_CASE("niliod says when its CAN interface is gone, goes on without the IMU, and reads the next one") {
-  const NiliodRun run;
+  NiliodRun run;
   run.write_drive(6.0);
   VirtualBus bus("vcan0");
   const auto niliod = run.start_niliod({"imu.interface=vcan0"});

@@ -15,7 +15,7 @@ TEST_CASE(
     "niliod sets its controller up, restarts it after bus-off, and takes it up again when it was unplugged") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 500000, 0);
-  const NiliodRun run;
+  NiliodRun run;
   run.write_drive(3.0);
   const auto niliod = run.start_niliod({"imu.interface=can1", "imu.bitrate=500000"});
   REQUIRE(niliod->says("info: CAN can1: set to 500000 bit/s and started"));

@@ -1,18 +1,71 @@
 #include "niliod_run.hpp"
 
+#include <algorithm>
+#include <chrono>
 #include <fstream>
+#include <iterator>
 #include <regex>
 #include <sstream>
+#include <utility>
+
+#include <catch2/catch.hpp>
 
 namespace nilio::tests {
 
 namespace {
 
 constexpr const char* kStatus = "[0-9]+ poses \\(\\+[1-9]";
+/// After losses an IMU needs about as long to be believed again.
+constexpr double kRecoveryS = 5.0;
+
+/// Counts the seconds in which an interface got plainly fewer frames than are sent in one: a silence of 0.2
+/// s, or a player that cannot keep up.
+class PaceWatch {
+ public:
+  PaceWatch(std::string can_interface, double frames_per_second)
+      : interface_(std::move(can_interface)), rate_(frames_per_second), frames_(count()) {}
+
+  void look() {
+    const auto now = Clock::now();
+    const double seconds = std::chrono::duration<double>(now - before_).count();
+    if (seconds < 1.0) return;
+    const std::uint64_t frames = count();
+    if (static_cast<double>(frames - frames_) < 0.8 * rate_ * seconds) slow_seconds_ += seconds;
+    before_ = now;
+    frames_ = frames;
+  }
+  [[nodiscard]] double slow_seconds() const { return slow_seconds_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  [[nodiscard]] std::uint64_t count() const { return kernel_count(interface_, "rx_packets"); }
+
+  std::string interface_;
+  double rate_;
+  Clock::time_point before_ = Clock::now();
+  std::uint64_t frames_;
+  double slow_seconds_ = 0.0;
+};
+
+int status_lines_with_imu(const std::string& log) {
+  const std::regex status(kStatus);
+  std::istringstream text(log);
+  bool used = false;
+  bool silent = false;
+  int good = 0;
+  for (std::string line; std::getline(text, line);) {
+    const auto has = [&line](const char* words) { return line.find(words) != std::string::npos; };
+    used = has("IMU: used") || (used && !has("IMU: not used"));
+    silent = has("IMU silent") || (silent && !has("IMU frames again"));
+    if (!used || silent) good = 0;
+    if (std::regex_search(line, status)) ++good;
+  }
+  return good;
+}
 
 }  // namespace
 
-void NiliodRun::write_drive(double seconds) const {
+void NiliodRun::write_drive(double seconds) {
   // The same speeds whatever the duration.
   const double size = seconds / 12.0;
   const auto rounds = [=](double time_s) -> core::SE3 {
@@ -23,6 +76,9 @@ void NiliodRun::write_drive(double seconds) const {
             core::Vector3(20.0 - 5.0 * size * std::cos(phase), 3.0 * size * std::sin(phase), 0.0)};
   };
   write_room_drive(folder_.path(), rounds, seconds, true);
+  std::ifstream log(folder_.path() / "imu.log");
+  const auto frames = std::count(std::istreambuf_iterator<char>(log), {}, '\n');
+  can_frames_per_second_ = static_cast<double>(frames) / seconds;
 }
 
 std::unique_ptr<Program> NiliodRun::start_niliod(const std::vector<std::string>& settings) const {
@@ -48,22 +104,18 @@ nlohmann::json NiliodRun::summary() const {
 
 bool poses_go_on(const Program& niliod) { return niliod.says(kStatus, niliod.count(kStatus) + 2); }
 
-bool imu_is_used(const Program& niliod) {
-  const std::regex status(kStatus);
-  return eventually([&] {
-    std::istringstream text(niliod.output());
-    bool used = false;
-    bool silent = false;
-    int good = 0;
-    for (std::string line; std::getline(text, line);) {
-      const auto has = [&line](const char* words) { return line.find(words) != std::string::npos; };
-      used = has("IMU: used") || (used && !has("IMU: not used"));
-      silent = has("IMU silent") || (silent && !has("IMU frames again"));
-      if (!used || silent) good = 0;
-      if (std::regex_search(line, status)) ++good;
-    }
-    return good > 4;
+bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
+                 const std::string& what) {
+  PaceWatch pace(can_interface, run.can_frames_per_second());
+  const bool used = eventually([&] {
+    pace.look();
+    return status_lines_with_imu(niliod.output()) > 4;
   });
+  if (used) return true;
+  INFO(pace.slow_seconds() << " s too slow\n" << niliod.output());
+  CHECK(pace.slow_seconds() >= kPatienceS / kRecoveryS);
+  say_undecided(what);
+  return false;
 }
 
 }  // namespace nilio::tests

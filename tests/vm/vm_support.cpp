@@ -35,9 +35,6 @@ using drivers::CanFrame;
 
 /// More than a look and the pause after it take where the guest runs.
 constexpr std::chrono::duration<double> kLongestLook(0.25);
-constexpr std::chrono::milliseconds kStall(150);
-/// One in five seconds of patience: after each, an IMU needs about as long to be believed again.
-constexpr std::size_t kManyStalls = static_cast<std::size_t>(kPatienceS / 5.0);
 
 /// Flags of an interface by SIOCGIFFLAGS; 0 for one that is not there.
 short interface_flags(int descriptor, const std::string& name, ifreq& request) {
@@ -64,26 +61,6 @@ bool eventually(const std::function<bool()>& condition, double seconds) {
 void say_undecided(const std::string& what) {
   std::cout << "undecided: " << what << ", for the guest was kept waiting; run it again on a quieter machine"
             << std::endl;
-}
-
-StallWatch::StallWatch()
-    : sleeper_([this](const std::stop_token& stop) {
-        auto before = std::chrono::steady_clock::now();
-        while (!stop.stop_requested()) {
-          std::this_thread::sleep_for(std::chrono::milliseconds(20));
-          const auto now = std::chrono::steady_clock::now();
-          if (now - before > kStall) ++stalls_;
-          before = now;
-        }
-      }) {}
-
-bool StallWatch::decides(bool condition, const std::string& what) const {
-  if (condition) return true;
-  const std::size_t stalls = stalls_;
-  INFO(what << "; the guest was kept waiting " << stalls << " times");
-  CHECK(stalls >= kManyStalls);
-  say_undecided(what);
-  return false;
 }
 
 int shell(const std::string& command) {

@@ -3,13 +3,11 @@
 #include "nilio/drivers/packet.hpp"
 #include "nilio/drivers/source.hpp"
 
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <string>
 #include <sys/types.h>
-#include <thread>
 #include <vector>
 
 /// What the tests inside the guests share. A guest starts processes slowly and runs at the pace that a busy
@@ -25,22 +23,6 @@ bool eventually(const std::function<bool()>& condition, double seconds = kPatien
 
 /// A line by which the runner takes a run as skipped in which all else has passed.
 void say_undecided(const std::string& what);
-
-/// Counts how often a thread of the guest is kept waiting for longer than an IMU may be silent (0.15 s): a
-/// guest in which that is usual cannot keep the pace of a sensor, and what niliod makes of the sensor says
-/// nothing.
-class StallWatch {
- public:
-  StallWatch();
-  [[nodiscard]] std::size_t stalls() const { return stalls_; }
-  /// True when the condition holds. When it does not, the test fails, unless the guest was kept waiting again
-  /// and again: then it is undecided.
-  [[nodiscard]] bool decides(bool condition, const std::string& what) const;
-
- private:
-  std::atomic<std::size_t> stalls_{0};
-  std::jthread sleeper_;
-};
 
 /// Exit status of a shell command; busybox has ip, insmod, rmmod.
 int shell(const std::string& command);
