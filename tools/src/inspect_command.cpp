@@ -4,6 +4,7 @@
 #include "commands.hpp"
 #include "inspect_config.hpp"
 #include "inspect_report.hpp"
+#include "number_between.hpp"
 #include "simulation/progress.hpp"
 
 #include <algorithm>
@@ -184,7 +185,7 @@ void add_inspect_command(CLI::App& app, int& status) {
   command
       ->add_option("--imu-seconds", arguments->imu_seconds,
                    "how much of the recording the IMU is checked over, from its start; 0: not at all")
-      ->check(CLI::Range(0.0, 1e6))
+      ->check(number_between(0.0, 1e6))
       ->capture_default_str();
   command->add_option("--write-config", arguments->config_path,
                       "write a nilio.yaml for the recording, with the reasons as comments");

@@ -91,7 +91,7 @@ std::string imu_report(const ImuFindings& imu) {
     return row(
         "IMU",
         format("the identifiers of %s are on %s, but the acceleration is %.2f m/s^2 on average: another "
-               "device",
+               "device, or one that is set to other units",
                imu.preset.c_str(), printable_text(imu.interface_name).c_str(), imu.acceleration_m_s2.mean()));
   }
   text += row("IMU",
