@@ -62,8 +62,8 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
     s.select_points();
     s.stamp(result, OdometryStage::kFiltered);
     s.arena.execute([&] {
-      s.register_sweep(scan, result);
-      s.reconsider_imu(scan, result);
+      s.register_sweep(result);
+      s.reconsider_imu(result);
     });
     s.stamp(result, OdometryStage::kFine);
     s.judge(result);

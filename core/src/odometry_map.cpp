@@ -62,10 +62,7 @@ void Odometry::State::align_with_gravity(const Scan& scan) {
   if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
   if (std::abs(force - kGravity) > kStillForceDeviation) return;
   if (statistics.mean_acceleration.z() < kLeastUprightness * force) return;
-  // The heading stays.
-  const Vector3 up = T_odom_base.rotation * statistics.mean_acceleration;
-  T_odom_base.rotation =
-      (Eigen::Quaterniond::FromTwoVectors(up, Vector3::UnitZ()) * T_odom_base.rotation).normalized();
+  T_odom_base.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
 }
 
 bool Odometry::State::restart_is_due() const {
@@ -87,7 +84,8 @@ void Odometry::State::forget_map() {
 }
 
 void Odometry::State::start(const Scan& scan, OdometryResult& result) {
-  align_with_gravity(scan);
+  // A restart knows its attitude better than the accelerometer of a moving vehicle does.
+  if (first_sweep.empty()) align_with_gravity(scan);
   first_sweep = sweep;
   first_span = {scan.start, scan.start, scan.end};
   span = first_span;
@@ -132,7 +130,8 @@ void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vec
 void Odometry::State::update_map(OdometryResult& result) {
   motion.deskew(sweep, deskewed);
   const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
-  if (!result.predicted && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_odom_base);
+  const bool moved_as_known = !result.predicted && !relocated;
+  if (moved_as_known && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_odom_base);
   planes->evict_far_from(T_odom_base.translation);
   if (point_map) point_map->evict_far_from(T_odom_base.translation);
   coarse_map.evict_far_from(T_odom_base.translation);

@@ -29,6 +29,10 @@ constexpr double kCoarseTriggerGap = 1.5;
 constexpr double kPeriodMemory = 0.9;
 // An inlier share below this part of its running mean is not tracking.
 constexpr double kInlierCollapse = 0.6;
+// Where the prediction is worth little a wrong pose is as easily found as the right one: more is asked for.
+// Few points that happen to meet a plane agree with it anywhere, so their number counts, too.
+constexpr double kInlierReturn = 0.75;
+constexpr double kInlierCountReturn = 0.25;
 constexpr double kInlierMemory = 0.95;
 constexpr int kLostAfterFailures = 5;
 // Where to look for a lost vehicle: turned, and ahead of or behind the prediction. NDT reaches 3 m and 10 deg
@@ -67,6 +71,7 @@ void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool wi
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   span = {time, scan.start, scan.end};
+  relocated = failures > 0;
   imu_covers = imu.covers(time, scan.end, config.max_imu_gap);
   imu_used = imu_covers && monitor.usable(time, scan.end);
   set_rotation(span, imu_used, motion);
@@ -84,11 +89,14 @@ void Odometry::State::select_points() {
   thin_evenly(deskewed, kCoarsePoints, coarse_points);
 }
 
-bool Odometry::State::coarse_is_due(const Scan& scan) const {
+bool Odometry::State::coarse_is_due() const {
   if (!method.coarse) return false;
   if (config.coarse == CoarsePolicy::kAlways || scans < kInitialScans || failures > 0) return true;
-  return prediction_error_m > kCoarseTriggerErrorMetres ||
-         (scan.end - time).seconds() > kCoarseTriggerGap * period_s;
+  return prediction_error_m > kCoarseTriggerErrorMetres || after_gap();
+}
+
+bool Odometry::State::after_gap() const {
+  return (span.end - span.previous).seconds() > kCoarseTriggerGap * period_s;
 }
 
 PlaneMetric Odometry::State::plane_metric() const {
@@ -151,6 +159,10 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
 }
 
 void Odometry::State::search_lost_vehicle(OdometryResult& result) {
+  relocated = true;
+  motion.predict(body_velocity);
+  motion.deskew(sweep, deskewed);
+  thin_evenly(deskewed, kCoarsePoints, coarse_points);
   Search search{T_predicted, 0};
   // It may have stopped where it was seen last.
   try_hypothesis(T_accepted, search, result);
@@ -160,6 +172,11 @@ void Odometry::State::search_lost_vehicle(OdometryResult& result) {
     try_hypothesis(T_predicted * T_there, search, result);
   }
   registration.T_map_moving = search.T_best;
+  // The points were chosen for the pose that was wrong.
+  const SE3 T_before = T_predicted;
+  T_predicted = search.T_best;
+  select_points();
+  T_predicted = T_before;
 }
 
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
@@ -172,6 +189,7 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
     registration = register_fine(selected, registration.T_map_moving, result);
     ++result.passes;
     if (!registration.T_map_moving.is_finite()) return;
+    if (relocated) return;
     motion.refine(T_odom_base.inverse() * registration.T_map_moving, motion_gain());
     const SE3 change = T_assumed.inverse() * registration.T_map_moving;
     const bool settled = change.translation.norm() < kMotionEpsilonMetres &&
@@ -180,7 +198,7 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
   }
 }
 
-void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
+void Odometry::State::register_sweep(OdometryResult& result) {
   registration = {};
   registration.T_map_moving = T_predicted;
   if (scans == 1) {
@@ -191,9 +209,15 @@ void Odometry::State::register_sweep(const Scan& scan, OdometryResult& result) {
     T_predicted = registration.T_map_moving;
     select_points();
   }
-  const bool lost = failures >= kLostAfterFailures;
-  if (lost) search_lost_vehicle(result);
-  register_points(!lost && scans > 1 && coarse_is_due(scan), result);
+  register_points(scans > 1 && coarse_is_due(), result);
+  count_inliers(result);
+  if (scans < kInitialScans || is_plausible(result) || sweep.empty()) return;
+  search_lost_vehicle(result);
+  register_points(false, result);
+  count_inliers(result);
+}
+
+void Odometry::State::count_inliers(OdometryResult& result) const {
   result.points_used = static_cast<std::uint32_t>(selected.size());
   result.correspondences = registration.equations.correspondences;
   result.inlier_ratio = selected.empty() ? 0.0
@@ -208,8 +232,10 @@ RegisteredMotion Odometry::State::registered_motion() const {
 }
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
-void Odometry::State::reconsider_imu(const Scan& scan, OdometryResult& result) {
-  if (!imu_used || !is_plausible(result) || !monitor.contradicts(imu, gyro_bias, registered_motion())) return;
+void Odometry::State::reconsider_imu(OdometryResult& result) {
+  if (!imu_used || relocated || !is_plausible(result) ||
+      !monitor.contradicts(imu, gyro_bias, registered_motion()))
+    return;
   monitor.demote();
   imu_used = false;
   result.imu_used = false;
@@ -217,7 +243,7 @@ void Odometry::State::reconsider_imu(const Scan& scan, OdometryResult& result) {
   set_rotation(span, false, motion);
   T_predicted = T_odom_base * motion.predict(body_velocity);
   select_points();
-  register_sweep(scan, result);
+  register_sweep(result);
 }
 
 bool Odometry::State::is_plausible(const OdometryResult& result) const {
@@ -228,7 +254,10 @@ bool Odometry::State::is_plausible(const OdometryResult& result) const {
   }
   if (motion.body_velocity().norm() > kMaxSpeed || motion.mean_angular_velocity().norm() > kMaxTurnRate)
     return false;
-  return scans < kInitialScans || result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
+  if (scans < kInitialScans) return true;
+  if (failures == 0 && !after_gap()) return result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
+  return result.inlier_ratio > kInlierReturn * mean_inlier_ratio &&
+         registration.equations.inliers > kInlierCountReturn * mean_inliers;
 }
 
 void Odometry::State::learn_gyro_bias() {
@@ -257,17 +286,26 @@ void Odometry::State::learn_prediction_error() {
   sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
 
-void Odometry::State::accept(OdometryResult& result) {
+void Odometry::State::learn_motion() {
   const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
-  if (!motion_compensated) result.deskew_rate = deskew_rate;
   learn_gyro_bias();
   if (is_shifted) imu.clear();
   learn_prediction_error();
   body_velocity = motion.body_velocity();
   angular_velocity = motion.mean_angular_velocity();
-  mean_inlier_ratio = mean_inlier_ratio == 0.0
-                          ? result.inlier_ratio
-                          : kInlierMemory * mean_inlier_ratio + (1.0 - kInlierMemory) * result.inlier_ratio;
+}
+
+void Odometry::State::accept(OdometryResult& result) {
+  if (relocated) {
+    monitor.skip();
+    sigma_m = kMaxSigmaMetres;
+  } else {
+    learn_motion();
+  }
+  if (!motion_compensated) result.deskew_rate = deskew_rate;
+  const double memory = mean_inlier_ratio == 0.0 ? 0.0 : kInlierMemory;
+  mean_inlier_ratio = memory * mean_inlier_ratio + (1.0 - memory) * result.inlier_ratio;
+  mean_inliers = memory * mean_inliers + (1.0 - memory) * registration.equations.inliers;
   failures = 0;
   const double span_s = (span.end - span.previous).seconds();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
@@ -275,9 +313,9 @@ void Odometry::State::accept(OdometryResult& result) {
   T_accepted = T_odom_base;
   result.stop_reason = registration.stop_reason;
   result.degenerate_axes = registration.degenerate_axes;
-  result.state = scans < kInitialScans               ? TrackingState::kInitialising
-                 : registration.degenerate_axes != 0 ? TrackingState::kDegraded
-                                                     : TrackingState::kTracking;
+  result.state = scans < kInitialScans                            ? TrackingState::kInitialising
+                 : registration.degenerate_axes != 0 || relocated ? TrackingState::kDegraded
+                                                                  : TrackingState::kTracking;
 }
 
 void Odometry::State::fall_back(OdometryResult& result) {

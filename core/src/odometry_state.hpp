@@ -61,13 +61,15 @@ struct Odometry::State {
   void start(const Scan& scan, OdometryResult& result);
   void predict(const Scan& scan, OdometryResult& result);
   void select_points();
-  [[nodiscard]] bool coarse_is_due(const Scan& scan) const;
-  void register_sweep(const Scan& scan, OdometryResult& result);
-  void reconsider_imu(const Scan& scan, OdometryResult& result);
+  [[nodiscard]] bool coarse_is_due() const;
+  [[nodiscard]] bool after_gap() const;
+  void register_sweep(OdometryResult& result);
+  void reconsider_imu(OdometryResult& result);
   void register_coarse(OdometryResult& result);
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
   void register_from_standstill(OdometryResult& result);
   void search_lost_vehicle(OdometryResult& result);
+  void count_inliers(OdometryResult& result) const;
   void register_points(bool coarse, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
@@ -88,6 +90,7 @@ struct Odometry::State {
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
                                    OdometryResult& result);
   [[nodiscard]] RegisteredMotion registered_motion() const;
+  void learn_motion();
   void learn_gyro_bias();
   void learn_prediction_error();
 
@@ -113,6 +116,9 @@ struct Odometry::State {
   bool imu_used = false;
   bool imu_covers = false;
   bool motion_compensated = false;
+  /// The previous pose was a prediction, or this one was searched for: what lies between them is no motion of
+  /// this scan.
+  bool relocated = false;
   SweepMotion::Span span;
   Vector3 body_velocity = Vector3::Zero();
   Vector3 angular_velocity = Vector3::Zero();
@@ -124,6 +130,7 @@ struct Odometry::State {
   Vector6 prediction_square = Vector6::Zero();  ///< of corrections of predictions, in body axes
   double period_s = 0.1;                        ///< between poses, slowly averaged
   double mean_inlier_ratio = 0.0;
+  double mean_inliers = 0.0;
   int failures = 0;
   RegistrationResult registration;
 

@@ -51,7 +51,7 @@ struct OdometryConfig {
   CoarsePolicy coarse = CoarsePolicy::kAuto;
   int max_passes = 3;
   int max_fine_iterations = 8;
-  int max_coarse_iterations = 10;
+  int max_coarse_iterations = 40;
 
   std::size_t imu_capacity = 8192;
   /// A longer gap between IMU samples is not bridged: the scan falls back to constant velocity.

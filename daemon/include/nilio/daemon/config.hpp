@@ -102,7 +102,7 @@ struct OdometrySection {
   int map_capacity = 100000;
   int max_passes = 3;
   int max_fine_iterations = 8;
-  int max_coarse_iterations = 10;
+  int max_coarse_iterations = 40;
   double max_imu_gap_ms = 150.0;
   double imu_wait_ms = 20.0;
 };
