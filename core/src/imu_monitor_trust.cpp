@@ -12,7 +12,6 @@ constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 // Ten scans.
 constexpr double kMemory = 0.9;
 constexpr double kLeastWeight = 5.0;
-constexpr double kWeightAfterThreeSeconds = 9.5;
 // 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
 constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
 // Withdrawn when the gyro's error is so many times that of a constant rate.
@@ -34,7 +33,9 @@ constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDe
 
 bool GyroTrust::compared() const { return weight_ >= kLeastWeight; }
 
-bool GyroTrust::refused() const { return !given_ && (withdrawn_ || weight_ > kWeightAfterThreeSeconds); }
+bool GyroTrust::refused() const {
+  return !given_ && (withdrawn_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
+}
 
 double GyroTrust::gyro_error() const { return weight_ > 0.0 ? std::sqrt(gyro_squares_ / weight_) : 0.0; }
 

@@ -19,7 +19,7 @@ class GyroTrust {
   void interrupt() { has_rate_ = false; }
 
   [[nodiscard]] bool given() const { return given_; }
-  /// Agreement has been lost, or not come within three seconds.
+  /// Agreement has been lost, or not come in bends that would have shown it.
   [[nodiscard]] bool refused() const;
   /// Enough scans have been compared to speak of an error.
   [[nodiscard]] bool compared() const;
