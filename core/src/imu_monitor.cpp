@@ -218,9 +218,11 @@ bool ImuMonitor::State::fill_rotation() {
     fill_offset(estimate);
   }
   fill_bias();
-  // While it is not trusted the row keeps its largest value: on a straight road any gyro agrees.
+  // Until it is judged, what deskewing without it does to a bend would count against it. Once it is refused
+  // the row keeps its largest value: on a straight road any gyro agrees.
   const double disagreement = trust.gyro_error() * kDegreesPerRadian;
-  if (trust.compared() && (health.trusted || disagreement > health[ImuCheck::kGyroAgreement].value))
+  const bool is_worse = trust.refused() && disagreement > health[ImuCheck::kGyroAgreement].value;
+  if (trust.compared() && (health.trusted || is_worse))
     set_row(health, ImuCheck::kGyroAgreement, disagreement);
   return follow_offset(estimate);
 }

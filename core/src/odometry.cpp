@@ -39,7 +39,7 @@ OdometryResult Odometry::State::begin(const Scan& scan) {
 void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   time = scan.end;
   ++scans;
-  result.T_odom_base = T_odom_base;
+  result.T_odom_base = T_odom_map * T_map_base;
   result.map_voxels = static_cast<std::uint32_t>(planes->size());
   result.map_refused = planes->refused() + coarse_map.refused();
   fill_covariance({registration, prediction_square, (span.end - span.previous).seconds(), failures}, result);

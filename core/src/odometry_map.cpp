@@ -62,7 +62,7 @@ void Odometry::State::align_with_gravity(const Scan& scan) {
   if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
   if (std::abs(force - kGravity) > kStillForceDeviation) return;
   if (statistics.mean_acceleration.z() < kLeastUprightness * force) return;
-  T_odom_base.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
+  T_odom_map.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
 }
 
 bool Odometry::State::restart_is_due() const {
@@ -89,7 +89,7 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   first_sweep = sweep;
   first_span = {scan.start, scan.start, scan.end};
   span = first_span;
-  T_predicted = T_odom_base;
+  T_predicted = T_map_base;
   rebuild_first_map();
   result.stop_reason = StopReason::kConverged;
   for (const auto stage : {OdometryStage::kFiltered, OdometryStage::kCoarse, OdometryStage::kFine})
@@ -105,7 +105,7 @@ void Odometry::State::rebuild_first_map() {
   planes->clear();
   if (point_map) point_map->clear();
   coarse_map.clear();
-  insert(first_sweep, deskewed, T_odom_base);
+  insert(first_sweep, deskewed, T_map_base);
 }
 
 void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
@@ -131,10 +131,10 @@ void Odometry::State::update_map(OdometryResult& result) {
   motion.deskew(sweep, deskewed);
   const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
   const bool moved_as_known = !result.predicted && !relocated;
-  if (moved_as_known && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_odom_base);
-  planes->evict_far_from(T_odom_base.translation);
-  if (point_map) point_map->evict_far_from(T_odom_base.translation);
-  coarse_map.evict_far_from(T_odom_base.translation);
+  if (moved_as_known && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_map_base);
+  planes->evict_far_from(T_map_base.translation);
+  if (point_map) point_map->evict_far_from(T_map_base.translation);
+  coarse_map.evict_far_from(T_map_base.translation);
 }
 
 }  // namespace nilio::core

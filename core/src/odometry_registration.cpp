@@ -75,7 +75,7 @@ void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   imu_covers = imu.covers(time, scan.end, config.max_imu_gap);
   imu_used = imu_covers && monitor.usable(time, scan.end);
   set_rotation(span, imu_used, motion);
-  T_predicted = T_odom_base * motion.predict(body_velocity);
+  T_predicted = T_map_base * motion.predict(body_velocity);
   result.imu_used = imu_used;
 }
 
@@ -155,7 +155,7 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
     try_hypothesis(T_predicted * T_ahead, search, result);
   }
   registration.T_map_moving = search.T_best;
-  motion.refine(T_odom_base.inverse() * search.T_best, motion_gain());
+  motion.refine(T_map_base.inverse() * search.T_best, motion_gain());
 }
 
 void Odometry::State::search_lost_vehicle(OdometryResult& result) {
@@ -190,7 +190,7 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
     ++result.passes;
     if (!registration.T_map_moving.is_finite()) return;
     if (relocated) return;
-    motion.refine(T_odom_base.inverse() * registration.T_map_moving, motion_gain());
+    motion.refine(T_map_base.inverse() * registration.T_map_moving, motion_gain());
     const SE3 change = T_assumed.inverse() * registration.T_map_moving;
     const bool settled = change.translation.norm() < kMotionEpsilonMetres &&
                          so3_log(change.rotation).norm() < kMotionEpsilonRadians;
@@ -228,7 +228,7 @@ void Odometry::State::count_inliers(OdometryResult& result) const {
 RegisteredMotion Odometry::State::registered_motion() const {
   const bool bent = !motion_compensated && !imu_used;
   const double sweep_s = bent ? (span.end - span.start).seconds() : 0.0;
-  return {span.previous, span.end, T_odom_base, registration.T_map_moving, deskew_rate, sweep_s};
+  return {span.previous, span.end, T_map_base, registration.T_map_moving, deskew_rate, sweep_s};
 }
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
@@ -241,7 +241,7 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
   result.imu_used = false;
   angular_velocity = monitor.registered_rate();
   set_rotation(span, false, motion);
-  T_predicted = T_odom_base * motion.predict(body_velocity);
+  T_predicted = T_map_base * motion.predict(body_velocity);
   select_points();
   register_sweep(result);
 }
@@ -309,8 +309,8 @@ void Odometry::State::accept(OdometryResult& result) {
   failures = 0;
   const double span_s = (span.end - span.previous).seconds();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
-  T_odom_base = registration.T_map_moving;
-  T_accepted = T_odom_base;
+  T_map_base = registration.T_map_moving;
+  T_accepted = T_map_base;
   result.stop_reason = registration.stop_reason;
   result.degenerate_axes = registration.degenerate_axes;
   result.state = scans < kInitialScans                            ? TrackingState::kInitialising
@@ -322,7 +322,7 @@ void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   monitor.skip();
   motion.predict(body_velocity);
-  T_odom_base = T_predicted;
+  T_map_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
   result.predicted = true;
   result.stop_reason =

@@ -109,7 +109,10 @@ struct Odometry::State {
   SweepMotion motion;
 
   std::uint64_t scans = 0;
-  SE3 T_odom_base;
+  /// The map has the axes of the first pose, levelled only on the way out: what is registered does not depend
+  /// on an accelerometer that may be wrong.
+  SE3 T_odom_map;
+  SE3 T_map_base;
   SE3 T_accepted;  ///< the last pose that is not a prediction
   Time time;
   SE3 T_predicted;

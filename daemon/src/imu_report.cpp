@@ -53,7 +53,8 @@ void ImuReport::update(const ImuHealth& health) {
 }
 
 bool ImuReport::is_compared() const {
-  return last_ && (*last_)[ImuCheck::kGyroAgreement].worst_state != ImuCheckState::kUnknown;
+  return last_ && ((*last_)[ImuCheck::kGyroAgreement].worst_state != ImuCheckState::kUnknown ||
+                   (*last_)[ImuCheck::kGyroBias].worst_state != ImuCheckState::kUnknown);
 }
 
 nlohmann::json imu_health_json(const ImuHealth& health) {
