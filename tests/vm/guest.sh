@@ -32,7 +32,7 @@ write_command() {
 # FOLDER/console.log tells. A guest that ends without one may hang or have starved: the run has failed, and how much of a
 # processor the guest was given is said.
 run_guest() {
-  local folder=$1 limit=${VM_TIMEOUT:-280} status=0 result wall user system
+  local folder=$1 limit=${VM_TIMEOUT:-560} status=0 result wall user system
   shift
   local TIMEFORMAT='%R %U %S'
   { time timeout -k 5 "$limit" "$@" </dev/null >>"$folder/program.log" 2>&1 || status=$?; } 2>"$folder/times"
