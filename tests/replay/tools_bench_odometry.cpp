@@ -45,7 +45,7 @@ void add_bench(CLI::App& app, int& /*status*/) {
 
 }  // namespace
 
-TEST_CASE("the odometry's figures come with the same trajectory at 1, 2 and 4 threads") {
+TEST_CASE("the odometry's figures come with the same trajectory at 1, 2 and 4 threads", "[drives]") {
   std::set<std::string> hashes;
   for (const char* threads : {"1", "2", "4"}) {
     const auto run = measure_odometry(town(), "ndt_icp", {std::string("odometry.threads=") + threads}, 1);
@@ -65,7 +65,7 @@ TEST_CASE("the odometry's figures come with the same trajectory at 1, 2 and 4 th
   CHECK(hashes.size() == 1);
 }
 
-TEST_CASE("the hash is that of the file that niliod writes") {
+TEST_CASE("the hash is that of the file that niliod writes", "[drives]") {
   const TemporaryFolder folder;
   const auto config = bench_config(town(), {});
   REQUIRE(config.ok());
@@ -85,7 +85,7 @@ TEST_CASE("the hash is that of the file that niliod writes") {
   CHECK(changed->sha256 != run->sha256);
 }
 
-TEST_CASE("every method is measured, and each gives a trajectory of its own") {
+TEST_CASE("every method is measured, and each gives a trajectory of its own", "[drives]") {
   std::set<std::string> hashes;
   for (const core::RegistrationMethodInfo& method : core::registration_methods()) {
     CAPTURE(method.name);
@@ -100,7 +100,7 @@ TEST_CASE("every method is measured, and each gives a trajectory of its own") {
   CHECK(hashes.size() == core::registration_methods().size());
 }
 
-TEST_CASE("after warm-up, registering a scan does not allocate") {
+TEST_CASE("after warm-up, registering a scan does not allocate", "[drives]") {
   const auto run = measure_odometry(town(), "ndt_icp", {}, 1);
   REQUIRE(run.ok());
   if (!allocations_are_counted()) return;
@@ -108,7 +108,7 @@ TEST_CASE("after warm-up, registering a scan does not allocate") {
   CHECK(run->allocations_per_scan < 0.5);
 }
 
-TEST_CASE("a data set without a truth says how to name one") {
+TEST_CASE("a data set without a truth says how to name one", "[drives]") {
   const TemporaryFolder folder;
   std::filesystem::copy(town_drive() + "/lidar.pcap", folder.file("lidar.pcap"));
   const auto missing = open_bench_dataset(std::filesystem::path(folder.file("x")).parent_path().string());
@@ -120,7 +120,7 @@ TEST_CASE("a data set without a truth says how to name one") {
   CHECK(named->truth.poses.size() > 100);
 }
 
-TEST_CASE("NDT before ICP finds home from farther away than ICP alone") {
+TEST_CASE("NDT before ICP finds home from farther away than ICP alone", "[drives]") {
   const auto config = bench_config(town(), {});
   REQUIRE(config.ok());
   const auto pairs = collect_pairs(town(), *config, 8);
@@ -139,7 +139,7 @@ TEST_CASE("NDT before ICP finds home from farther away than ICP alone") {
         counts);
 }
 
-TEST_CASE("the ablation leaves out what makes no difference") {
+TEST_CASE("the ablation leaves out what makes no difference", "[drives]") {
   const auto table = ablation_table(town(), {"imu.enabled=false"});
   REQUIRE(table.ok());
   CHECK(table->rows.size() > 8);
@@ -147,7 +147,7 @@ TEST_CASE("the ablation leaves out what makes no difference") {
   for (const auto& row : table->rows) CHECK(row[1] != "imu.enabled=false");
 }
 
-TEST_CASE("PCL is measured on the same scans, or its lack is said") {
+TEST_CASE("PCL is measured on the same scans, or its lack is said", "[drives]") {
   const auto peers = measure_pcl(town(), {});
   if (!peers.ok()) {
     CHECK(peers.error().message.find("libpcl-dev") != std::string::npos);
@@ -161,7 +161,7 @@ TEST_CASE("PCL is measured on the same scans, or its lack is said") {
   }
 }
 
-TEST_CASE("one command writes a page with its command, tables and pictures") {
+TEST_CASE("one command writes a page with its command, tables and pictures", "[drives]") {
   const TemporaryFolder folder;
   const std::string output = folder.file("results");
   REQUIRE(run_command(add_bench, {"odometry", town_drive(), "--registration", "ndt_icp,icp_point",

@@ -83,7 +83,7 @@ std::vector<std::string> bad_checks(const json& drive) {
 
 }  // namespace
 
-TEST_CASE("an IMU that agrees with the LiDAR is said to, and there is nothing to correct", "[inspect-imu]") {
+TEST_CASE("an IMU that agrees with the LiDAR is said to, and there is nothing to correct", "[drives]") {
   write_imu_log({});
   const json drive = inspect("");
   CHECK(bad_checks(drive).empty());
@@ -97,7 +97,7 @@ TEST_CASE("an IMU that agrees with the LiDAR is said to, and there is nothing to
                                 Contains("correction       none"));
 }
 
-TEST_CASE("the configuration written for a faulty IMU makes it agree", "[inspect-imu]") {
+TEST_CASE("the configuration written for a faulty IMU makes it agree", "[drives]") {
   const TemporaryFolder folder;
   const std::string written = (folder.path() / "corrected.yaml").string();
   struct Case {
@@ -126,7 +126,7 @@ TEST_CASE("the configuration written for a faulty IMU makes it agree", "[inspect
   }
 }
 
-TEST_CASE("a mounting that is not configured is found, and kept with what was configured", "[inspect-imu]") {
+TEST_CASE("a mounting that is not configured is found, and kept with what was configured", "[drives]") {
   const TemporaryFolder folder;
   const std::string given = (folder.path() / "given.yaml").string();
   const std::string written = (folder.path() / "corrected.yaml").string();
@@ -143,7 +143,7 @@ TEST_CASE("a mounting that is not configured is found, and kept with what was co
   CHECK(config.imu.extrinsic.rotation_rpy_deg == rpy);
 }
 
-TEST_CASE("the check covers as much of the recording as is asked for", "[inspect-imu]") {
+TEST_CASE("the check covers as much of the recording as is asked for", "[drives]") {
   write_imu_log({});
   const json drive = inspect("--imu-seconds 3");
   CHECK(drive["cut_short"] == true);
@@ -153,7 +153,7 @@ TEST_CASE("the check covers as much of the recording as is asked for", "[inspect
   CHECK(json::parse(without.output)["imu_against_lidar"].is_null());
 }
 
-TEST_CASE("an IMU that is not in the log is a reason, not an end", "[inspect-imu]") {
+TEST_CASE("an IMU that is not in the log is a reason, not an end", "[drives]") {
   write_imu_log({});
   const TemporaryFolder folder;
   const std::string other = (folder.path() / "other.yaml").string();
