@@ -16,11 +16,14 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
   LiveRun run(config);
   UdpSender sender;
   const std::vector<drivers::Packet> packets = vlp16_packets(3000);
-  const auto start = std::chrono::steady_clock::now();
+  auto due = std::chrono::steady_clock::now();
   std::size_t next = 0;
   const auto drive = [&](std::size_t count, bool with_second) {
     for (const std::size_t end = next + count; next < end; ++next) {
-      std::this_thread::sleep_until(start + std::chrono::nanoseconds(next * 1'327'104));
+      // At the sensor's pace, or at that of a computer that cannot keep up with it.
+      due = std::max(due + std::chrono::nanoseconds(1'327'104), std::chrono::steady_clock::now());
+      std::this_thread::sleep_until(due);
+      REQUIRE(run.drains(0, 100));
       const std::vector<std::uint8_t> bytes(packets[next].data.begin(),
                                             packets[next].data.begin() + packets[next].size);
       sender.send(ports[0], bytes);
@@ -28,22 +31,25 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
     }
     run.collect();
   };
-  drive(800, true);
+  drive(1000, true);
   const std::size_t poses_with_both = run.poses.size();
-  CHECK(run.count_lines(LogLevel::kWarning, "") == 0);
-  drive(800, false);
-  CHECK(run.count_lines(LogLevel::kWarning, "lidar2: no packets come from it") == 1);
+  // Clocks set by the times of arrival may be warned of: a busy computer sends in no sensor's rhythm.
+  const std::string silent = "lidar2: no packets come from it";
+  CHECK(run.count_lines(LogLevel::kWarning, silent) == 0);
+  drive(1000, false);
+  CHECK(run.count_lines(LogLevel::kWarning, silent) == 1);
   CHECK(run.poses.size() > poses_with_both + 5);
-  drive(800, true);
+  drive(1000, true);
   run.stop();
-  CHECK(run.count_lines(LogLevel::kWarning, "") == 1);
+  for (const FeedLog::Line& line : run.lines) UNSCOPED_INFO(line.text);
+  CHECK(run.count_lines(LogLevel::kWarning, silent) == 1);
   CHECK(run.count_lines(LogLevel::kInfo, "lidar2: its packets come again in time") == 1);
   CHECK(run.count_lines(LogLevel::kInfo, "lidar2: LiDAR VLP-16 (from the packets)") == 1);
   const MergeCounters& merged = run.pipeline().merge_counters(1);
   CHECK(merged.points_merged > 0);
   CHECK(merged.scans_without >= 6);
   // Those after the last scan are still waiting.
-  CHECK(run.pipeline().lidars()[1]->channel.stats().packets > 1600 - 80);
+  CHECK(run.pipeline().lidars()[1]->channel.stats().packets > 2000 - 80);
   CHECK(run.pipeline().packets_dropped() == 0);
 }
 

@@ -87,6 +87,15 @@ class LiveRun {
     return lane.source.stats().delivered >= packets && lane.ring.size() < lane.ring.capacity() - 100;
   }
 
+  /// Waits until LiDAR number `lidar` has at most so many packets in its ring.
+  [[nodiscard]] bool drains(std::size_t lidar, std::size_t packets) const {
+    for (int i = 0; i < 120'000; ++i) {
+      if (pipeline_->lidars()[lidar]->ring.size() <= packets) return true;
+      std::this_thread::sleep_for(std::chrono::microseconds(500));
+    }
+    return false;
+  }
+
   [[nodiscard]] daemon::Pipeline& pipeline() { return *pipeline_; }
 
   std::vector<ipc::PoseRecord> poses;
