@@ -32,7 +32,6 @@ OdometryResult Odometry::State::begin(const Scan& scan) {
   result.scan_start = scan.start;
   result.scan_end = scan.end;
   stamp(result, OdometryStage::kStarted);
-  prepare_maps(scan);
   return result;
 }
 
@@ -40,8 +39,8 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   time = scan.end;
   ++scans;
   result.T_odom_base = T_odom_map * T_map_base;
-  result.map_voxels = static_cast<std::uint32_t>(planes->size());
-  result.map_refused = planes->refused() + coarse_map.refused();
+  result.map_voxels = static_cast<std::uint32_t>(planes.size());
+  result.map_refused = planes.refused() + coarse_map.refused();
   fill_covariance({registration, prediction_square, (span.end - span.previous).seconds(), failures}, result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
@@ -56,7 +55,7 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   s.filter_points(scan, result);
   if (s.restart_is_due()) s.forget_map();
   if (s.scans == 0) {
-    s.start(scan, result);
+    s.arena.execute([&] { s.start(scan, result); });
   } else {
     s.predict(scan, result);
     s.select_points();
@@ -67,7 +66,7 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
     });
     s.stamp(result, OdometryStage::kFine);
     s.judge(result);
-    s.update_map(result);
+    s.arena.execute([&] { s.update_map(result); });
   }
   s.finish(scan, result);
   return result;

@@ -1,7 +1,10 @@
 #include "odometry_state.hpp"
+#include "thread_sanitizer.hpp"
 
 #include <algorithm>
 #include <cmath>
+
+#include <tbb/parallel_invoke.h>
 
 namespace nilio::core {
 
@@ -9,12 +12,8 @@ namespace {
 
 // Two neighbouring beams meet a wall this far away in one voxel: what a plane voxel needs at 16 beams.
 constexpr double kPlaneReachMetres = 45.0;
-// Neighbours are looked for this far.
-constexpr double kPointVoxelMetres = 1.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
-// Points whose beams differ by this come from different ones.
-constexpr float kBeamSpread = 0.5F;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
@@ -33,18 +32,8 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
                     kMaxPlaneVoxelMetres);
 }
 
-void Odometry::State::prepare_maps(const Scan& scan) {
-  if (planes) return;
-  VoxelMapConfig map_config{plane_voxel_for(config, scan.beam_spacing_rad), config.map_radius_m,
-                            config.map_capacity};
-  map_config.min_beam_spread = kBeamSpread;
-  planes.emplace(map_config);
-  if (method.needs_points)
-    point_map.emplace(PointMapConfig{kPointVoxelMetres, config.map_radius_m, config.map_capacity});
-}
-
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
-  const float share = scans < kInitialScans ? kInitialVoxelShare : 1.0F;
+  const float share = scans < kDenseScans ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
                                        config.elevation_correction_rad};
   filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);
@@ -89,6 +78,7 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   first_sweep = sweep;
   first_span = {scan.start, scan.start, scan.end};
   span = first_span;
+  plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;
   rebuild_first_map();
   result.stop_reason = StopReason::kConverged;
@@ -102,7 +92,7 @@ void Odometry::State::rebuild_first_map() {
   set_rotation(first_span, false, first_motion);
   first_motion.predict(body_velocity);
   first_motion.deskew(first_sweep, deskewed);
-  planes->clear();
+  planes.reset(plane_voxel_m);
   if (point_map) point_map->clear();
   coarse_map.clear();
   insert(first_sweep, deskewed, T_map_base);
@@ -114,17 +104,38 @@ void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vec
   world_points.clear();
   for (const Eigen::Vector3f& p : points)
     world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
+  // Neither map knows of the other: the order does not matter.
+  char order = 0;
+  sanitizer_release(&order);
+  const auto part = [&order](const auto& work) {
+    return [&order, work] {
+      sanitizer_acquire(&order);
+      work();
+      sanitizer_release(&order);
+    };
+  };
+  tbb::parallel_invoke(part([&] { insert_planes(seen); }), part([&] { insert_coarse(points); }));
+  sanitizer_acquire(&order);
+}
+
+void Odometry::State::insert_planes(const std::vector<SweepPoint>& seen) {
   beams.clear();
   for (const SweepPoint& point : seen) beams.push_back(point.beam);
-  planes->insert(world_points, beams);
+  planes.insert(world_points, beams);
   if (point_map) point_map->insert(world_points);
+}
+
+void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) {
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
-  coarse_filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (coarse_filter.insert(points[i])) world_points[kept++] = world_points[i];
-  }
-  coarse_map.insert(std::span(world_points).first(kept));
+  filter.begin(kCoarseVoxelMetres * (scans < kDenseScans ? kInitialVoxelShare : 1.0F));
+  coarse_world_points.clear();
+  const auto position_of = [&](std::size_t i, Eigen::Vector3f& position) {
+    position = points[i];
+    return true;
+  };
+  filter.thin(points.size(), position_of,
+              [&](std::size_t i) { coarse_world_points.push_back(world_points[i]); });
+  coarse_map.insert(coarse_world_points);
 }
 
 void Odometry::State::update_map(OdometryResult& result) {
@@ -132,7 +143,7 @@ void Odometry::State::update_map(OdometryResult& result) {
   const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
   const bool moved_as_known = !result.predicted && !relocated;
   if (moved_as_known && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_map_base);
-  planes->evict_far_from(T_map_base.translation);
+  planes.evict_far_from(T_map_base.translation);
   if (point_map) point_map->evict_far_from(T_map_base.translation);
   coarse_map.evict_far_from(T_map_base.translation);
 }

@@ -15,9 +15,15 @@ constexpr double kMinSigmaMetres = 0.1;
 constexpr double kErrorLeverMetres = 30.0;
 constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
-constexpr std::size_t kCoarsePoints = 800;
-// Start: speeds to try along the vehicle's axis, as displacements a scan.
-constexpr std::array<double, 5> kStartDisplacementsMetres = {0.0, 1.5, 3.0, 4.5, -1.5};
+// Enough to tell a right pose from a wrong one, where many are tried.
+constexpr std::size_t kSearchPoints = 400;
+// Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
+// those that look likely, so many are tried, and not two that lead to the same place.
+constexpr double kLeastStartDisplacementMetres = -2.0;
+constexpr double kStartStepMetres = 0.5;
+constexpr std::size_t kStartDisplacements = 15;
+constexpr int kStartTrials = 2;
+constexpr double kSamePlaceMetres = 1.25;
 // Share of a scan's measured motion that deskewing and the next prediction believe at once.
 constexpr double kVelocityGain = 0.8;
 constexpr double kRotationGain = 0.8;
@@ -83,7 +89,7 @@ void Odometry::State::select_points() {
   motion.deskew(sweep, deskewed);
   const SelectionConfig selection_config{config.registration_points, kCoarseVoxelMetres,
                                          plane_metric().max_planarity};
-  selector.select(*planes, deskewed, T_predicted, selection_config, selection);
+  selector.select(planes, filter, deskewed, T_predicted, selection_config, selection);
   selected_sweep.clear();
   for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
   thin_evenly(deskewed, kCoarsePoints, coarse_points);
@@ -116,17 +122,15 @@ RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vecto
                                                   const SE3& T_guess, OdometryResult& result) {
   SolverOptions options;
   options.max_iterations = config.max_fine_iterations;
-  const RegistrationMaps maps{&*planes, &coarse_map, point_map ? &*point_map : nullptr};
+  const RegistrationMaps maps{&planes, &coarse_map, point_map ? &*point_map : nullptr};
   const RegistrationResult fine = method.refine(maps, points, T_guess, plane_metric(), options);
   result.fine_iterations += fine.iterations;
   return fine;
 }
 
 void Odometry::State::register_coarse(OdometryResult& result) {
-  SolverOptions options;
-  options.max_iterations = config.max_coarse_iterations;
   const RegistrationResult coarse =
-      register_ndt(coarse_map, coarse_points, registration.T_map_moving, kNdtKernelSchedule, options);
+      register_coarsely(coarse_map, coarse_points, registration.T_map_moving, config.max_coarse_iterations);
   result.coarse_iterations += coarse.iterations;
   if (coarse.stop_reason == StopReason::kConverged || coarse.stop_reason == StopReason::kMaxIterations) {
     registration.T_map_moving = coarse.T_map_moving;
@@ -134,25 +138,39 @@ void Odometry::State::register_coarse(OdometryResult& result) {
 }
 
 void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result) {
-  SolverOptions options;
-  options.max_iterations = config.max_coarse_iterations;
   RegistrationResult coarse;
   coarse.T_map_moving = T_guess;
-  if (method.coarse) coarse = register_ndt(coarse_map, coarse_points, T_guess, kNdtKernelSchedule, options);
-  const RegistrationResult fine = register_fine(coarse_points, coarse.T_map_moving, result);
+  if (method.coarse)
+    coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations);
+  const RegistrationResult fine = register_fine(search_points, coarse.T_map_moving, result);
   result.coarse_iterations += coarse.iterations;
   if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;
   search.inliers = fine.equations.inliers;
   search.T_best = fine.T_map_moving;
 }
 
+SE3 Odometry::State::start_hypothesis(std::size_t i) const {
+  const double displacement = kLeastStartDisplacementMetres + kStartStepMetres * static_cast<double>(i);
+  return T_predicted * SE3{Eigen::Quaterniond::Identity(), Vector3(displacement, 0.0, 0.0)};
+}
+
 void Odometry::State::register_from_standstill(OdometryResult& result) {
-  // Nothing is known of the speed: try several along the vehicle's axis and keep the one most points agree
-  // with.
+  // Nothing is known of the speed: look at many along the vehicle's axis, register from the likeliest and
+  // keep what most points agree with.
+  thin_evenly(deskewed, kSearchPoints, search_points);
+  std::array<double, kStartDisplacements> scores{};
+  for (std::size_t i = 0; i < scores.size(); ++i)
+    scores[i] =
+        ndt_equations(coarse_map, search_points, start_hypothesis(i), {kNdtKernelSchedule[0]}).weight_sum;
   Search search{T_predicted, 0};
-  for (const double displacement : kStartDisplacementsMetres) {
-    const SE3 T_ahead{Eigen::Quaterniond::Identity(), Vector3(displacement, 0.0, 0.0)};
-    try_hypothesis(T_predicted * T_ahead, search, result);
+  for (int trial = 0; trial < kStartTrials; ++trial) {
+    const auto best =
+        static_cast<std::size_t>(std::max_element(scores.begin(), scores.end()) - scores.begin());
+    try_hypothesis(start_hypothesis(best), search, result);
+    for (std::size_t i = 0; i < scores.size(); ++i) {
+      const double distance = kStartStepMetres * std::abs(static_cast<double>(i) - static_cast<double>(best));
+      if (distance < kSamePlaceMetres) scores[i] = 0.0;
+    }
   }
   registration.T_map_moving = search.T_best;
   motion.refine(T_map_base.inverse() * search.T_best, motion_gain());
@@ -162,7 +180,7 @@ void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   relocated = true;
   motion.predict(body_velocity);
   motion.deskew(sweep, deskewed);
-  thin_evenly(deskewed, kCoarsePoints, coarse_points);
+  thin_evenly(deskewed, kSearchPoints, search_points);
   Search search{T_predicted, 0};
   // It may have stopped where it was seen last.
   try_hypothesis(T_accepted, search, result);

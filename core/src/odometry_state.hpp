@@ -16,9 +16,11 @@
 
 namespace nilio::core {
 
-// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan
-// leaves its voxels short of the points that a plane needs.
+/// Scans until map and velocity are established.
 inline constexpr std::uint64_t kInitialScans = 5;
+/// The first scans feed the map more densely: thinned as usual, they leave its voxels short of the points
+/// that a plane needs.
+inline constexpr std::uint64_t kDenseScans = 2;
 inline constexpr float kInitialVoxelShare = 0.5F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
 inline constexpr float kCoarseVoxelMetres = 1.0F;
@@ -27,6 +29,12 @@ inline constexpr float kCoarseVoxelMetres = 1.0F;
 inline constexpr int kRestartAfterFailures = 30;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
+
+/// Neighbours of a point are looked for this far.
+inline constexpr double kPointVoxelMetres = 1.0;
+inline constexpr std::size_t kCoarsePoints = 800;
+/// Points whose beams differ by this come from different ones.
+inline constexpr float kBeamSpread = 0.5F;
 
 /// What the odometry keeps from scan to scan, and its steps: filtering and map in odometry_map.cpp,
 /// prediction and registration in odometry_registration.cpp.
@@ -38,10 +46,28 @@ struct Odometry::State {
         arena(configuration.threads),
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
+        planes(plane_map_config(config)),
         coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
         filter(config.max_filtered_points),
-        coarse_filter(config.max_filtered_points),
-        selector(config.max_filtered_points) {}
+        selector(config.max_filtered_points) {
+    if (method.needs_points)
+      point_map.emplace(PointMapConfig{kPointVoxelMetres, config.map_radius_m, config.map_capacity});
+    // Touched here, so that the first scans do not wait for their memory.
+    const auto prepare = [](std::size_t capacity, auto&... buffers) {
+      (buffers.resize(capacity), ...);
+      (buffers.clear(), ...);
+    };
+    prepare(config.max_filtered_points, sweep, first_sweep, deskewed, world_points, coarse_world_points,
+            beams);
+    prepare(config.registration_points, selection, selected_sweep, selected);
+    prepare(kCoarsePoints, coarse_points, search_points);
+  }
+
+  static VoxelMapConfig plane_map_config(const OdometryConfig& config) {
+    VoxelMapConfig result{plane_voxel_for(config, 0.0F), config.map_radius_m, config.map_capacity};
+    result.min_beam_spread = kBeamSpread;
+    return result;
+  }
 
   void stamp(OdometryResult& result, OdometryStage stage) const {
     if (clock != nullptr) result.stage_ns[static_cast<std::size_t>(stage)] = clock();
@@ -67,6 +93,7 @@ struct Odometry::State {
   void reconsider_imu(OdometryResult& result);
   void register_coarse(OdometryResult& result);
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
+  [[nodiscard]] SE3 start_hypothesis(std::size_t i) const;
   void register_from_standstill(OdometryResult& result);
   void search_lost_vehicle(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
@@ -80,11 +107,12 @@ struct Odometry::State {
   void finish(const Scan& scan, OdometryResult& result);
 
   // Parts of the steps.
-  void prepare_maps(const Scan& scan);
   void align_with_gravity(const Scan& scan);
   void set_rotation(const SweepMotion::Span& span, bool with_imu, SweepMotion& target) const;
   void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
               const SE3& T_odom_moving);
+  void insert_planes(const std::vector<SweepPoint>& seen);
+  void insert_coarse(const std::vector<Eigen::Vector3f>& points);
   [[nodiscard]] PlaneMetric plane_metric() const;
   [[nodiscard]] MotionGain motion_gain() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
@@ -100,11 +128,10 @@ struct Odometry::State {
   tbb::task_arena arena;
   ImuBuffer imu;
   ImuMonitor monitor;
-  std::optional<VoxelMap> planes;
+  VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;
-  VoxelFilter filter;
-  VoxelFilter coarse_filter;
+  VoxelFilter filter;  ///< of one use after the other
   PointSelector selector;
   SweepMotion motion;
 
@@ -131,7 +158,8 @@ struct Odometry::State {
   double sigma_m = kMaxSigmaMetres;
   double prediction_error_m = 0.0;
   Vector6 prediction_square = Vector6::Zero();  ///< of corrections of predictions, in body axes
-  double period_s = 0.1;                        ///< between poses, slowly averaged
+  double plane_voxel_m = 0.0;
+  double period_s = 0.1;  ///< between poses, slowly averaged
   double mean_inlier_ratio = 0.0;
   double mean_inliers = 0.0;
   int failures = 0;
@@ -147,7 +175,9 @@ struct Odometry::State {
   std::vector<Eigen::Vector3f> deskewed;
   std::vector<Eigen::Vector3f> selected;
   std::vector<Eigen::Vector3f> coarse_points;
+  std::vector<Eigen::Vector3f> search_points;
   std::vector<Vector3> world_points;
+  std::vector<Vector3> coarse_world_points;
   std::vector<float> beams;
 };
 

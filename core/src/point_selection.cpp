@@ -1,47 +1,51 @@
 #include "nilio/core/point_selection.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
-#include <numbers>
 
 namespace nilio::core {
 
 namespace {
 
-constexpr double kVerticalNormal = 0.8;    // |n_z| above: ground, floors, roofs
-constexpr double kHorizontalNormal = 0.3;  // |n_z| below: walls
-constexpr double kNearGroundSquare = 20.0 * 20.0;
+constexpr float kVerticalNormal = 0.8F;    // |n_z| above: ground, floors, roofs
+constexpr float kHorizontalNormal = 0.3F;  // |n_z| below: walls
+constexpr float kNearGroundSquare = 20.0F * 20.0F;
+constexpr float kTangentOfHalfSector = 0.41421356F;  // 22.5 deg
 
-std::size_t group_of(const Vector3& normal, double square_range) {
-  const double vertical = std::abs(normal.z());
+std::size_t group_of(const Eigen::Vector3f& normal, float square_range) {
+  const float vertical = std::abs(normal.z());
   if (vertical > kVerticalNormal) return square_range < kNearGroundSquare ? 0 : 1;
   if (vertical > kHorizontalNormal) return 6;
   // Headings modulo 180 degrees, in four sectors centred on 0, 45, 90 and 135 degrees.
-  const double heading = std::atan2(normal.y(), normal.x()) / std::numbers::pi * 4.0;
-  const int sector = (static_cast<int>(std::lround(heading)) + 8) % 4;
-  return 2 + static_cast<std::size_t>(sector);
+  const float along = std::abs(normal.x());
+  const float across = std::abs(normal.y());
+  if (across < kTangentOfHalfSector * along) return 2;
+  if (along < kTangentOfHalfSector * across) return 4;
+  return normal.x() * normal.y() > 0.0F ? 3 : 5;
 }
 
 }  // namespace
 
-PointSelector::PointSelector(std::size_t capacity) : filter_(capacity) {
+PointSelector::PointSelector(std::size_t capacity) {
+  candidates_.reserve(capacity);
   for (auto& group : groups_) group.reserve(capacity);
 }
 
-void PointSelector::select(const VoxelMap& map, std::span<const Eigen::Vector3f> positions,
-                           const SE3& T_map_moving, const SelectionConfig& config,
-                           std::vector<std::uint32_t>& selection) {
+void PointSelector::select(const VoxelMap& map, VoxelFilter& filter,
+                           std::span<const Eigen::Vector3f> positions, const SE3& T_map_moving,
+                           const SelectionConfig& config, std::vector<std::uint32_t>& selection) {
   for (auto& group : groups_) group.clear();
-  filter_.begin(config.voxel_size_m);
-  const Matrix3 R_moving_map = T_map_moving.rotation.conjugate().toRotationMatrix();
-  for (std::size_t i = 0; i < positions.size(); ++i) {
-    if (!filter_.insert(positions[i])) continue;
-    const VoxelSurface* surface = map.find(map.index_of(T_map_moving * positions[i].cast<double>()));
-    if (surface == nullptr || surface->planarity > static_cast<float>(config.max_planarity)) continue;
-    const Vector3 normal = R_moving_map * surface->normal.cast<double>();
-    groups_[group_of(normal, positions[i].squaredNorm())].push_back(static_cast<std::uint32_t>(i));
-  }
+  filter.begin(config.voxel_size_m);
+  candidates_.clear();
+  const auto position_of = [&](std::size_t i, Eigen::Vector3f& position) {
+    position = positions[i];
+    return true;
+  };
+  filter.thin(positions.size(), position_of,
+              [&](std::size_t i) { candidates_.push_back(static_cast<std::uint32_t>(i)); });
+  sort_candidates(map, positions, T_map_moving, config.max_planarity);
 
   // Smallest group first, so that what it cannot give is shared among those still to come.
   std::array<std::size_t, kGroups> order{};
@@ -59,6 +63,30 @@ void PointSelector::select(const VoxelMap& map, std::span<const Eigen::Vector3f>
     remaining -= share;
   }
   std::sort(selection.begin(), selection.end());
+}
+
+void PointSelector::sort_candidates(const VoxelMap& map, std::span<const Eigen::Vector3f> positions,
+                                    const SE3& T_map_moving, double max_planarity) {
+  constexpr std::size_t kBlock = 32;
+  const auto limit = static_cast<float>(max_planarity);
+  const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
+  const Eigen::Matrix3f R_moving_map = R.transpose().cast<float>();
+  std::array<VoxelIndex, kBlock> indices;
+  std::array<const VoxelSurface*, kBlock> surfaces;
+  for (std::size_t begin = 0; begin < candidates_.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, candidates_.size() - begin);
+    for (std::size_t k = 0; k < count; ++k) {
+      const Vector3 p = positions[candidates_[begin + k]].cast<double>();
+      indices[k] = map.index_of(R * p + T_map_moving.translation);
+    }
+    map.find_all(indices, count, surfaces);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (surfaces[k] == nullptr || surfaces[k]->planarity > limit) continue;
+      const std::uint32_t i = candidates_[begin + k];
+      const std::size_t group = group_of(R_moving_map * surfaces[k]->normal, positions[i].squaredNorm());
+      groups_[group].push_back(i);
+    }
+  }
 }
 
 }  // namespace nilio::core

@@ -54,6 +54,15 @@ constexpr std::array<RegistrationMethodInfo, 5> kMethods = {{
 
 }  // namespace
 
+RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
+                                     const SE3& T_map_guess, int max_iterations) {
+  SolverOptions options;
+  options.max_iterations = max_iterations;
+  options.translation_epsilon_m = 0.01;
+  options.rotation_epsilon_rad = 1e-3;
+  return register_ndt(gaussians, points, T_map_guess, kNdtKernelSchedule, options);
+}
+
 std::span<const RegistrationMethodInfo> registration_methods() { return kMethods; }
 
 const RegistrationMethodInfo& info_of(RegistrationMethod method) {

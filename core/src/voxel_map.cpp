@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 
 #include <Eigen/Eigenvalues>
 
@@ -10,11 +9,6 @@ namespace nilio::core {
 
 namespace {
 
-constexpr std::uint64_t kFibonacci = 0x9E3779B97F4A7C15ULL;
-constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
-// 21 bits an axis: +-1048 km at 1 m. Positions outside wrap onto a voxel that eviction has emptied long ago.
-constexpr std::int64_t kAxisOffset = 1 << 20;
-constexpr std::uint64_t kAxisMask = (1ULL << 21U) - 1ULL;
 // Share of the slab that eviction looks at per scan.
 constexpr std::size_t kSweepShare = 10;
 // Covariance eigenvalues below this share of the largest are raised to it (Magnusson 2009, section 6.2.1),
@@ -24,18 +18,6 @@ constexpr double kEigenvalueFloor = 0.02 * 0.02;
 // A piece of one scan line has no normal: its points must spread across the line, too, by this share of the
 // voxel.
 constexpr double kMinSpreadShare = 0.05;
-
-std::uint64_t pack_key(const VoxelIndex& index) {
-  const auto axis = [](int value) { return static_cast<std::uint64_t>(value + kAxisOffset) & kAxisMask; };
-  return axis(index.x()) | (axis(index.y()) << 21U) | (axis(index.z()) << 42U);
-}
-
-VoxelIndex unpack_key(std::uint64_t key) {
-  const auto axis = [](std::uint64_t bits) {
-    return static_cast<int>(static_cast<std::int64_t>(bits & kAxisMask) - kAxisOffset);
-  };
-  return {axis(key), axis(key >> 21U), axis(key >> 42U)};
-}
 
 }  // namespace
 
@@ -50,47 +32,42 @@ VoxelMap::VoxelMap(const VoxelMapConfig& config)
   clear();
 }
 
-void VoxelMap::clear() {
-  std::fill(surfaces_.begin(), surfaces_.end(), VoxelSurface{});
-  std::fill(moments_.begin(), moments_.end(), Moments{});
-  std::fill(slots_.begin(), slots_.end(), Slot{});
+void VoxelMap::reset(double voxel_size_m) {
+  config_.voxel_size_m = voxel_size_m;
+  inverse_size_ = 1.0 / voxel_size_m;
+  // Only what was used is touched: a start must not cost the whole slab.
+  for (std::uint32_t voxel = 0; voxel < used_; ++voxel) {
+    if (!moments_[voxel].occupied) continue;
+    std::size_t slot = home_slot(moments_[voxel].key);
+    while (slots_[slot].voxel != voxel) slot = (slot + 1) & mask_;
+    slots_[slot] = Slot{};
+    moments_[voxel].occupied = false;
+  }
   // The lowest index is handed out first.
   free_.resize(config_.capacity);
   for (std::size_t i = 0; i < free_.size(); ++i) free_[i] = static_cast<std::uint32_t>(free_.size() - 1 - i);
+  used_ = 0;
   size_ = 0;
   sweep_position_ = 0;
 }
 
-std::size_t VoxelMap::home_slot(std::uint64_t key) const { return (key * kFibonacci) >> 32U & mask_; }
-
-std::size_t VoxelMap::find_slot(std::uint64_t key) const {
-  std::size_t slot = home_slot(key);
-  while (slots_[slot].occupied && slots_[slot].key != key) slot = (slot + 1) & mask_;
-  return slot;
-}
-
-const VoxelSurface* VoxelMap::find(const VoxelIndex& index) const {
-  const Slot& slot = slots_[find_slot(pack_key(index))];
-  if (!slot.occupied) return nullptr;
-  const VoxelSurface& surface = surfaces_[slot.voxel];
-  return surface.count > 0 ? &surface : nullptr;
-}
-
 std::uint32_t VoxelMap::find_or_create(std::uint64_t key) {
   Slot& slot = slots_[find_slot(key)];
-  if (slot.occupied) return slot.voxel;
+  if (slot.voxel != kNoVoxel) return slot.voxel;
   if (free_.empty()) {
     ++refused_;
     return kNoVoxel;
   }
   const std::uint32_t voxel = free_.back();
   free_.pop_back();
-  slot = {key, voxel, true};
+  used_ = std::max(used_, voxel + 1);
+  slot = {static_cast<std::uint32_t>(key), voxel};
   moments_[voxel] = Moments{};
   moments_[voxel].key = key;
   moments_[voxel].occupied = true;
-  moments_[voxel].refresh_at = config_.min_points;
+  moments_[voxel].refresh_at = static_cast<std::uint16_t>(config_.min_points);
   surfaces_[voxel] = VoxelSurface{};
+  surfaces_[voxel].key_high = static_cast<std::uint32_t>(key >> 32U);
   ++size_;
   return voxel;
 }
@@ -98,14 +75,14 @@ std::uint32_t VoxelMap::find_or_create(std::uint64_t key) {
 void VoxelMap::erase(std::uint32_t voxel) {
   std::size_t hole = find_slot(moments_[voxel].key);
   // Backward-shift deletion: no tombstones, so look-ups never grow longer with age.
-  for (std::size_t next = (hole + 1) & mask_; slots_[next].occupied; next = (next + 1) & mask_) {
-    const std::size_t home = home_slot(slots_[next].key);
+  for (std::size_t next = (hole + 1) & mask_; slots_[next].voxel != kNoVoxel; next = (next + 1) & mask_) {
+    const std::size_t home = home_slot(moments_[slots_[next].voxel].key);
     if (((next - home) & mask_) >= ((next - hole) & mask_)) {
       slots_[hole] = slots_[next];
       hole = next;
     }
   }
-  slots_[hole].occupied = false;
+  slots_[hole] = Slot{};
   moments_[voxel].occupied = false;
   surfaces_[voxel].count = 0;
   free_.push_back(voxel);
@@ -113,28 +90,46 @@ void VoxelMap::erase(std::uint32_t voxel) {
 }
 
 void VoxelMap::insert(std::span<const Vector3> points, std::span<const float> beams) {
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const VoxelIndex index = index_of(points[i]);
-    const std::uint32_t voxel = find_or_create(pack_key(index));
-    if (voxel == kNoVoxel) continue;
-    add(voxel, points[i] - corner_of(index), beams.empty() ? 0.0F : beams[i]);
+  // In blocks, whose memory is fetched while the block before is worked on.
+  constexpr std::size_t kBlock = 32;
+  std::array<std::uint64_t, kBlock> keys;
+  std::array<std::uint32_t, kBlock> voxels;
+  std::array<Eigen::Vector3f, kBlock> local;
+  for (std::size_t begin = 0; begin < points.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, points.size() - begin);
+    for (std::size_t k = 0; k < count; ++k) {
+      const Vector3 cell = points[begin + k] * inverse_size_;
+      const VoxelIndex index = index_of(points[begin + k]);
+      local[k] = (cell - index.cast<double>() - Vector3::Constant(0.5)).cast<float>();
+      keys[k] = pack_key(index);
+      __builtin_prefetch(&slots_[home_slot(keys[k])]);
+    }
+    for (std::size_t k = 0; k < count; ++k) {
+      voxels[k] = find_or_create(keys[k]);
+      if (voxels[k] != kNoVoxel) __builtin_prefetch(&moments_[voxels[k]], 1);
+    }
+    for (std::size_t k = 0; k < count; ++k) {
+      if (voxels[k] != kNoVoxel) add(voxels[k], local[k], beams.empty() ? 0.0F : beams[begin + k]);
+    }
   }
 }
 
-void VoxelMap::add(std::uint32_t voxel, const Vector3& local, float beam) {
+void VoxelMap::add(std::uint32_t voxel, const Eigen::Vector3f& local, float beam) {
   Moments& m = moments_[voxel];
   if (m.count == 0) m.min_beam = m.max_beam = beam;
   const bool one_beam = !seen_by_several_beams(m);
   m.min_beam = std::min(m.min_beam, beam);
   m.max_beam = std::max(m.max_beam, beam);
   if (m.count >= config_.max_points) {
-    m.count /= 2;
-    m.sum *= 0.5;
-    for (double& product : m.products) product *= 0.5;
-    m.refresh_at = m.count + m.count / 2;
+    const std::uint16_t half = m.count / 2;
+    const float kept = static_cast<float>(half) / static_cast<float>(m.count);
+    for (float& sum : m.sum) sum *= kept;
+    for (float& product : m.products) product *= kept;
+    m.count = half;
+    m.refresh_at = static_cast<std::uint16_t>(half + half / 2);
   }
   ++m.count;
-  m.sum += local;
+  for (int axis = 0; axis < 3; ++axis) m.sum[axis] += local[axis];
   m.products[0] += local.x() * local.x();
   m.products[1] += local.x() * local.y();
   m.products[2] += local.x() * local.z();
@@ -142,7 +137,8 @@ void VoxelMap::add(std::uint32_t voxel, const Vector3& local, float beam) {
   m.products[4] += local.y() * local.z();
   m.products[5] += local.z() * local.z();
   // The point of the second beam makes a plane of what was none.
-  if (one_beam && seen_by_several_beams(m)) m.refresh_at = std::max(config_.min_points, m.count);
+  if (one_beam && seen_by_several_beams(m))
+    m.refresh_at = std::max(static_cast<std::uint16_t>(config_.min_points), m.count);
   if (m.count >= m.refresh_at) refresh(voxel);
 }
 
@@ -150,13 +146,15 @@ void VoxelMap::refresh(std::uint32_t voxel) {
   Moments& m = moments_[voxel];
   // The surface changes little with each point: solving at every half again as many is as good and far
   // cheaper.
-  m.refresh_at = std::min(config_.max_points, m.count + (m.count + 1) / 2);
+  m.refresh_at =
+      static_cast<std::uint16_t>(std::min<std::uint32_t>(config_.max_points, m.count + (m.count + 1U) / 2U));
   const double inverse_count = 1.0 / m.count;
-  const Vector3 mean = m.sum * inverse_count;
+  const Vector3 mean = Vector3(m.sum[0], m.sum[1], m.sum[2]) * inverse_count;
   Matrix3 covariance;
   covariance << m.products[0], m.products[1], m.products[2], m.products[1], m.products[3], m.products[4],
       m.products[2], m.products[4], m.products[5];
   covariance = covariance * inverse_count - mean * mean.transpose();
+  covariance *= config_.voxel_size_m * config_.voxel_size_m;
   Eigen::SelfAdjointEigenSolver<Matrix3> solver;
   solver.computeDirect(covariance);
   const Vector3 values = solver.eigenvalues().cwiseMax(0.0);
@@ -166,7 +164,7 @@ void VoxelMap::refresh(std::uint32_t voxel) {
   const Matrix3 information = axes * inverse.asDiagonal() * axes.transpose();
 
   VoxelSurface& surface = surfaces_[voxel];
-  surface.mean = mean.cast<float>();
+  surface.mean = ((mean + Vector3::Constant(0.5)) * config_.voxel_size_m).cast<float>();
   surface.normal = axes.col(0).cast<float>();
   surface.information[0] = static_cast<float>(information(0, 0));
   surface.information[1] = static_cast<float>(information(0, 1));

@@ -16,7 +16,7 @@ using core::Result;
 // minute.
 constexpr std::size_t kPacketSlots = 4096;
 constexpr std::size_t kSampleSlots = 4096;
-constexpr std::size_t kPoseSlots = 1024;
+constexpr std::size_t kPoseSlots = 256;
 constexpr std::size_t kCloudSlots = 64;
 constexpr std::size_t kHealthSlots = 256;
 // Time for all threads to be up before the first packet of a paced recording is due.

@@ -28,7 +28,7 @@ using core::Result;
 constexpr Duration kPollPeriod = Duration::from_milliseconds(20.0);
 constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
 constexpr std::int64_t kSilenceNs = 2'000'000'000;
-constexpr std::size_t kPublisherSlots = 4096;
+constexpr std::size_t kPublisherSlots = 1024;
 
 /// What the supervisor keeps of one run.
 class Supervisor {

@@ -173,8 +173,9 @@ TEST_CASE("between two parallel walls the direction along them keeps the predict
 
 TEST_CASE("selection takes an equal share of every surface direction and never more than it was asked for") {
   PointSelector selector(40000);
+  VoxelFilter filter(40000);
   std::vector<std::uint32_t> selection;
-  selector.select(room_map().planes, room_map().points, {}, {200, 0.2F, 0.1}, selection);
+  selector.select(room_map().planes, filter, room_map().points, {}, {200, 0.2F, 0.1}, selection);
   CHECK(selection.size() <= 200);
   CHECK(selection.size() > 150);
   CHECK(std::is_sorted(selection.begin(), selection.end()));

@@ -47,6 +47,7 @@ class PairTrials {
         planes_({pair.plane_voxel_m, config.map_radius_m, kMapCapacity}),
         gaussians_({config.coarse_voxel_m, config.map_radius_m, kMapCapacity}),
         stored_({1.0, config.map_radius_m, kMapCapacity}),
+        filter_(pair.points.size()),
         selector_(pair.points.size()) {
     planes_.insert(pair.map_points);
     stored_.insert(pair.map_points);
@@ -67,10 +68,8 @@ class PairTrials {
     select(T_guess);
     SE3 pose = T_guess;
     if (method.coarse) {
-      core::SolverOptions options;
-      options.max_iterations = config_.max_coarse_iterations;
       const RegistrationResult coarse =
-          core::register_ndt(gaussians_, coarse_points_, pose, core::kNdtKernelSchedule, options);
+          core::register_coarsely(gaussians_, coarse_points_, pose, config_.max_coarse_iterations);
       if (coarse.T_map_moving.is_finite()) pose = coarse.T_map_moving;
     }
     for (const double sigma : kSigmasMetres) {
@@ -91,7 +90,7 @@ class PairTrials {
   /// As the odometry: by the normals that the points meet at the pose that it believes in.
   void select(const SE3& T_guess) {
     const core::SelectionConfig selection{config_.registration_points, kCoarseVoxelMetres, 0.1};
-    selector_.select(planes_, pair_.points, T_guess, selection, indices_);
+    selector_.select(planes_, filter_, pair_.points, T_guess, selection, indices_);
     selected_.clear();
     for (const std::uint32_t index : indices_) selected_.push_back(pair_.points[index]);
   }
@@ -101,6 +100,7 @@ class PairTrials {
   core::VoxelMap planes_;
   core::VoxelMap gaussians_;
   core::PointMap stored_;
+  core::VoxelFilter filter_;
   core::PointSelector selector_;
   std::vector<Eigen::Vector3f> coarse_points_;
   std::vector<Eigen::Vector3f> selected_;

@@ -42,25 +42,37 @@ class LeastTimes {
  public:
   void add(const std::vector<OdometryResult>& results) {
     total_.resize(results.size(), std::numeric_limits<double>::infinity());
+    with_feed_.resize(results.size(), std::numeric_limits<double>::infinity());
     for (auto& stage : stages_) stage.resize(results.size(), std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < results.size(); ++i) {
       const auto keep = [&](std::vector<double>& least, OdometryStage from, OdometryStage to) {
         least[i] = std::min(least[i], static_cast<double>(ticks(results[i], from, to)) * 1e-6);
       };
       keep(total_, OdometryStage::kStarted, OdometryStage::kMapped);
+      const std::int64_t since = i == 0 ? start_of(results[i]) : end_of(results[i - 1]);
+      with_feed_[i] = std::min(with_feed_[i], static_cast<double>(end_of(results[i]) - since) * 1e-6);
       for (std::size_t s = 0; s < kStages; ++s) keep(stages_[s], kStageEnds[s].first, kStageEnds[s].second);
     }
   }
   [[nodiscard]] StageTimes times() const {
     StageTimes times;
     times.total = spread_of(total_);
+    times.with_feed = spread_of(with_feed_);
     times.per_scan = total_;
     for (std::size_t s = 0; s < kStages; ++s) times.stages[s] = spread_of(stages_[s]);
     return times;
   }
 
  private:
+  static std::int64_t start_of(const OdometryResult& result) {
+    return result.stage_ns[static_cast<std::size_t>(OdometryStage::kStarted)];
+  }
+  static std::int64_t end_of(const OdometryResult& result) {
+    return result.stage_ns[static_cast<std::size_t>(OdometryStage::kMapped)];
+  }
+
   std::vector<double> total_;
+  std::vector<double> with_feed_;
   std::array<std::vector<double>, kStages> stages_;
 };
 

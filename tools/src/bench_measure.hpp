@@ -47,6 +47,9 @@ const char* stage_name(std::size_t stage);
 /// Milliseconds a scan.
 struct StageTimes {
   Spread total;
+  /// From the end of the scan before: with the decoding of packets (or the reading of a KITTI file) into the
+  /// scan, and what the odometry thread does with a pose. Of a clock that stands while the thread waits only.
+  Spread with_feed;
   std::array<Spread, kStages> stages;
   std::vector<double> per_scan;  ///< totals, in order
 };

@@ -61,13 +61,14 @@ BenchTable accuracy_table(std::span<const Measurement> measurements) {
 }
 
 BenchTable cost_table(std::span<const Measurement> measurements) {
-  BenchTable table{{"registration", "CPU ms/scan", "wall ms/scan", "peak memory MiB",
+  BenchTable table{{"registration", "CPU ms/scan", "CPU from packets on", "wall ms/scan", "peak memory MiB",
                     "allocations, first " + std::to_string(kWarmUpScans) + " scans", "allocations/scan then"},
                    {}};
   for (const Measurement& m : measurements) {
     const bool counted = allocations_are_counted() && m.work.scans > 0;
     table.rows.push_back(
-        {label_of(m), three(m.cpu.total), three(m.wall.total),
+        {label_of(m), three(m.cpu.total), m.threads == 1 && m.work.scans > 0 ? three(m.cpu.with_feed) : "-",
+         three(m.wall.total),
          m.peak_resident_bytes > 0 ? fixed(static_cast<double>(m.peak_resident_bytes) / kMebibyte, 0) : "-",
          counted ? std::to_string(m.allocations_warming_up) : "-",
          counted ? fixed(m.allocations_per_scan, 2) : "-"});

@@ -44,8 +44,8 @@ struct OdometryConfig {
   double plane_voxel_m = 0.0;
   double coarse_voxel_m = 2.0;
   double map_radius_m = 100.0;
-  std::size_t map_capacity = 100000;
-  std::size_t coarse_map_capacity = 40000;
+  std::size_t map_capacity = 65536;
+  std::size_t coarse_map_capacity = 20000;
 
   RegistrationMethod registration = RegistrationMethod::kNdtIcp;
   CoarsePolicy coarse = CoarsePolicy::kAuto;

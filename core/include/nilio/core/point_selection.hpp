@@ -1,7 +1,7 @@
 #pragma once
 
 #include "nilio/core/se3.hpp"
-#include "nilio/core/sweep.hpp"
+#include "nilio/core/voxel_filter.hpp"
 #include "nilio/core/voxel_map.hpp"
 
 #include <array>
@@ -27,14 +27,17 @@ class PointSelector {
   explicit PointSelector(std::size_t capacity);
 
   /// Fills `selection` with indices into `points`, ascending. `positions` are the points as they are expected
-  /// at the end of the scan, `T_map_moving` the expected pose.
-  void select(const VoxelMap& map, std::span<const Eigen::Vector3f> positions, const SE3& T_map_moving,
-              const SelectionConfig& config, std::vector<std::uint32_t>& selection);
+  /// at the end of the scan, `T_map_moving` the expected pose. `filter` is used meanwhile.
+  void select(const VoxelMap& map, VoxelFilter& filter, std::span<const Eigen::Vector3f> positions,
+              const SE3& T_map_moving, const SelectionConfig& config, std::vector<std::uint32_t>& selection);
 
  private:
   static constexpr std::size_t kGroups = 7;
 
-  VoxelFilter filter_;
+  void sort_candidates(const VoxelMap& map, std::span<const Eigen::Vector3f> positions,
+                       const SE3& T_map_moving, double max_planarity);
+
+  std::vector<std::uint32_t> candidates_;
   std::vector<std::uint32_t> groups_[kGroups];
 };
 

@@ -2,6 +2,8 @@
 
 #include "nilio/core/se3.hpp"
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -28,6 +30,8 @@ struct alignas(64) VoxelSurface {
   float thickness = 0.0F;
   /// Points behind the surface, 0 until there are enough for one.
   std::uint32_t count = 0;
+  /// The map's own: the half of the voxel's key that its hash table leaves out.
+  std::uint32_t key_high = 0;
 };
 
 struct VoxelMapConfig {
@@ -54,7 +58,9 @@ class VoxelMap {
  public:
   explicit VoxelMap(const VoxelMapConfig& config);
 
-  void clear();
+  void clear() { reset(config_.voxel_size_m); }
+  /// Empties the map and changes the edge of its voxels.
+  void reset(double voxel_size_m);
   /// Inserts points given in the map frame. `beams` that saw them: one for each point,
   /// or none for a map that does not look at them.
   void insert(std::span<const Vector3> points, std::span<const float> beams = {});
@@ -63,44 +69,97 @@ class VoxelMap {
   void evict_far_from(const Vector3& center);
 
   [[nodiscard]] VoxelIndex index_of(const Vector3& position) const {
-    return (position * inverse_size_).array().floor().cast<int>();
+    const auto floor = [](double cell) {
+      const int truncated = static_cast<int>(cell);
+      return truncated - (cell < static_cast<double>(truncated) ? 1 : 0);
+    };
+    return {floor(position.x() * inverse_size_), floor(position.y() * inverse_size_),
+            floor(position.z() * inverse_size_)};
   }
   [[nodiscard]] Vector3 corner_of(const VoxelIndex& index) const {
     return index.cast<double>() * config_.voxel_size_m;
   }
   /// The surface of a voxel, or nullptr while it has none.
-  [[nodiscard]] const VoxelSurface* find(const VoxelIndex& index) const;
+  [[nodiscard]] const VoxelSurface* find(const VoxelIndex& index) const { return find_key(pack_key(index)); }
+  /// find() for several voxels at once, which does not wait for the memory of one after the other.
+  template <std::size_t count>
+  void find_all(const std::array<VoxelIndex, count>& indices, std::size_t used,
+                std::array<const VoxelSurface*, count>& surfaces) const {
+    std::array<std::uint64_t, count> keys;
+    for (std::size_t i = 0; i < used; ++i) {
+      keys[i] = pack_key(indices[i]);
+      __builtin_prefetch(&slots_[home_slot(keys[i])]);
+    }
+    // The home slot is nearly always the right one; if not, only time is lost.
+    for (std::size_t i = 0; i < used; ++i) {
+      const Slot& home = slots_[home_slot(keys[i])];
+      if (home.voxel != kNoVoxel) __builtin_prefetch(&surfaces_[home.voxel]);
+    }
+    for (std::size_t i = 0; i < used; ++i) surfaces[i] = find_key(keys[i]);
+  }
 
   [[nodiscard]] const VoxelMapConfig& config() const { return config_; }
   [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] std::uint64_t refused() const { return refused_; }
 
  private:
-  // What only insertion touches.
-  struct Moments {
+  static constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
+  static constexpr std::int64_t kAxisOffset = 1 << 20;
+  static constexpr std::uint64_t kAxisMask = (1ULL << 21U) - 1ULL;
+
+  // What only insertion touches: one cache line. Positions are relative to the voxel's middle, in voxels.
+  struct alignas(64) Moments {
     std::uint64_t key = 0;
-    Vector3 sum = Vector3::Zero();
-    double products[6] = {};
+    float sum[3] = {};
+    float products[6] = {};  ///< upper triangle: xx xy xz yy yz zz
     float min_beam = 0.0F;
     float max_beam = 0.0F;
-    std::uint32_t count = 0;
-    std::uint32_t refresh_at = 0;
+    std::uint16_t count = 0;
+    std::uint16_t refresh_at = 0;
     bool occupied = false;
   };
   struct Slot {
-    std::uint64_t key = 0;
-    std::uint32_t voxel = 0;
-    bool occupied = false;
+    std::uint32_t key_low = 0;
+    std::uint32_t voxel = kNoVoxel;
   };
 
   [[nodiscard]] bool seen_by_several_beams(const Moments& moments) const {
     return moments.max_beam - moments.min_beam >= config_.min_beam_spread;
   }
-  [[nodiscard]] std::size_t home_slot(std::uint64_t key) const;
-  [[nodiscard]] std::size_t find_slot(std::uint64_t key) const;
+  // 21 bits an axis: +-1048 km at 1 m. Positions outside wrap onto a voxel that eviction has emptied long
+  // ago.
+  [[nodiscard]] static std::uint64_t pack_key(const VoxelIndex& index) {
+    const auto axis = [](int value) { return static_cast<std::uint64_t>(value + kAxisOffset) & kAxisMask; };
+    return axis(index.x()) | (axis(index.y()) << 21U) | (axis(index.z()) << 42U);
+  }
+  [[nodiscard]] static VoxelIndex unpack_key(std::uint64_t key) {
+    const auto axis = [](std::uint64_t bits) {
+      return static_cast<int>(static_cast<std::int64_t>(bits & kAxisMask) - kAxisOffset);
+    };
+    return {axis(key), axis(key >> 21U), axis(key >> 42U)};
+  }
+  [[nodiscard]] std::size_t home_slot(std::uint64_t key) const {
+    constexpr std::uint64_t kFibonacci = 0x9E3779B97F4A7C15ULL;
+    return (key * kFibonacci) >> 32U & mask_;
+  }
+  [[nodiscard]] std::size_t find_slot(std::uint64_t key) const {
+    const auto low = static_cast<std::uint32_t>(key);
+    const auto high = static_cast<std::uint32_t>(key >> 32U);
+    std::size_t slot = home_slot(key);
+    while (slots_[slot].voxel != kNoVoxel &&
+           (slots_[slot].key_low != low || surfaces_[slots_[slot].voxel].key_high != high))
+      slot = (slot + 1) & mask_;
+    return slot;
+  }
+  [[nodiscard]] const VoxelSurface* find_key(std::uint64_t key) const {
+    const Slot& slot = slots_[find_slot(key)];
+    if (slot.voxel == kNoVoxel) return nullptr;
+    const VoxelSurface& surface = surfaces_[slot.voxel];
+    return surface.count > 0 ? &surface : nullptr;
+  }
   std::uint32_t find_or_create(std::uint64_t key);
   void erase(std::uint32_t voxel);
-  void add(std::uint32_t voxel, const Vector3& local, float beam);
+  void add(std::uint32_t voxel, const Eigen::Vector3f& local, float beam);
   void refresh(std::uint32_t voxel);
 
   VoxelMapConfig config_;
@@ -111,6 +170,7 @@ class VoxelMap {
   std::vector<std::uint32_t> free_;
   std::size_t mask_ = 0;
   std::size_t size_ = 0;
+  std::uint32_t used_ = 0;  ///< voxels from this one on have never been used since the map was empty
   std::size_t sweep_position_ = 0;
   std::uint64_t refused_ = 0;
 };
