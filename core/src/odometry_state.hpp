@@ -4,6 +4,7 @@
 #include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/odometry.hpp"
 #include "nilio/core/point_selection.hpp"
+#include "nilio/core/pose_covariance.hpp"
 #include "nilio/core/sweep.hpp"
 #include "nilio/core/sweep_motion.hpp"
 #include "nilio/core/voxel_map.hpp"
@@ -87,8 +88,9 @@ struct Odometry::State {
               const SE3& T_odom_moving);
   [[nodiscard]] PlaneMetric plane_metric() const;
   [[nodiscard]] MotionGain motion_gain() const;
+  [[nodiscard]] std::optional<PosePrior> pose_prior() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
-                                   OdometryResult& result);
+                                   const std::optional<PosePrior>& prior, OdometryResult& result);
   [[nodiscard]] RegisteredMotion registered_motion() const;
   void learn_motion();
   void learn_gyro_bias();
@@ -131,7 +133,8 @@ struct Odometry::State {
   double sigma_m = kMaxSigmaMetres;
   double prediction_error_m = 0.0;
   Vector6 prediction_square = Vector6::Zero();  ///< of corrections of predictions, in body axes
-  double period_s = 0.1;                        ///< between poses, slowly averaged
+  UnobservedDrift drift;
+  double period_s = 0.1;  ///< between poses, slowly averaged
   double mean_inlier_ratio = 0.0;
   double mean_inliers = 0.0;
   int failures = 0;
