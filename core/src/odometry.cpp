@@ -41,7 +41,10 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   result.T_odom_base = T_odom_map * T_map_base;
   result.map_voxels = static_cast<std::uint32_t>(planes.size());
   result.map_refused = planes.refused() + coarse_map.refused();
-  fill_covariance({registration, prediction_square, (span.end - span.previous).seconds(), failures}, result);
+  drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
+  fill_covariance(
+      {registration, prediction_square, drift.variance(), (span.end - span.previous).seconds(), failures},
+      result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
   stamp(result, OdometryStage::kMapped);

@@ -56,6 +56,16 @@ constexpr double kGyroBiasGain = 0.02;
 constexpr double kMaxGyroBias = 0.1;
 constexpr double kCalmTurnRate = 0.02;
 
+/// However well the last scans were predicted, the next one may begin a gentle manoeuvre: 1 m/s^2, or what
+/// turns a point 30 m away as far, over a tenth of a second.
+Vector6 least_prediction_square() {
+  constexpr double kLeastMetres = 0.01;
+  Vector6 square;
+  square << Vector3::Constant(kLeastMetres * kLeastMetres),
+      Vector3::Constant(kLeastMetres * kLeastMetres / (kErrorLeverMetres * kErrorLeverMetres));
+  return square;
+}
+
 /// Every k-th element, at most `target` of them.
 void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
                  std::vector<Eigen::Vector3f>& output) {
@@ -119,9 +129,11 @@ MotionGain Odometry::State::motion_gain() const {
 }
 
 RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vector3f>& points,
-                                                  const SE3& T_guess, OdometryResult& result) {
+                                                  const SE3& T_guess, const std::optional<PosePrior>& prior,
+                                                  OdometryResult& result) {
   SolverOptions options;
   options.max_iterations = config.max_fine_iterations;
+  options.prior = prior;
   const RegistrationMaps maps{&planes, &coarse_map, point_map ? &*point_map : nullptr};
   const RegistrationResult fine = method.refine(maps, points, T_guess, plane_metric(), options);
   result.fine_iterations += fine.iterations;
@@ -142,7 +154,7 @@ void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, Odometr
   coarse.T_map_moving = T_guess;
   if (method.coarse)
     coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations);
-  const RegistrationResult fine = register_fine(search_points, coarse.T_map_moving, result);
+  const RegistrationResult fine = register_fine(search_points, coarse.T_map_moving, std::nullopt, result);
   result.coarse_iterations += coarse.iterations;
   if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;
   search.inliers = fine.equations.inliers;
@@ -197,14 +209,21 @@ void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   T_predicted = T_before;
 }
 
+/// Nothing where the prediction is worth nothing.
+std::optional<PosePrior> Odometry::State::pose_prior() const {
+  if (scans < kInitialScans || relocated || after_gap()) return std::nullopt;
+  return PosePrior{T_predicted, prediction_square.cwiseMax(least_prediction_square())};
+}
+
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
+  const std::optional<PosePrior> prior = pose_prior();
   for (int pass = 0; pass < config.max_passes; ++pass) {
     motion.deskew(selected_sweep, selected);
     deskew_rate = motion.mean_angular_velocity();
     const SE3 T_assumed = registration.T_map_moving;
     if (coarse && pass == 0) register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
-    registration = register_fine(selected, registration.T_map_moving, result);
+    registration = register_fine(selected, registration.T_map_moving, prior, result);
     ++result.passes;
     if (!registration.T_map_moving.is_finite()) return;
     if (relocated) return;
@@ -295,8 +314,10 @@ void Odometry::State::learn_prediction_error() {
   const Vector3 turn = so3_log(error.rotation);
   Vector6 squares;
   squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
-  // A manoeuvre is believed at once, calm only after a while.
-  prediction_square = squares.cwiseMax(kErrorMemory * prediction_square + (1.0 - kErrorMemory) * squares);
+  // A manoeuvre is believed at once, calm only after a while, and only where the scan would have shown it:
+  // along an axis that follows the prediction nothing is learned of its errors.
+  const Vector6 expected = prediction_square.cwiseProduct(registration.observed_share);
+  prediction_square = squares.cwiseMax(prediction_square + (1.0 - kErrorMemory) * (squares - expected));
   const double angle = turn.norm();
   prediction_error_m = error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
   const double square =

@@ -4,6 +4,7 @@
 #include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/odometry.hpp"
 #include "nilio/core/point_selection.hpp"
+#include "nilio/core/pose_covariance.hpp"
 #include "nilio/core/sweep.hpp"
 #include "nilio/core/sweep_motion.hpp"
 #include "nilio/core/voxel_map.hpp"
@@ -115,8 +116,9 @@ struct Odometry::State {
   void insert_coarse(const std::vector<Eigen::Vector3f>& points);
   [[nodiscard]] PlaneMetric plane_metric() const;
   [[nodiscard]] MotionGain motion_gain() const;
+  [[nodiscard]] std::optional<PosePrior> pose_prior() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
-                                   OdometryResult& result);
+                                   const std::optional<PosePrior>& prior, OdometryResult& result);
   [[nodiscard]] RegisteredMotion registered_motion() const;
   void learn_motion();
   void learn_gyro_bias();
@@ -159,6 +161,7 @@ struct Odometry::State {
   double prediction_error_m = 0.0;
   Vector6 prediction_square = Vector6::Zero();  ///< of corrections of predictions, in body axes
   double plane_voxel_m = 0.0;
+  UnobservedDrift drift;
   double period_s = 0.1;  ///< between poses, slowly averaged
   double mean_inlier_ratio = 0.0;
   double mean_inliers = 0.0;

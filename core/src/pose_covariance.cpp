@@ -8,24 +8,30 @@ namespace nilio::core {
 
 namespace {
 
-// Neighbouring points meet the same voxels, so their residuals are not independent: this many say one thing.
-// Measured with the floors on simulated drives, where the true error is 0.5 to 0.7 of what is said.
-constexpr double kCorrelatedResiduals = 2.0;
-constexpr double kMinResidualVariance = 0.01 * 0.01;
 constexpr double kTranslationFloor = 0.002 * 0.002;
 constexpr double kRotationFloor = 5e-5 * 5e-5;
 constexpr double kUnobservedTranslation = 1.0;
 constexpr double kUnobservedRotation = 0.1 * 0.1;
 
-Matrix6 unobserved_covariance(std::uint8_t axes) {
-  Matrix6 covariance = Matrix6::Zero();
-  for (int i = 0; i < 6; ++i) {
-    if ((axes >> i & 1) != 0) covariance(i, i) = i < 3 ? kUnobservedTranslation : kUnobservedRotation;
-  }
-  return covariance;
+Matrix6 unobserved_covariance() {
+  Vector6 variance;
+  variance << Vector3::Constant(kUnobservedTranslation), Vector3::Constant(kUnobservedRotation);
+  return variance.asDiagonal();
 }
 
 }  // namespace
+
+void UnobservedDrift::advance(std::uint8_t weak_axes, const Vector6& prediction_square) {
+  for (int i = 0; i < 6; ++i) {
+    if ((weak_axes >> i & 1) == 0) {
+      position_[i] = cross_[i] = velocity_[i] = 0.0;
+      continue;
+    }
+    position_[i] += 2.0 * cross_[i] + velocity_[i] + prediction_square[i];
+    cross_[i] += velocity_[i] + prediction_square[i];
+    velocity_[i] += prediction_square[i];
+  }
+}
 
 void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
   Matrix6 covariance = Matrix6::Zero();
@@ -33,17 +39,15 @@ void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
       kRotationFloor, kRotationFloor;
   const NormalEquations& equations = evidence.registration.equations;
   if (result.predicted) {
-    covariance += unobserved_covariance(0b111111) * (evidence.failures * evidence.failures);
+    covariance += unobserved_covariance() * (evidence.failures * evidence.failures);
   } else if (equations.weight_sum > 0.0) {
-    const double variance =
-        std::max(kMinResidualVariance, equations.weighted_square_error / equations.weight_sum);
     // Unobserved directions make H singular; a weak prior of their own size keeps the inverse finite.
-    Matrix6 information = equations.H / (variance * kCorrelatedResiduals);
+    Matrix6 information = equations.H / measurement_variance(equations);
     information.diagonal().head<3>().array() += 1.0 / kUnobservedTranslation;
     information.diagonal().tail<3>().array() += 1.0 / kUnobservedRotation;
     covariance += information.inverse();
     covariance.diagonal() += kDeskewShare * kDeskewShare * evidence.prediction_square;
-    covariance += unobserved_covariance(evidence.registration.degenerate_axes);
+    covariance.diagonal() += evidence.drift;
   }
   const Matrix3 R = result.T_odom_base.rotation.toRotationMatrix();
   Matrix6 to_odom = Matrix6::Zero();

@@ -38,8 +38,8 @@ NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Acc
 
 enum class StepOutcome { kStepped, kConverged, kNonFinite };
 
-/// Solves the equations and applies the step to the directions that are observed; the others keep the
-/// prediction.
+/// Solves the equations and applies the step. Directions that are not observed keep where they began, or
+/// follow the prior (solution remapping; Zhang, Kaess, Singh 2016).
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result);
 

@@ -3,19 +3,15 @@
 
 #include "commands.hpp"
 #include "simulate_options.hpp"
+#include "simulate_scene.hpp"
 #include "simulation/hdl64e_stream.hpp"
 #include "simulation/imu_faults.hpp"
 #include "simulation/imu_model.hpp"
 #include "simulation/lidar_model.hpp"
 #include "simulation/position_model.hpp"
 #include "simulation/ray_scene.hpp"
-#include "simulation/recorded_drive.hpp"
 #include "simulation/recording.hpp"
-#include "simulation/town.hpp"
-#include "simulation/town_drive.hpp"
-#include "simulation/traffic.hpp"
 
-#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -25,7 +21,6 @@
 #include <string>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 namespace nilio::tools {
 
@@ -35,7 +30,6 @@ namespace {
 
 using core::Error;
 using core::Result;
-using core::SE3;
 using namespace simulation;
 
 constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
@@ -43,15 +37,6 @@ constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 constexpr core::Time kStart{1'767'268'800'000'000'000};
 const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
 const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
-constexpr double kMetresPerMovingCar = 30.0;
-
-Result<std::vector<SE3>> make_drive(const SimulateArguments& arguments) {
-  if (arguments.trajectory == "town") {
-    return make_town_drive({arguments.seed, arguments.speed_m_s, arguments.moving_start, arguments.extent});
-  }
-  return make_recorded_drive({arguments.trajectory, arguments.calibration, arguments.pose_interval_s,
-                              arguments.moving_start, kLidarMounting.T_base_sensor(), arguments.extent});
-}
 
 Result<fs::path> prepare_folder(const std::string& output) {
   std::error_code error;
@@ -81,33 +66,10 @@ void print_drive(double length_m, const VehicleTrajectory& trajectory) {
   std::printf("drive: %.1f m in %.1f s\n", length_m, trajectory.duration_s());
 }
 
-void print_scene(const Town& town, std::size_t moving_cars) {
-  const TownSummary& s = town.summary;
-  std::printf(
-      "scene: %zu buildings, %zu trees, %zu bushes, %zu parked cars, %zu lamps and signs, %zu garden walls, "
-      "%zu side streets, %zu moving cars; %.2f million triangles\n",
-      s.buildings, s.trees, s.bushes, s.parked_cars, s.posts, s.walls, town.layout.side_streets().size(),
-      moving_cars, static_cast<double>(town.mesh.triangles.size()) * 1e-6);
+void print_scene(const Scene& scene) {
+  std::printf("scene: %s, %zu moving cars; %.2f million triangles\n", scene.contents.c_str(),
+              scene.cars.size(), static_cast<double>(scene.mesh.triangles.size()) * 1e-6);
   std::fflush(stdout);
-}
-
-/// Recorded heights can be wrong by more than the closing of loops repairs.
-void warn_off_ground(const Town& town) {
-  constexpr double tolerated_m = 0.5;
-  double worst_m = 0.0;
-  double time_s = 0.0;
-  for (const StreetSample& sample : town.layout.samples()) {
-    const double gap_m = std::abs(town.ground.height(sample.position) - sample.z);
-    if (!sample.driven || gap_m <= worst_m) continue;
-    worst_m = gap_m;
-    time_s = sample.time_s;
-  }
-  if (worst_m < tolerated_m) return;
-  std::fprintf(
-      stderr,
-      "nilio simulate: warning: %.1f s into the drive the vehicle is %.1f m off the ground: the pose file's "
-      "heights are not those of one road; cut those lines from it\n",
-      time_s, worst_m);
 }
 
 void print_lidar(const LidarRecordingSummary& lidar, const fs::path& path) {
@@ -217,21 +179,12 @@ Result<bool> simulate(const SimulateArguments& arguments) {
   if (!setup) return setup.error();
   const Result<fs::path> folder = prepare_folder(arguments.output);
   if (!folder) return folder.error();
-  const Result<std::vector<SE3>> poses = make_drive(arguments);
-  if (!poses) return poses.error();
-  const VehicleTrajectory trajectory(*poses, kControlIntervalS);
-  const double length_m = path_length(*poses);
-  print_drive(length_m, trajectory);
-
-  const Result<Town> town = build_town(trajectory, {arguments.seed, arguments.scene_density});
-  if (!town) return town.error();
-  warn_off_ground(*town);
-  const std::size_t wanted_cars =
-      arguments.moving_cars.value_or(static_cast<unsigned>(length_m / kMetresPerMovingCar));
-  std::vector<MovingCar> cars =
-      make_traffic(trajectory, town->layout, town->ground, wanted_cars, arguments.seed);
-  print_scene(*town, cars.size());
-  const Result<RayScene> scene = RayScene::create(town->mesh, std::move(cars));
+  Result<Scene> made = make_scene(arguments, kLidarMounting.T_base_sensor());
+  if (!made) return made.error();
+  const VehicleTrajectory trajectory(made->poses, kControlIntervalS);
+  print_drive(path_length(made->poses), trajectory);
+  print_scene(*made);
+  const Result<RayScene> scene = RayScene::create(made->mesh, std::move(made->cars));
   if (!scene) return scene.error();
 
   // The small files first: they show at once whether the folder can be written.
@@ -256,7 +209,7 @@ int run_simulate(const SimulateArguments& arguments) {
 void add_simulate_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<SimulateArguments>();
   CLI::App* command =
-      app.add_subcommand("simulate", "drive a simulated vehicle through a made-up town and record it");
+      app.add_subcommand("simulate", "drive a simulated vehicle through a made-up scene and record it");
   command->footer(
       "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 "
       "ms),\n"

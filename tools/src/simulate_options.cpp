@@ -6,6 +6,7 @@
 #include "simulation/hdl64e_stream.hpp"
 #include "simulation/imu_faults.hpp"
 
+#include <algorithm>
 #include <sstream>
 #include <utility>
 #include <vector>
@@ -56,7 +57,24 @@ CLI::Validator sensor_name() {
   return {check, ""};
 }
 
+std::vector<std::string> scene_names() {
+  std::vector<std::string> names;
+  for (const simulation::SceneInfo& info : simulation::scene_infos()) names.emplace_back(info.name);
+  return names;
+}
+
+std::string describe_scenes() {
+  std::string text = "where to drive:";
+  for (const simulation::SceneInfo& info : simulation::scene_infos())
+    text += std::string("\n") + info.name + ": " + info.summary;
+  return text + "\n";
+}
+
 void add_drive_options(CLI::App& command, SimulateArguments& a) {
+  command.add_option("--scene", a.scene, describe_scenes())
+      ->check(CLI::IsMember(scene_names()))
+      ->capture_default_str();
+  command.add_flag("--tunnel-lamps", a.tunnel_lamps, "lamps and niches in the tunnel, which is bare without");
   command
       .add_option("--trajectory", a.trajectory,
                   "'town', or a KITTI pose file (camera poses, 12 numbers a line) to drive along")
@@ -70,10 +88,14 @@ void add_drive_options(CLI::App& command, SimulateArguments& a) {
       ->check(number_between(1.0, 100000.0));
   command.add_option("--duration", a.extent.duration_s, "seconds to drive; default: the whole drive")
       ->check(number_between(0.5, 7200.0));
-  command.add_option("--speed", a.speed_m_s, "cruising speed in the town, m/s")
-      ->check(number_between(0.5, 40.0))
-      ->capture_default_str();
-  command.add_flag("--moving-start", a.moving_start, "begin at speed instead of standing for 2 s");
+  command
+      .add_option(
+          "--speed", a.speed_m_s,
+          "cruising speed, m/s; default: town 10, highway 30, tunnel 20, ramps 5, forest 6, manoeuvres 14")
+      ->check(number_between(0.5, 40.0));
+  command.add_flag(
+      "--moving-start", a.moving_start,
+      "begin at speed instead of standing for 2 s; on the highway and before the tunnel it always does");
 }
 
 void add_lidar_options(CLI::App& command, SimulateArguments& a) {
@@ -94,7 +116,9 @@ void add_lidar_options(CLI::App& command, SimulateArguments& a) {
                   "scales the number of buildings, trees, parked cars and posts")
       ->check(number_between(0.0, 3.0))
       ->capture_default_str();
-  command.add_option("--moving-cars", a.moving_cars, "how many; default: one per 30 m")
+  command
+      .add_option("--moving-cars", a.moving_cars,
+                  "how many at most; default: one per 30 m in the town, elsewhere what is usual there")
       ->check(number_between(0.0, 5000.0));
 }
 
@@ -188,14 +212,48 @@ GpsReception gps_of(const SimulateArguments& arguments) {
   return value_of(kGpsReceptions, arguments.gps, GpsReception::kLocked);
 }
 
+const simulation::SceneInfo& scene_of(const SimulateArguments& arguments) {
+  const auto& infos = simulation::scene_infos();
+  const auto found = std::find_if(infos.begin(), infos.end(), [&](const simulation::SceneInfo& info) {
+    return arguments.scene == info.name;
+  });
+  return found != infos.end() ? *found : infos.front();
+}
+
 std::optional<drivers::VelodyneModel> parse_sensor(const std::string& name) {
   // KITTI's.
   if (name == "hdl64e") return drivers::VelodyneModel::kHdl64eS2;
   return drivers::parse_velodyne_model(name);
 }
 
+/// What the chosen scene has no use for.
+std::optional<Error> find_useless_in_scene(const CLI::App& command, const SimulateArguments& a) {
+  using simulation::SceneKind;
+  const simulation::SceneInfo& scene = scene_of(a);
+  const auto useless = [&](const char* option, const char* reason) -> std::optional<Error> {
+    if (command.count(option) == 0) return std::nullopt;
+    return Error{std::string(option) + ": in the scene '" + scene.name + "' " + reason};
+  };
+  const bool in_town = scene.kind == SceneKind::kTown || scene.kind == SceneKind::kManoeuvres;
+  std::optional<Error> error;
+  if (scene.kind != SceneKind::kTunnel && command.count("--tunnel-lamps") > 0)
+    return Error{"--tunnel-lamps is for --scene tunnel"};
+  if (scene.kind != SceneKind::kTown && a.trajectory != "town")
+    return Error{"--trajectory: a pose file is driven through the town; leave --scene out"};
+  if (!scene.standing_start) error = useless("--moving-start", "the vehicle always begins at speed");
+  if (!error && scene.speed_m_s <= 0.0) {
+    for (const char* option : {"--speed", "--length", "--moving-start"}) {
+      if (!error) error = useless(option, "the vehicle does not move; --duration says for how long");
+    }
+  }
+  const bool empty = scene.kind == SceneKind::kForest || scene.kind == SceneKind::kRamps;
+  if (!error && !in_town && empty) error = useless("--moving-cars", "nothing else moves");
+  return error;
+}
+
 std::optional<Error> find_useless_option(const CLI::App& command, const SimulateArguments& a) {
   const bool town = a.trajectory == "town";
+  if (auto error = find_useless_in_scene(command, a)) return error;
   if (!town && command.count("--speed") > 0)
     return Error{"--speed is for the town; a pose file has its own speed"};
   if (a.imu == "none" && !a.imu_faults.empty())

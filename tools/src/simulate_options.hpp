@@ -4,6 +4,7 @@
 #include "nilio/drivers/velodyne_model.hpp"
 
 #include "simulation/gps_reception.hpp"
+#include "simulation/scene.hpp"
 #include "simulation/vehicle_trajectory.hpp"
 
 #include <cstdint>
@@ -27,11 +28,15 @@ struct SimulateArguments {
   double network_jitter_us = 0.0;
   /// "on", "off", empty = as the model does.
   std::string stream_calibration;
+  /// One of simulation::scene_infos().
+  std::string scene = "town";
+  bool tunnel_lamps = false;
   std::string trajectory = "town";
   std::string calibration;
   double pose_interval_s = 0.1037;
   simulation::DriveExtent extent;
-  double speed_m_s = 10.0;
+  /// Nothing: the scene's own.
+  std::optional<double> speed_m_s;
   bool moving_start = false;
   double revolutions_per_minute = 600.0;
   double range_noise_m = 0.02;
@@ -54,9 +59,11 @@ std::optional<drivers::VelodyneModel> parse_sensor(const std::string& name);
 /// Of arguments that were parsed.
 drivers::ReturnMode return_mode_of(const SimulateArguments& arguments);
 simulation::GpsReception gps_of(const SimulateArguments& arguments);
+const simulation::SceneInfo& scene_of(const SimulateArguments& arguments);
 /// Declares the options of "nilio simulate"; `arguments` must outlive `command`.
 void add_simulate_options(CLI::App& command, SimulateArguments& arguments);
-/// An option that the chosen trajectory or LiDAR does not use is a mistake, not something to pass over.
+/// An option that the chosen scene, trajectory or LiDAR does not use is a mistake, not something to pass
+/// over.
 std::optional<core::Error> find_useless_option(const CLI::App& command, const SimulateArguments& arguments);
 
 }  // namespace nilio::tools

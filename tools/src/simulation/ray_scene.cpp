@@ -19,9 +19,19 @@ using core::Vector3;
 
 /// Inside of the sensor's housing nothing is seen.
 constexpr float kMinDistanceM = 0.4F;
-/// Half the diagonal of the longest car, and its way in 10 ms.
-constexpr float kCarRadiusM = 3.3F;
-constexpr float kCarMiddleM = 0.9F;
+/// Beyond half the diagonal: a vehicle's way in 10 ms.
+constexpr double kWayM = 0.5;
+/// Half the height of a car, a truck.
+constexpr double kCarMiddleM = 0.9;
+constexpr double kTruckMiddleM = 2.0;
+
+double middle_height(std::size_t model) { return model < kCarModels ? kCarMiddleM : kTruckMiddleM; }
+
+float radius_of(std::size_t model) {
+  const CarSize size = car_size(model);
+  const core::Vector3 corner(0.5 * size.length_m, 0.5 * size.width_m, 1.4 * middle_height(model));
+  return static_cast<float>(corner.norm() + kWayM);
+}
 
 struct DeviceDeleter {
   void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
@@ -98,8 +108,8 @@ bool may_hit(const NearbyCar& nearby, const Eigen::Vector3f& origin, const Eigen
              float max_distance_m) {
   const Eigen::Vector3f to_centre = nearby.centre - origin;
   const float along = to_centre.dot(direction);
-  if (along < -kCarRadiusM || along > max_distance_m + kCarRadiusM) return false;
-  return to_centre.squaredNorm() - along * along < kCarRadiusM * kCarRadiusM;
+  if (along < -nearby.radius_m || along > max_distance_m + nearby.radius_m) return false;
+  return to_centre.squaredNorm() - along * along < nearby.radius_m * nearby.radius_m;
 }
 
 }  // namespace
@@ -108,7 +118,8 @@ struct RayScene::State {
   // Destroyed in reverse order: scenes before the device.
   Device device;
   CastMesh still;
-  std::array<CastMesh, kCarModels> models;
+  std::array<CastMesh, kVehicleModels> models;
+  std::array<float, kVehicleModels> radii{};
   std::vector<MovingCar> cars;
 };
 
@@ -127,12 +138,13 @@ core::Result<RayScene> RayScene::create(const TriangleMesh& still, std::vector<M
                        "); is this a 64-bit x86 processor with SSE2?"};
   }
   state->still = make_cast_mesh(state->device.get(), still);
-  for (std::size_t model = 0; model < kCarModels; ++model) {
+  for (std::size_t model = 0; model < kVehicleModels; ++model) {
+    state->radii[model] = radius_of(model);
     state->models[model] = make_cast_mesh(state->device.get(), make_car(model));
   }
   const RTCError error = rtcGetDeviceError(state->device.get());
   if (error != RTC_ERROR_NONE || !state->still.scene) {
-    return core::Error{"Embree cannot build the town of " + std::to_string(still.triangles.size()) +
+    return core::Error{"Embree cannot build the scene of " + std::to_string(still.triangles.size()) +
                        " triangles (error " + std::to_string(error) + "); take a shorter --length"};
   }
   state->cars = std::move(cars);
@@ -147,7 +159,8 @@ void RayScene::find_cars(double time_s, const Vector3& place, double range_m,
   for (const MovingCar& car : state_->cars) {
     const std::optional<SE3> pose = car.pose(time_s);
     if (!pose || (pose->translation - place).norm() > range_m) continue;
-    nearby.push_back({&car, (*pose * Vector3(0.0, 0.0, kCarMiddleM)).cast<float>()});
+    const Vector3 middle(0.0, 0.0, middle_height(car.model));
+    nearby.push_back({&car, (*pose * middle).cast<float>(), state_->radii[car.model]});
   }
 }
 

@@ -36,6 +36,8 @@ struct RayHit {
 struct NearbyCar {
   const MovingCar* car = nullptr;
   Eigen::Vector3f centre;
+  /// Around the centre, all of it.
+  float radius_m = 0.0F;
 };
 
 /// Ray casting (Embree) against what stands still and against moving cars, each at its pose at the ray's own

@@ -1,5 +1,6 @@
 #include "simulation/street_objects.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -28,6 +29,46 @@ constexpr std::array<CarShape, kCarModels> kCarShapes{{{{3.9, 1.70}, 0.92, 1.47,
 
 constexpr double kClearanceM = 0.22;
 
+constexpr CarSize kTruckSize{16.5, 2.55};
+constexpr CarSize kBusSize{12.0, 2.55};
+
+void add_wheels(TriangleMesh& mesh, double x, double half_width) {
+  for (const double side : {-1.0, 1.0}) {
+    const double outer = side * half_width;
+    const double inner = side * (half_width - 0.4);
+    mesh.add_box({}, {x - 0.5, std::min(outer, inner), 0.0}, {x + 0.5, std::max(outer, inner), 1.0},
+                 Material::kTyre);
+  }
+}
+
+/// Tractor unit with a gap to a boxy trailer.
+TriangleMesh make_truck() {
+  TriangleMesh mesh;
+  const double x = 0.5 * kTruckSize.length_m;
+  const double y = 0.5 * kTruckSize.width_m;
+  mesh.add_box({}, {-x, -y, 1.1}, {x - 3.2, y, 4.0}, Material::kCarPaint);
+  mesh.add_box({}, {x - 2.3, -y + 0.05, 0.5}, {x, y - 0.05, 3.6}, Material::kCarPaint);
+  mesh.add_box({}, {x - 5.5, -0.45, 0.7}, {x - 2.3, 0.45, 1.1}, Material::kMetal);
+  mesh.add_box({}, {x, -y + 0.2, 1.7}, {x + 0.02, y - 0.2, 2.8}, Material::kGlass);
+  for (const double wheel_x : {-x + 2.0, -x + 3.3, -x + 4.6, x - 4.6, x - 1.2}) add_wheels(mesh, wheel_x, y);
+  mesh.add_box({}, {-x - 0.02, -1.0, 0.9}, {-x, 1.0, 1.05}, Material::kRetroreflector);
+  return mesh;
+}
+
+TriangleMesh make_bus() {
+  TriangleMesh mesh;
+  const double x = 0.5 * kBusSize.length_m;
+  const double y = 0.5 * kBusSize.width_m;
+  mesh.add_box({}, {-x, -y, 0.3}, {x, y, 1.2}, Material::kCarPaint);
+  mesh.add_box({}, {-x, -y + 0.03, 1.2}, {x, y - 0.03, 2.6}, Material::kGlass);
+  mesh.add_box({}, {-x, -y, 2.6}, {x, y, 3.1}, Material::kCarPaint);
+  for (double pillar = -x; pillar < x; pillar += 1.5) {
+    mesh.add_box({}, {pillar, -y, 1.2}, {pillar + 0.15, y, 2.6}, Material::kCarPaint);
+  }
+  for (const double wheel_x : {-x + 3.0, x - 2.7}) add_wheels(mesh, wheel_x, y);
+  return mesh;
+}
+
 /// One small leaf-like triangle at `centre`, turned at random.
 void add_leaf(TriangleMesh& mesh, const Vector3& centre, double size_m, RandomStream& random) {
   const auto offset = [&]() -> Vector3 {
@@ -48,9 +89,13 @@ Vector3 point_in_crown(RandomStream& random) {
 
 }  // namespace
 
-CarSize car_size(std::size_t model) { return kCarShapes[model].size; }
+CarSize car_size(std::size_t model) {
+  return model == kTruckModel ? kTruckSize : model == kBusModel ? kBusSize : kCarShapes[model].size;
+}
 
 TriangleMesh make_car(std::size_t model) {
+  if (model == kTruckModel) return make_truck();
+  if (model == kBusModel) return make_bus();
   const CarShape& shape = kCarShapes[model];
   TriangleMesh mesh;
   const double x = 0.5 * shape.size.length_m;

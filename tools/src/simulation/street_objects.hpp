@@ -6,15 +6,19 @@
 namespace nilio::tools::simulation {
 
 inline constexpr std::size_t kCarModels = 4;
+/// Larger ones after the cars.
+inline constexpr std::size_t kTruckModel = 4;
+inline constexpr std::size_t kBusModel = 5;
+inline constexpr std::size_t kVehicleModels = 6;
 
 /// Size of a car's ground plan, metres.
 struct CarSize {
   double length_m = 0.0;
   double width_m = 0.0;
 };
-/// `model` is below kCarModels: hatchback, saloon, estate, van.
+/// `model` is below kVehicleModels: hatchback, saloon, estate, van, articulated truck, bus.
 CarSize car_size(std::size_t model);
-/// Frame: x forward, z up, origin on the ground under the car's centre.
+/// Frame: x forward, z up, origin on the ground under the vehicle's centre.
 TriangleMesh make_car(std::size_t model);
 
 /// Trunk and a crown of loose leaves. Nothing of the crown is below 2.4 m, nor beyond `crown_radius_m`.

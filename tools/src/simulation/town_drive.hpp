@@ -15,6 +15,8 @@ struct TownDriveConfig {
   /// Begin at cruising speed instead of standing.
   bool moving_start = false;
   DriveExtent extent;
+  /// Brake with 1 g to a stop every 110 m and turn corners with 90 deg/s.
+  bool hard = false;
 };
 
 /// Control poses (every kControlIntervalS) of a drive through the streets of a town, in the right-hand lane.

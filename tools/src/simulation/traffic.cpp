@@ -131,8 +131,22 @@ MovingCar random_car(const StreetLayout& layout, const Ground& ground, RandomStr
 
 }  // namespace
 
-std::optional<SE3> MovingCar::pose(double time_s) const {
+double MovingCar::travelled_m(double time_s) const {
   const double travelled = start_m + speed_m_s * time_s;
+  if (halt_s <= 0.0) return travelled;
+  const double braking_s = speed_m_s / kHaltAcceleration;
+  const double braking_m = 0.5 * speed_m_s * braking_s;
+  const double after_s = time_s - (halt_m - braking_m - start_m) / speed_m_s;
+  if (after_s <= 0.0) return travelled;
+  const double left_s = std::max(0.0, braking_s - after_s);
+  if (after_s <= braking_s + halt_s) return halt_m - 0.5 * kHaltAcceleration * left_s * left_s;
+  const double off_s = after_s - braking_s - halt_s;
+  if (off_s <= braking_s) return halt_m + 0.5 * kHaltAcceleration * off_s * off_s;
+  return halt_m + braking_m + speed_m_s * (off_s - braking_s);
+}
+
+std::optional<SE3> MovingCar::pose(double time_s) const {
+  const double travelled = travelled_m(time_s);
   if (!(travelled >= 0.0) || travelled >= static_cast<double>(path.size()) - 1.0) return std::nullopt;
   const auto index = static_cast<std::size_t>(travelled);
   const Vector3& a = path[index];

@@ -5,6 +5,7 @@
 #include "nilio/core/voxel_map.hpp"
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -58,13 +59,22 @@ struct NdtMetric {
 NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
                               const SE3& T_map_moving, const NdtMetric& metric);
 
+/// What is known of a pose before its scan is looked at.
+struct PosePrior {
+  SE3 T_map_moving;
+  /// Translation then rotation, in axes of the moving frame; m^2, rad^2. All positive.
+  Vector6 variance = Vector6::Ones();
+};
+
 struct SolverOptions {
   int max_iterations = 8;
   double translation_epsilon_m = 2e-3;
   double rotation_epsilon_rad = 2e-4;
   std::uint32_t min_correspondences = 30;
-  /// Directions whose mean squared direction cosine falls below this are not observed by the scan.
+  /// Mean square of the error of normals: a direction with less of their squared cosines is not observed.
   double degeneracy_threshold = 0.005;
+  /// With it every direction is weighed between scan and prior by what each knows of it.
+  std::optional<PosePrior> prior;
 };
 
 struct RegistrationResult {
@@ -75,7 +85,13 @@ struct RegistrationResult {
   /// Bit i: axis i (x y z rx ry rz) of the moving frame lies mostly in a direction that the scan does not
   /// observe.
   std::uint8_t degenerate_axes = 0;
+  /// Share of the step along each axis that the scan decided, the rest followed the prior; 1 without one.
+  Vector6 observed_share = Vector6::Ones();
 };
+
+/// Variance of one of the residuals of plane_equations(), m^2: H divided by it is the scan's information
+/// about the pose.
+double measurement_variance(const NormalEquations& equations);
 
 /// ICP: point-to-plane Gauss-Newton with re-association in every iteration.
 RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
