@@ -36,6 +36,10 @@ OdometryResult Odometry::State::begin(const Scan& scan) {
 }
 
 void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
+  if (scans > 0) {
+    last_half_sweep = motion.half_sweep();
+    last_sweep_s = motion.sweep_s();
+  }
   time = scan.end;
   ++scans;
   result.T_odom_base = T_odom_map * T_map_base;

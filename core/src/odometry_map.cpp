@@ -63,8 +63,7 @@ bool Odometry::State::restart_is_due() const {
 void Odometry::State::forget_map() {
   scans = 0;
   failures = 0;
-  body_velocity.setZero();
-  angular_velocity.setZero();
+  twist.reset(Vector6::Zero());
   mean_inlier_ratio = 0.0;
   sigma_m = kMaxSigmaMetres;
   prediction_error_m = 0.0;
@@ -76,7 +75,8 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   // A restart knows its attitude better than the accelerometer of a moving vehicle does.
   if (first_sweep.empty()) align_with_gravity(scan);
   first_sweep = sweep;
-  first_span = {scan.start, scan.start, scan.end};
+  const Time start = motion_compensated ? scan.end : scan.start;
+  first_span = {start, start, scan.end};
   span = first_span;
   plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;
@@ -89,9 +89,11 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
 void Odometry::State::rebuild_first_map() {
   SweepMotion first_motion;
   // The gyro has not shown yet what it is worth.
-  set_rotation(first_span, false, first_motion);
-  first_motion.predict(body_velocity);
+  set_rotation(first_span, false, twist.twist(), first_motion);
+  first_motion.predict(twist.twist().head<3>());
   first_motion.deskew(first_sweep, deskewed);
+  last_half_sweep = first_motion.half_sweep();
+  last_sweep_s = first_motion.sweep_s();
   planes.reset(plane_voxel_m);
   if (point_map) point_map->clear();
   coarse_map.clear();
@@ -140,7 +142,8 @@ void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) 
 
 void Odometry::State::update_map(OdometryResult& result) {
   motion.deskew(sweep, deskewed);
-  const bool stands = body_velocity.norm() < kStandingSpeed && angular_velocity.norm() < kStandingTurnRate;
+  const bool stands =
+      twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
   const bool moved_as_known = !result.predicted && !relocated;
   if (moved_as_known && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_map_base);
   planes.evict_far_from(T_map_base.translation);

@@ -16,7 +16,7 @@ constexpr double kErrorLeverMetres = 30.0;
 constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
 // Enough to tell a right pose from a wrong one, where many are tried.
-constexpr std::size_t kSearchPoints = 400;
+constexpr std::size_t kStartPoints = 400;
 // Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
 // those that look likely, so many are tried, and not two that lead to the same place.
 constexpr double kLeastStartDisplacementMetres = -2.0;
@@ -24,12 +24,9 @@ constexpr double kStartStepMetres = 0.5;
 constexpr std::size_t kStartDisplacements = 15;
 constexpr int kStartTrials = 2;
 constexpr double kSamePlaceMetres = 1.25;
-// Share of a scan's measured motion that deskewing and the next prediction believe at once.
-constexpr double kVelocityGain = 0.8;
-constexpr double kRotationGain = 0.8;
-// Deskewing again pays only when the motion changed by more than registration resolves.
-constexpr double kMotionEpsilonMetres = 5e-3;
-constexpr double kMotionEpsilonRadians = 5e-4;
+// Deskewing again pays only when the ends of the sweep move by more than registration resolves.
+constexpr double kMotionEpsilonMetres = 2.5e-3;
+constexpr double kMotionEpsilonRadians = 2.5e-4;
 constexpr double kCoarseTriggerErrorMetres = 0.5;
 constexpr double kCoarseTriggerGap = 1.5;
 constexpr double kPeriodMemory = 0.9;
@@ -77,21 +74,22 @@ void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
 }  // namespace
 
 void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool with_imu,
-                                   SweepMotion& target) const {
+                                   const Vector6& expected, SweepMotion& target) const {
   if (with_imu) {
     target.set_rotation_from_imu(target_span, imu, gyro_bias);
   } else {
-    target.set_constant_rotation(target_span, angular_velocity);
+    target.set_constant_rotation(target_span, expected.tail<3>());
   }
 }
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
-  span = {time, scan.start, scan.end};
+  span = {time, motion_compensated ? scan.end : scan.start, scan.end};
   relocated = failures > 0;
   imu_covers = imu.covers(time, scan.end, config.max_imu_gap);
   imu_used = imu_covers && monitor.usable(time, scan.end);
-  set_rotation(span, imu_used, motion);
-  T_predicted = T_map_base * motion.predict(body_velocity);
+  const Vector6 expected = expected_twist();
+  set_rotation(span, imu_used, expected, motion);
+  T_predicted = T_map_base * motion.predict(expected.head<3>());
   result.imu_used = imu_used;
 }
 
@@ -122,10 +120,9 @@ PlaneMetric Odometry::State::plane_metric() const {
   return metric;
 }
 
-MotionGain Odometry::State::motion_gain() const {
-  // Nothing is predicted yet that could be worth keeping, except a gyro's rotation.
-  const bool initial = scans < kInitialScans;
-  return {imu_used ? 0.0 : initial ? 1.0 : kRotationGain, initial ? 1.0 : kVelocityGain};
+/// Over the middle of the span, which the prediction is for.
+Vector6 Odometry::State::expected_twist() const {
+  return twist.predict((span.end - span.previous).seconds());
 }
 
 RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vector3f>& points,
@@ -169,7 +166,7 @@ SE3 Odometry::State::start_hypothesis(std::size_t i) const {
 void Odometry::State::register_from_standstill(OdometryResult& result) {
   // Nothing is known of the speed: look at many along the vehicle's axis, register from the likeliest and
   // keep what most points agree with.
-  thin_evenly(deskewed, kSearchPoints, search_points);
+  thin_evenly(deskewed, kStartPoints, search_points);
   std::array<double, kStartDisplacements> scores{};
   for (std::size_t i = 0; i < scores.size(); ++i)
     scores[i] =
@@ -185,14 +182,14 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
     }
   }
   registration.T_map_moving = search.T_best;
-  motion.refine(T_map_base.inverse() * search.T_best, motion_gain());
+  refine_motion(search.T_best);
 }
 
 void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   relocated = true;
-  motion.predict(body_velocity);
+  motion.predict(expected_twist().head<3>());
   motion.deskew(sweep, deskewed);
-  thin_evenly(deskewed, kSearchPoints, search_points);
+  thin_evenly(deskewed, kCoarsePoints, search_points);
   Search search{T_predicted, 0};
   // It may have stopped where it was seen last.
   try_hypothesis(T_accepted, search, result);
@@ -215,20 +212,31 @@ std::optional<PosePrior> Odometry::State::pose_prior() const {
   return PosePrior{T_predicted, prediction_square.cwiseMax(least_prediction_square())};
 }
 
+/// Returns by how much the motion that is known now moves the end of the sweep.
+SE3 Odometry::State::refine_motion(SE3& T_map_end) {
+  const SE3 T_registered = T_map_end;
+  const SE3 T_previous_end = T_map_base.inverse() * T_registered;
+  measured_twist = motion.measure(T_previous_end, last_half_sweep, last_sweep_s);
+  // Nothing is predicted yet that could be worth keeping.
+  const bool initial = scans < kInitialScans;
+  const Vector6 wanted =
+      initial ? measured_twist : twist.correct(measured_twist, motion.between_s(last_sweep_s));
+  T_map_end = T_map_base * motion.refine(T_previous_end, wanted);
+  deskew_rate = motion.mean_angular_velocity();
+  return T_registered.inverse() * T_map_end;
+}
+
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
   const std::optional<PosePrior> prior = pose_prior();
   for (int pass = 0; pass < config.max_passes; ++pass) {
     motion.deskew(selected_sweep, selected);
-    deskew_rate = motion.mean_angular_velocity();
-    const SE3 T_assumed = registration.T_map_moving;
     if (coarse && pass == 0) register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, prior, result);
     ++result.passes;
     if (!registration.T_map_moving.is_finite()) return;
     if (relocated) return;
-    motion.refine(T_map_base.inverse() * registration.T_map_moving, motion_gain());
-    const SE3 change = T_assumed.inverse() * registration.T_map_moving;
+    const SE3 change = refine_motion(registration.T_map_moving);
     const bool settled = change.translation.norm() < kMotionEpsilonMetres &&
                          so3_log(change.rotation).norm() < kMotionEpsilonRadians;
     if (settled || motion_compensated) return;
@@ -240,8 +248,7 @@ void Odometry::State::register_sweep(OdometryResult& result) {
   registration.T_map_moving = T_predicted;
   if (scans == 1) {
     register_from_standstill(result);
-    body_velocity = motion.body_velocity();
-    angular_velocity = motion.mean_angular_velocity();
+    twist.reset(measured_twist);
     rebuild_first_map();
     T_predicted = registration.T_map_moving;
     select_points();
@@ -276,9 +283,10 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
   monitor.demote();
   imu_used = false;
   result.imu_used = false;
-  angular_velocity = monitor.registered_rate();
-  set_rotation(span, false, motion);
-  T_predicted = T_map_base * motion.predict(body_velocity);
+  Vector6 expected = expected_twist();
+  expected.tail<3>() = monitor.registered_rate();
+  set_rotation(span, false, expected, motion);
+  T_predicted = T_map_base * motion.predict(expected.head<3>());
   select_points();
   register_sweep(result);
 }
@@ -330,8 +338,11 @@ void Odometry::State::learn_motion() {
   learn_gyro_bias();
   if (is_shifted) imu.clear();
   learn_prediction_error();
-  body_velocity = motion.body_velocity();
-  angular_velocity = motion.mean_angular_velocity();
+  if (scans < kInitialScans) {
+    twist.reset(measured_twist);
+  } else {
+    twist.learn(measured_twist, motion.between_s(last_sweep_s));
+  }
 }
 
 void Odometry::State::accept(OdometryResult& result) {
@@ -360,7 +371,8 @@ void Odometry::State::accept(OdometryResult& result) {
 void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   monitor.skip();
-  motion.predict(body_velocity);
+  motion.predict(expected_twist().head<3>());
+  twist.hold();
   T_map_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
   result.predicted = true;

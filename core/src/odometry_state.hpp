@@ -7,6 +7,7 @@
 #include "nilio/core/pose_covariance.hpp"
 #include "nilio/core/sweep.hpp"
 #include "nilio/core/sweep_motion.hpp"
+#include "nilio/core/twist_filter.hpp"
 #include "nilio/core/voxel_map.hpp"
 
 #include <cstdint>
@@ -98,6 +99,7 @@ struct Odometry::State {
   void register_from_standstill(OdometryResult& result);
   void search_lost_vehicle(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
+  SE3 refine_motion(SE3& T_map_end);
   void register_points(bool coarse, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
@@ -109,13 +111,14 @@ struct Odometry::State {
 
   // Parts of the steps.
   void align_with_gravity(const Scan& scan);
-  void set_rotation(const SweepMotion::Span& span, bool with_imu, SweepMotion& target) const;
+  void set_rotation(const SweepMotion::Span& target_span, bool with_imu, const Vector6& expected,
+                    SweepMotion& target) const;
+  [[nodiscard]] Vector6 expected_twist() const;
   void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
               const SE3& T_odom_moving);
   void insert_planes(const std::vector<SweepPoint>& seen);
   void insert_coarse(const std::vector<Eigen::Vector3f>& points);
   [[nodiscard]] PlaneMetric plane_metric() const;
-  [[nodiscard]] MotionGain motion_gain() const;
   [[nodiscard]] std::optional<PosePrior> pose_prior() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
                                    const std::optional<PosePrior>& prior, OdometryResult& result);
@@ -152,8 +155,10 @@ struct Odometry::State {
   /// this scan.
   bool relocated = false;
   SweepMotion::Span span;
-  Vector3 body_velocity = Vector3::Zero();
-  Vector3 angular_velocity = Vector3::Zero();
+  SE3 last_half_sweep;  ///< of the scan before: from the middle of its sweep to its end
+  double last_sweep_s = 0.0;
+  TwistFilter twist;
+  Vector6 measured_twist = Vector6::Zero();  ///< by the last registration
   Vector3 deskew_rate = Vector3::Zero();  ///< of the last deskewing before registration
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include <Eigen/LU>
-
 namespace nilio::core {
 
 namespace {
@@ -23,6 +21,7 @@ double node_time(const SweepMotion::Span& span, std::size_t i) {
 }  // namespace
 
 void SweepMotion::set_rotation_from_imu(const Span& span, const ImuBuffer& imu, const Vector3& gyro_bias) {
+  follows_gyro_ = true;
   sweep_s_ = (span.end - span.start).seconds();
   rotation_correction_.setZero();
   nodes_[0] = {};
@@ -41,6 +40,7 @@ void SweepMotion::set_rotation_from_imu(const Span& span, const ImuBuffer& imu, 
 }
 
 void SweepMotion::set_constant_rotation(const Span& span, const Vector3& angular_velocity) {
+  follows_gyro_ = false;
   sweep_s_ = (span.end - span.start).seconds();
   rotation_correction_.setZero();
   for (std::size_t i = 0; i < nodes_.size(); ++i) {
@@ -54,9 +54,9 @@ Eigen::Quaterniond SweepMotion::corrected_rotation(const Node& node) const {
   return node.rotation * so3_exp(rotation_correction_ * share);
 }
 
-Matrix3 SweepMotion::rotation_integral() const {
+Matrix3 SweepMotion::rotation_integral(std::size_t first_node) const {
   Matrix3 integral = Matrix3::Zero();
-  for (std::size_t i = 1; i < nodes_.size(); ++i) {
+  for (std::size_t i = first_node + 1; i < nodes_.size(); ++i) {
     const double step = nodes_[i].time_s - nodes_[i - 1].time_s;
     integral +=
         corrected_rotation(nodes_[i - 1]).slerp(0.5, corrected_rotation(nodes_[i])).toRotationMatrix() * step;
@@ -66,20 +66,31 @@ Matrix3 SweepMotion::rotation_integral() const {
 
 SE3 SweepMotion::predict(const Vector3& body_velocity) {
   rotation_correction_.setZero();
-  predicted_velocity_ = body_velocity;
   body_velocity_ = body_velocity;
   build_cells();
   return {nodes_.back().rotation, rotation_integral() * body_velocity};
 }
 
-void SweepMotion::refine(const SE3& T_previous_end, const MotionGain& gain) {
-  rotation_correction_ =
-      gain.rotation * so3_log(nodes_.back().rotation.conjugate() * T_previous_end.rotation);
-  if (duration_s() > 0.0) {
-    const Vector3 measured = rotation_integral().inverse() * T_previous_end.translation;
-    body_velocity_ = predicted_velocity_ + gain.velocity * (measured - predicted_velocity_);
-  }
+SE3 SweepMotion::half_sweep() const {
+  constexpr std::size_t middle = 1 + kSweepCells / 2;
+  const Eigen::Quaterniond R_middle_previous = corrected_rotation(nodes_[middle]).conjugate();
+  return {R_middle_previous * corrected_rotation(nodes_.back()),
+          R_middle_previous * (rotation_integral(middle) * body_velocity_)};
+}
+
+Vector6 SweepMotion::measure(const SE3& T_previous_end, const SE3& previous_half,
+                             double previous_sweep_s) const {
+  const double seconds = between_s(previous_sweep_s);
+  if (seconds <= 0.0) return Vector6::Zero();
+  return se3_log(previous_half * T_previous_end * half_sweep().inverse()) / seconds;
+}
+
+SE3 SweepMotion::refine(const SE3& T_previous_end, const Vector6& twist) {
+  const SE3 T_previous_middle = T_previous_end * half_sweep().inverse();
+  if (!follows_gyro_) rotation_correction_ = twist.tail<3>() * duration_s() - so3_log(nodes_.back().rotation);
+  body_velocity_ = twist.head<3>();
   build_cells();
+  return T_previous_middle * half_sweep();
 }
 
 Vector3 SweepMotion::mean_angular_velocity() const {

@@ -1,0 +1,43 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+
+namespace nilio::core {
+
+/// Twist of base_link in its own axes (linear m/s, then angular rad/s) and how it changes, from noisy
+/// measurements: an alpha-beta filter for each component (Kalata 1984), whose gain follows the drive. Where
+/// innovations keep their sign the filter lags, and its gain rises; where they alternate it follows noise,
+/// and its gain falls.
+class TwistFilter {
+ public:
+  /// Starts anew from a twist that is simply believed.
+  void reset(const Vector6& twist);
+  /// Twist at the middle of the last sweep.
+  [[nodiscard]] const Vector6& twist() const { return twist_; }
+  /// Twist `seconds` later.
+  [[nodiscard]] Vector6 predict(double seconds) const { return twist_ + seconds * slope_; }
+  /// Twist `seconds` later, had the mean over those seconds been `mean`.
+  [[nodiscard]] Vector6 correct(const Vector6& mean, double seconds) const;
+  /// Goes on to it.
+  void learn(const Vector6& mean, double seconds);
+  /// Goes on without a measurement: the twist stays as it is.
+  void hold() { slope_.setZero(); }
+
+ private:
+  struct Gains {
+    Vector6 twist;
+    Vector6 slope;
+  };
+  [[nodiscard]] Vector6 innovation(const Vector6& mean, double seconds) const {
+    return mean - predict(0.5 * seconds);
+  }
+  [[nodiscard]] Gains gains() const;
+
+  Vector6 twist_ = Vector6::Zero();
+  Vector6 slope_ = Vector6::Zero();
+  Vector6 gain_ = Vector6::Constant(0.5);
+  Vector6 square_ = Vector6::Zero();  ///< mean square of innovations
+  Vector6 last_ = Vector6::Zero();    ///< innovation
+};
+
+}  // namespace nilio::core

@@ -1,0 +1,51 @@
+#include "nilio/core/twist_filter.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr double kLeastGain = 0.2;
+constexpr double kMostGain = 0.9;
+// How fast the gain follows, and over how many innovations their usual size is taken.
+constexpr double kGainStep = 0.1;
+constexpr double kMemory = 0.9;
+
+}  // namespace
+
+void TwistFilter::reset(const Vector6& twist) {
+  twist_ = twist;
+  slope_.setZero();
+  last_.setZero();
+}
+
+TwistFilter::Gains TwistFilter::gains() const {
+  Gains gains;
+  gains.slope = gain_.cwiseAbs2().cwiseQuotient(Vector6::Constant(2.0) - gain_);
+  // At the end of the interval rather than in its middle, which the mean belongs to.
+  gains.twist = gain_ + 0.5 * gains.slope;
+  return gains;
+}
+
+Vector6 TwistFilter::correct(const Vector6& mean, double seconds) const {
+  const Vector6 error = innovation(mean, seconds);
+  return predict(seconds) + gains().twist.cwiseProduct(error);
+}
+
+void TwistFilter::learn(const Vector6& mean, double seconds) {
+  const Vector6 error = innovation(mean, seconds);
+  const Gains used = gains();
+  twist_ = predict(seconds) + used.twist.cwiseProduct(error);
+  slope_ += used.slope.cwiseProduct(error) / seconds;
+  for (int i = 0; i < 6; ++i) {
+    const double correlation =
+        square_[i] > 0.0 ? std::clamp(error[i] * last_[i] / square_[i], -2.0, 2.0) : 0.0;
+    gain_[i] = std::clamp(gain_[i] * std::exp(kGainStep * correlation), kLeastGain, kMostGain);
+  }
+  square_ = kMemory * square_ + (1.0 - kMemory) * error.cwiseAbs2();
+  last_ = error;
+}
+
+}  // namespace nilio::core
