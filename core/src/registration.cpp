@@ -42,6 +42,7 @@ NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   b += other.b;
   weighted_square_error += other.weighted_square_error;
   weight_sum += other.weight_sum;
+  normal_square += other.normal_square;
   correspondences += other.correspondences;
   inliers += other.inliers;
   return *this;
@@ -74,6 +75,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
     equations.b += (weight * residual) * J;
     equations.weighted_square_error += weight * residual * residual;
     equations.weight_sum += weight;
+    equations.normal_square += weight * static_cast<double>(surface->planarity) / surface->count;
     ++equations.correspondences;
     if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
   });
