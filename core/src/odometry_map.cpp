@@ -17,6 +17,9 @@ constexpr double kMaxPlaneVoxelMetres = 2.0;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
+// One scan's noise alone can look like a speed above these; a vehicle that moves also gets somewhere.
+constexpr double kStandingMetres = 0.02;
+constexpr double kStandingRadians = 0.002;
 // Fewer points make no map to register against.
 constexpr std::size_t kMinStartPoints = 500;
 constexpr double kStillForceDeviation = 0.5;
@@ -144,8 +147,14 @@ void Odometry::State::update_map(OdometryResult& result) {
   motion.deskew(sweep, deskewed);
   const bool stands =
       twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
+  const SE3 since_fed = T_fed.inverse() * T_map_base;
+  const bool got_somewhere =
+      since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
   const bool moved_as_known = !result.predicted && !relocated;
-  if (moved_as_known && (scans < kInitialScans || !stands)) insert(sweep, deskewed, T_map_base);
+  if (moved_as_known && (scans < kInitialScans || (!stands && got_somewhere))) {
+    insert(sweep, deskewed, T_map_base);
+    T_fed = T_map_base;
+  }
   planes.evict_far_from(T_map_base.translation);
   if (point_map) point_map->evict_far_from(T_map_base.translation);
   coarse_map.evict_far_from(T_map_base.translation);

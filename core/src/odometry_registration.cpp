@@ -322,8 +322,8 @@ void Odometry::State::learn_prediction_error() {
   const Vector3 turn = so3_log(error.rotation);
   Vector6 squares;
   squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
-  // A manoeuvre is believed at once, calm only after a while, and only where the scan would have shown it:
-  // along an axis that follows the prediction nothing is learned of its errors.
+  // A manoeuvre is believed at once, calm only after a while, and only where the scan would have shown it: an
+  // axis that follows the prediction teaches nothing of its errors.
   const Vector6 expected = prediction_square.cwiseProduct(registration.observed_share);
   prediction_square = squares.cwiseMax(prediction_square + (1.0 - kErrorMemory) * (squares - expected));
   const double angle = turn.norm();

@@ -146,6 +146,7 @@ struct Odometry::State {
   SE3 T_odom_map;
   SE3 T_map_base;
   SE3 T_accepted;  ///< the last pose that is not a prediction
+  SE3 T_fed;       ///< where the map was fed last
   Time time;
   SE3 T_predicted;
   bool imu_used = false;

@@ -83,6 +83,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         equations.b += (weight * residual) * J;
         equations.weighted_square_error += weight * residual * residual;
         equations.weight_sum += weight;
+        equations.normal_square += weight * static_cast<double>(surface->planarity) / surface->count;
         ++equations.correspondences;
         if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
       });

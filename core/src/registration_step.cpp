@@ -17,10 +17,15 @@ namespace {
 // of what is said.
 constexpr double kCorrelatedResiduals = 2.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
-// A direction that the scan shows better than this is known, whatever the prediction is worth: 5 cm, which is
-// how well a point lies on a plane, and what turns a point 30 m away by as much.
+// A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,
+// and what turns a point 30 m away by as much.
 constexpr double kKnownMetres = 0.05;
 constexpr double kKnownRadians = kKnownMetres / 30.0;
+
+// Twice what normals are off by: in a bare tube the squares that they show along it are one to two times what
+// follows from thickness, spread and number of the planes' points; where there is something to see, ten
+// times.
+constexpr double kNormalMargin = 2.0 * 2.0;
 
 /// Unobserved directions of one 3x3 block of H, normalised so that a well observed direction is near 1/3.
 struct BlockObservability {
@@ -73,16 +78,12 @@ StepOutcome take_step(const Vector6& step, const SolverOptions& options, Registr
   return small ? StepOutcome::kConverged : StepOutcome::kStepped;
 }
 
-/// Axes that the weak directions lie along: those that the scan tells worse than the prior does, and worse
-/// than would do.
-std::uint8_t find_weak_axes(const Matrix6& information, const Vector6& variance) {
-  const Vector6 sigma = variance.cwiseSqrt();
+/// Axes that the directions lie along which the scan alone would not show as well as it should.
+std::uint8_t find_weak_axes(const Matrix6& information) {
   Vector6 known;
   known << Vector3::Constant(kKnownMetres), Vector3::Constant(kKnownRadians);
-  // In units of the larger of the two, what is less than 1 is weak.
-  const Vector6 unit = sigma.cwiseMax(known);
-  const Matrix6 whitened = unit.asDiagonal() * information * unit.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix6> solver(whitened);
+  const Matrix6 scaled = known.asDiagonal() * information * known.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix6> solver(scaled);
   std::uint8_t axes = 0;
   for (int i = 0; i < 6 && solver.eigenvalues()[i] < 1.0; ++i) {
     Eigen::Index axis = 0;
@@ -103,12 +104,14 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const Vector6 held = (prior.variance.array() + offset.array().square()).inverse().matrix();
   // Turning is seen by levers of many lengths, for which the other directions' weight is no measure.
   Matrix6 shrink = Matrix6::Identity();
-  shrink.topLeftCorner<3, 3>() = shrink_of(equations.H.topLeftCorner<3, 3>(), options.degeneracy_threshold);
+  const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
+  shrink.topLeftCorner<3, 3>() =
+      shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
   const Matrix6 information = shrink * equations.H * shrink / measurement_variance(equations);
   const Eigen::LDLT<Matrix6> factor(information + Matrix6(held.asDiagonal()));
   const Vector6 wanted = -equations.H.ldlt().solve(equations.b);
   const Vector6 step = factor.solve(information * wanted - held.cwiseProduct(offset));
-  result.degenerate_axes = find_weak_axes(information, prior.variance);
+  result.degenerate_axes = find_weak_axes(information);
   const Matrix6 covariance = factor.solve(Matrix6::Identity());
   result.observed_share =
       (1.0 - covariance.diagonal().array() * held.array()).cwiseMax(0.0).cwiseMin(1.0).matrix();

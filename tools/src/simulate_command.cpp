@@ -214,7 +214,15 @@ void add_simulate_command(CLI::App& app, int& status) {
       "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 "
       "ms),\n"
       "nilio.yaml, and calibration.yaml if the LiDAR sends its calibration, to OUTPUT_DIR; files there are\n"
-      "replaced. The same options give the same bytes.");
+      "replaced. The same options give the same bytes.\n\n"
+      "Examples:\n"
+      "  nilio simulate OUT                                        a tour of 640 m through the town\n"
+      "  nilio simulate OUT --scene highway --sensor hdl64e        among trucks at 30 m/s\n"
+      "  nilio simulate OUT --scene tunnel --imu none              300 m without anything to see\n"
+      "  nilio simulate OUT --scene ramps                          up a car park\n"
+      "  nilio simulate OUT --scene forest --speed 4               slowly over humps\n"
+      "  nilio simulate OUT --scene standstill --duration 2700     45 minutes beside a road\n"
+      "  nilio simulate OUT --scene manoeuvres --duration 90       1 g, 90 deg/s");
   add_simulate_options(*command, *arguments);
   command->callback([arguments, command, &status] {
     if (const std::optional<Error> useless = find_useless_option(*command, *arguments)) {

@@ -93,9 +93,8 @@ void add_drive_options(CLI::App& command, SimulateArguments& a) {
           "--speed", a.speed_m_s,
           "cruising speed, m/s; default: town 10, highway 30, tunnel 20, ramps 5, forest 6, manoeuvres 14")
       ->check(number_between(0.5, 40.0));
-  command.add_flag(
-      "--moving-start", a.moving_start,
-      "begin at speed instead of standing for 2 s; on the highway and before the tunnel it always does");
+  command.add_flag("--moving-start", a.moving_start,
+                   "begin at speed instead of standing for 2 s; before the tunnel it always does");
 }
 
 void add_lidar_options(CLI::App& command, SimulateArguments& a) {

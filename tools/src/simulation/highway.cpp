@@ -1,3 +1,4 @@
+#include "simulation/building.hpp"
 #include "simulation/relief.hpp"
 #include "simulation/road_line.hpp"
 #include "simulation/scene.hpp"
@@ -25,12 +26,16 @@ constexpr double kFarEdgeM = 23.4;
 /// Road before and behind the drive: as far as a LiDAR sees.
 constexpr double kBeyondM = 250.0;
 constexpr double kLongestM = 40000.0;
+/// Free of cars beside the vehicle at the beginning: with nothing to be seen but what keeps pace no estimator
+/// could tell its speed from 0.
+constexpr double kStartGapM = 70.0;
 
 struct HighwayCounts {
   std::size_t bridges = 0;
   std::size_t gantries = 0;
   std::size_t signs = 0;
   std::size_t plants = 0;
+  std::size_t buildings = 0;
 };
 
 class HighwayBuilder {
@@ -49,6 +54,7 @@ class HighwayBuilder {
     add_gantries();
     add_bridges();
     add_plants();
+    add_buildings();
     return counts_;
   }
 
@@ -187,6 +193,22 @@ class HighwayBuilder {
     }
   }
 
+  /// Farms, halls and the last houses of villages, beyond the fences.
+  void add_buildings() {
+    RandomStream random(config_.seed, 209);
+    for (const double side : {-1.0, 1.0}) {
+      for (double at = random.uniform(0.0, 60.0); at < line_.length_m(); at += random.uniform(40.0, 110.0)) {
+        const BuildingPlan plan = random_building_plan(random.uniform(12.0, 26.0), 12.0, random);
+        const double off = random.uniform(12.0, 35.0) + 0.5 * plan.depth_m;
+        const double turned = random.uniform(-0.5, 0.5) + (side < 0.0 ? std::numbers::pi : 0.0);
+        if (!random.chance(std::min(1.0, 0.8 * config_.density))) continue;
+        const double left = side < 0.0 ? kShoulderEdgeM - off : kFarEdgeM + off;
+        add_building(mesh_, line_.frame(at, left, verge(at, left), turned), plan);
+        ++counts_.buildings;
+      }
+    }
+  }
+
   const RoadLine& line_;
   const SceneConfig& config_;
   TriangleMesh& mesh_;
@@ -204,22 +226,19 @@ struct TrafficLane {
   double largest_gap_m;
 };
 
-/// Cars that may ever be within sight of a vehicle that drives at `speed`.
-void fill_lane(const RoadLine& line, const TrafficLane& lane, const SceneConfig& config, double duration_s,
+/// Cars that may ever be within sight of the vehicle, which drives `own_m` in all.
+void fill_lane(const RoadLine& line, const TrafficLane& lane, double own_m, double duration_s,
                RandomStream& random, std::vector<MovingCar>& cars) {
   const bool oncoming = lane.left_m > kMedianM;
-  const double own_speed = *config.speed_m_s;
   const std::vector<Vector3> path = line.path(lane.left_m, oncoming);
-  const double length = static_cast<double>(path.size());
-  const double own_start = oncoming ? length - kBeyondM : kBeyondM;
-  const double drift = (oncoming ? -own_speed : own_speed) * duration_s - lane.speed_m_s * duration_s;
+  const double own_start = oncoming ? static_cast<double>(path.size()) - kBeyondM : kBeyondM;
+  const double drift = (oncoming ? -own_m : own_m) - lane.speed_m_s * duration_s;
   const double first = own_start + std::min(0.0, drift) - kBeyondM;
   const double last = own_start + std::max(0.0, drift) + kBeyondM;
   for (double start = first; start < last; start += random.uniform(lane.least_gap_m, lane.largest_gap_m)) {
     MovingCar car;
     car.model = random.chance(lane.truck_share) ? kTruckModel : random.index(kCarModels);
-    // The vehicle's own place in its lane.
-    if (lane.left_m == 0.0 && std::abs(start - own_start) < 28.0) continue;
+    if (!oncoming && std::abs(start - own_start) < kStartGapM) continue;
     car.path = path;
     car.speed_m_s = lane.speed_m_s;
     car.start_m = start;
@@ -227,27 +246,63 @@ void fill_lane(const RoadLine& line, const TrafficLane& lane, const SceneConfig&
   }
 }
 
-std::vector<MovingCar> make_highway_traffic(const RoadLine& line, const SceneConfig& config,
+/// Cars before and behind the vehicle in its lane that set off when it does and keep their distance.
+void add_companions(const RoadLine& line, const SceneConfig& config, std::vector<MovingCar>& cars) {
+  for (const double ahead : {60.0, -40.0}) {
+    MovingCar car;
+    car.model = ahead > 0.0 ? kTruckModel : 1;
+    car.path = line.path(0.0, false);
+    car.speed_m_s = *config.speed_m_s;
+    car.start_m = kBeyondM + ahead;
+    if (!config.moving_start) {
+      // Came to rest just at time 0.
+      const double braking_s = car.speed_m_s / kHaltAcceleration;
+      car.halt_m = car.start_m;
+      car.halt_s = kStandingTimeS;
+      car.start_m += 0.5 * car.speed_m_s * braking_s;
+    }
+    cars.push_back(std::move(car));
+  }
+}
+
+std::vector<MovingCar> make_highway_traffic(const RoadLine& line, const SceneConfig& config, double own_m,
                                             double duration_s) {
   const double own = *config.speed_m_s;
-  const std::array<TrafficLane, 6> lanes{{{0.0, own, 0.3, 35.0, 70.0},
-                                          {-kLaneM, 0.975 * own, 0.8, 26.0, 60.0},
-                                          {kLaneM, 1.2 * own, 0.0, 25.0, 80.0},
+  const std::array<TrafficLane, 5> lanes{{{-kLaneM, 0.9 * own, 0.8, 26.0, 60.0},
+                                          {kLaneM, 1.15 * own, 0.0, 25.0, 80.0},
                                           {12.6, 1.2 * own, 0.0, 30.0, 100.0},
                                           {16.3, 1.05 * own, 0.15, 30.0, 90.0},
                                           {20.0, 0.8 * own, 0.7, 30.0, 90.0}}};
   RandomStream random(config.seed, 208);
   std::vector<MovingCar> cars;
-  for (const TrafficLane& lane : lanes) fill_lane(line, lane, config, duration_s, random, cars);
+  add_companions(line, config, cars);
+  for (const TrafficLane& lane : lanes) fill_lane(line, lane, own_m, duration_s, random, cars);
   if (config.moving_cars && cars.size() > *config.moving_cars) cars.resize(*config.moving_cars);
   return cars;
+}
+
+/// At a speed that is held, or setting off with the others at the end of a queue.
+std::vector<double> drive_on_highway(const RoadLine& line, const SceneConfig& config, double speed,
+                                     double duration_s) {
+  if (config.moving_start) return travel_at(kBeyondM, speed, duration_s);
+  DrivingStyle style;
+  style.cruise_speed_m_s = speed;
+  style.acceleration = kHaltAcceleration;
+  std::vector<double> travelled = arc_length_over_time(
+      line.route, speed_profile(line.route, line.length_m(), style), line.length_m(), style);
+  travelled.resize(std::min(travelled.size(), static_cast<std::size_t>(duration_s / kControlIntervalS) + 2));
+  for (double& at : travelled) at += kBeyondM;
+  return travelled;
 }
 
 }  // namespace
 
 core::Result<Scene> build_highway(const SceneConfig& config) {
   const double speed = *config.speed_m_s;
-  const double duration_s = wanted_duration(config.extent, speed, 60.0);
+  // Setting off takes half a minute.
+  const double setting_off_s = config.moving_start ? 0.0 : 0.5 * speed / kHaltAcceleration + kStandingTimeS;
+  const double duration_s =
+      wanted_duration(config.extent, speed, 60.0) + (config.extent.duration_s > 0.0 ? 0.0 : setting_off_s);
   const double length = 1.02 * speed * duration_s + 2.0 * kBeyondM;
   if (length > kLongestM)
     return core::Error{"the highway is at most 40 km long; take a shorter --duration or --length"};
@@ -256,14 +311,15 @@ core::Result<Scene> build_highway(const SceneConfig& config) {
       length, [&](double at) { return 0.12 * std::sin(at / 220.0 + phase); },
       [&](double at) { return 3.5 * std::sin(at / 150.0 - phase); });
   Scene scene;
-  const std::vector<double> travelled = travel_at(kBeyondM, speed, duration_s);
+  const std::vector<double> travelled = drive_on_highway(line, config, speed, duration_s);
   scene.poses = cut_drive(
       drive_over(line.route, travelled, speed, [&](double at, const Vector2&) { return line.ground(at); }),
       kControlIntervalS, config.extent);
   const HighwayCounts counts = HighwayBuilder(line, config, scene.mesh).build();
-  scene.cars = make_highway_traffic(line, config, duration_s);
+  scene.cars = make_highway_traffic(line, config, travelled.back() - kBeyondM, duration_s);
   scene.contents = counted(counts.bridges, "bridges, ") + counted(counts.gantries, "gantries, ") +
-                   counted(counts.signs, "signs, ") + counted(counts.plants, "trees and bushes");
+                   counted(counts.signs, "signs, ") + counted(counts.buildings, "buildings, ") +
+                   counted(counts.plants, "trees and bushes");
   return scene;
 }
 

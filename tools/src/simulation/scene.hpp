@@ -56,7 +56,7 @@ struct SceneInfo {
   const char* summary;
   /// 0 = the vehicle stands.
   double speed_m_s;
-  /// Whether the drive may begin standing: not on a highway.
+  /// Whether the drive may begin standing: not just before a tunnel.
   bool standing_start;
 };
 /// In the order in which help names them.

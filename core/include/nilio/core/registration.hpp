@@ -21,6 +21,8 @@ struct NormalEquations {
   /// weights.
   double weighted_square_error = 0.0;
   double weight_sum = 0.0;
+  /// Sum of weight * square of what the plane's normal may be off by, rad^2; planes only.
+  double normal_square = 0.0;
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
@@ -71,7 +73,7 @@ struct SolverOptions {
   double translation_epsilon_m = 2e-3;
   double rotation_epsilon_rad = 2e-4;
   std::uint32_t min_correspondences = 30;
-  /// Mean square of the error of normals: a direction with less of their squared cosines is not observed.
+  /// Without a prior: directions whose mean squared direction cosine falls below this are not observed.
   double degeneracy_threshold = 0.005;
   /// With it every direction is weighed between scan and prior by what each knows of it.
   std::optional<PosePrior> prior;
