@@ -48,7 +48,7 @@ RotationEstimate fit_rotation(std::span<const RegisteredMotion> motions, const I
     std::array<Vector3, kTimeShifts> rates;
     for (std::size_t i = 0; i < kTimeShifts; ++i)
       rates[i] = mean_angular_velocity(imu, motion.from + shift_at(i), motion.to + shift_at(i));
-    fit.add(motion.undistorted_rate(), rates);
+    fit.add(motion.mean_rate(), rates);
   }
   return fit.estimate();
 }

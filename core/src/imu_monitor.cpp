@@ -139,7 +139,7 @@ bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const R
 void ImuMonitor::State::judge_rotation(const ImuBuffer& imu, const Vector3& gyro_bias,
                                        const RegisteredMotion& motion) {
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to);
-  const Vector3 registered = motion.undistorted_rate();
+  const Vector3 registered = motion.mean_rate();
   const bool sound = signal_is_sound(motion.from, motion.to);
   if (sound) trust.add(gyro_rate - gyro_bias, registered, motion.seconds());
   if (sound && registered.norm() < kCalmRate) {
@@ -172,7 +172,7 @@ void ImuMonitor::State::learn_shifts(const ImuBuffer& imu, const RegisteredMotio
   std::array<Vector3, kTimeShifts> rates;
   for (std::size_t i = 0; i < kTimeShifts; ++i)
     rates[i] = mean_angular_velocity(imu, motion.from + shift_at(i), motion.to + shift_at(i));
-  rotation.add(motion.undistorted_rate(), rates);
+  rotation.add(motion.mean_rate(), rates);
 }
 
 /// True when the time shift has changed.

@@ -36,7 +36,7 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 }
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
-  const float share = scans < kDenseScans ? kInitialVoxelShare : 1.0F;
+  const float share = scans < kInitialScans ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
                                        config.elevation_correction_rad};
   filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);
@@ -132,7 +132,7 @@ void Odometry::State::insert_planes(const std::vector<SweepPoint>& seen) {
 
 void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) {
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
-  filter.begin(kCoarseVoxelMetres * (scans < kDenseScans ? kInitialVoxelShare : 1.0F));
+  filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
   coarse_world_points.clear();
   const auto position_of = [&](std::size_t i, Eigen::Vector3f& position) {
     position = points[i];
@@ -147,13 +147,15 @@ void Odometry::State::update_map(OdometryResult& result) {
   motion.deskew(sweep, deskewed);
   const bool stands =
       twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
-  const SE3 since_fed = T_fed.inverse() * T_map_base;
+  // The middle of the sweep is known better than its end.
+  const SE3 T_map_middle = T_map_base * motion.half_sweep().inverse();
+  const SE3 since_fed = T_fed.inverse() * T_map_middle;
   const bool got_somewhere =
       since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
   const bool moved_as_known = !result.predicted && !relocated;
   if (moved_as_known && (scans < kInitialScans || (!stands && got_somewhere))) {
     insert(sweep, deskewed, T_map_base);
-    T_fed = T_map_base;
+    T_fed = T_map_middle;
   }
   planes.evict_far_from(T_map_base.translation);
   if (point_map) point_map->evict_far_from(T_map_base.translation);

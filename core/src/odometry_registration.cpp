@@ -269,10 +269,11 @@ void Odometry::State::count_inliers(OdometryResult& result) const {
                                                static_cast<double>(selected.size());
 }
 
+/// From the middle of one sweep to that of the next, which deskewing with a wrong motion hardly moves.
 RegisteredMotion Odometry::State::registered_motion() const {
-  const bool bent = !motion_compensated && !imu_used;
-  const double sweep_s = bent ? (span.end - span.start).seconds() : 0.0;
-  return {span.previous, span.end, T_map_base, registration.T_map_moving, deskew_rate, sweep_s};
+  return {span.previous - Duration::from_seconds(0.5 * last_sweep_s),
+          span.end - Duration::from_seconds(0.5 * motion.sweep_s()), T_map_base * last_half_sweep.inverse(),
+          registration.T_map_moving * motion.half_sweep().inverse()};
 }
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
@@ -311,7 +312,7 @@ void Odometry::State::learn_gyro_bias() {
   const Vector3 rate = step.mean_rate();
   // While turning, a gyro that is not trusted may differ by more than its bias.
   if (!imu_used && rate.norm() > kCalmTurnRate) return;
-  const Vector3 error = mean_angular_velocity(imu, span.previous, span.end) - gyro_bias - rate;
+  const Vector3 error = mean_angular_velocity(imu, step.from, step.to) - gyro_bias - rate;
   const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
   ++bias_updates;
   gyro_bias = (gyro_bias + gain * error).cwiseMax(-kMaxGyroBias).cwiseMin(kMaxGyroBias);

@@ -18,11 +18,9 @@
 
 namespace nilio::core {
 
-/// Scans until map and velocity are established.
+/// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan leaves
+/// its voxels short of the points that a plane needs.
 inline constexpr std::uint64_t kInitialScans = 5;
-/// The first scans feed the map more densely: thinned as usual, they leave its voxels short of the points
-/// that a plane needs.
-inline constexpr std::uint64_t kDenseScans = 2;
 inline constexpr float kInitialVoxelShare = 0.5F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
 inline constexpr float kCoarseVoxelMetres = 1.0F;
@@ -146,7 +144,7 @@ struct Odometry::State {
   SE3 T_odom_map;
   SE3 T_map_base;
   SE3 T_accepted;  ///< the last pose that is not a prediction
-  SE3 T_fed;       ///< where the map was fed last
+  SE3 T_fed;       ///< the middle of the sweep that the map was fed last
   Time time;
   SE3 T_predicted;
   bool imu_used = false;
@@ -160,7 +158,7 @@ struct Odometry::State {
   double last_sweep_s = 0.0;
   TwistFilter twist;
   Vector6 measured_twist = Vector6::Zero();  ///< by the last registration
-  Vector3 deskew_rate = Vector3::Zero();  ///< of the last deskewing before registration
+  Vector3 deskew_rate = Vector3::Zero();  ///< mean angular velocity of the last deskewing
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;

@@ -239,7 +239,7 @@ TEST_CASE("clipped and repeated samples are not used from the first tenth of a s
     const double from = 0.005 * (i - 20);
     const double to = 0.005 * i;
     monitor.observe(buffer, Vector3::Zero(),
-                    {Time::from_seconds(from), Time::from_seconds(to), pose_at(from), pose_at(to), {}, 0.0});
+                    {Time::from_seconds(from), Time::from_seconds(to), pose_at(from), pose_at(to)});
   }
   REQUIRE(monitor.usable(Time::from_seconds(1.9), Time::from_seconds(1.99)));
   for (int i = 400; i < 425; ++i) feed(i, 0.35);

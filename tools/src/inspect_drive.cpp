@@ -90,17 +90,19 @@ core::SE3 pose_of(const ipc::PoseRecord& record) {
   return {Eigen::Quaterniond(q[3], q[0], q[1], q[2]), core::Vector3(record.position.data())};
 }
 
+/// Time and pose of the middle of a record's sweep, which deskewing with a wrong motion hardly moves.
+std::pair<core::Time, core::SE3> middle_of(const ipc::PoseRecord& record) {
+  const double half_s = 0.5e-9 * static_cast<double>(record.stamp_ns - record.scan_start_ns);
+  core::Vector6 twist;
+  twist << core::Vector3(record.linear_velocity.data()), core::Vector3(record.deskew_rate.data());
+  return {core::Time{record.stamp_ns} - core::Duration::from_seconds(half_s),
+          pose_of(record) * core::se3_exp(-half_s * twist)};
+}
+
 core::RegisteredMotion motion_between(const ipc::PoseRecord& from, const ipc::PoseRecord& to) {
-  core::RegisteredMotion motion;
-  motion.from = core::Time{from.stamp_ns};
-  motion.to = core::Time{to.stamp_ns};
-  motion.T_odom_from = pose_of(from);
-  motion.T_odom_to = pose_of(to);
-  // Taking the gyro's deskewing out in the same way overdoes it, more than leaving it in falls short.
-  if (to.imu_used) return motion;
-  motion.deskew_rate = core::Vector3(to.deskew_rate.data());
-  motion.sweep_s = static_cast<double>(to.stamp_ns - to.scan_start_ns) * 1e-9;
-  return motion;
+  const auto [from_time, T_odom_from] = middle_of(from);
+  const auto [to_time, T_odom_to] = middle_of(to);
+  return {from_time, to_time, T_odom_from, T_odom_to};
 }
 
 /// Takes what the pipeline gives.

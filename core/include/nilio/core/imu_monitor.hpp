@@ -86,31 +86,17 @@ struct ImuMonitorConfig {
   Duration max_gap = Duration::from_milliseconds(150.0);
 };
 
-/// Share of the sweep by which an error of the constant rate turns a pose. For points evenly in time it is a
-/// half, less what the map has in common with the scan, whose newest points come from scans bent alike.
-inline constexpr double kDeskewShare = 1.0 / 3.0;
-
 /// Motion of base_link between two registered poses.
 struct RegisteredMotion {
   Time from;
   Time to;
   SE3 T_odom_from;
   SE3 T_odom_to;
-  /// Mean rate with which the scan was deskewed, rad/s, and how long its sweep took; 0 when it was deskewed
-  /// with the gyro or not at all.
-  Vector3 deskew_rate = Vector3::Zero();
-  double sweep_s = 0.0;
 
   [[nodiscard]] double seconds() const { return (to - from).seconds(); }
   /// Mean angular velocity in axes of base_link at `from`, rad/s.
   [[nodiscard]] Vector3 mean_rate() const {
     return so3_log(T_odom_from.rotation.conjugate() * T_odom_to.rotation) / seconds();
-  }
-  /// The same without what deskewing at a constant rate did to it: where the rate changes, the scan is turned
-  /// by the error of the rate times the mean time to the end of the sweep, and every later pose with it.
-  [[nodiscard]] Vector3 undistorted_rate() const {
-    const Vector3 rate = mean_rate();
-    return sweep_s > 0.0 ? Vector3(rate - kDeskewShare * sweep_s / seconds() * (deskew_rate - rate)) : rate;
   }
 };
 

@@ -74,7 +74,7 @@ struct OdometryResult {
   Matrix6 pose_covariance = Matrix6::Zero();
   /// Linear then angular velocity of base_link in its own axes, m/s and rad/s.
   Vector6 twist = Vector6::Zero();
-  /// Mean rate with which the scan was deskewed before registration, rad/s in base_link; 0 when it was not.
+  /// Mean rate with which the scan is deskewed, rad/s in base_link; 0 when it is not.
   Vector3 deskew_rate = Vector3::Zero();
   Matrix6 twist_covariance = Matrix6::Zero();
   TrackingState state = TrackingState::kInitialising;
