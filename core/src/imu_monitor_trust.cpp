@@ -20,12 +20,12 @@ constexpr double kContradiction = 0.3 * kRadiansPerDegree;
 // Rotation of a scan at which a gyro that is wrong shows.
 constexpr double kTurning = 0.3 * kRadiansPerDegree;
 // Evidence is gathered over a minute of turning. It suffices once a constant rate has gone wrong by so much
-// in all (half a second's entry into a bend) and the gyro by less than two fifths of it, which one that is
-// late, crooked or of another scale does not. After a withdrawal it takes four times as much.
+// in all (half a second's entry into a bend) and the gyro by less than a sixth of it, which one that is
+// late, crooked (10 deg) or of another scale does not. After a withdrawal it takes four times as much.
 constexpr double kEvidenceMemory = 1.0 - 1.0 / 600.0;
 constexpr double kEvidenceSquares = 0.3 * 0.3 * kRadiansPerDegree * kRadiansPerDegree;
 constexpr double kEvidenceAfterWithdrawal = 4.0;
-constexpr double kLargestShareOfSquares = 0.15;
+constexpr double kLargestShareOfSquares = 1.0 / 36.0;
 // The noise of a registered rotation, which is evidence of nothing.
 constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDegree;
 
