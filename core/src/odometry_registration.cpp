@@ -220,7 +220,8 @@ SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   // Nothing is predicted yet that could be worth keeping.
   const bool initial = scans < kInitialScans;
   const Vector6 wanted =
-      initial ? measured_twist : twist.correct(measured_twist, motion.between_s(last_sweep_s));
+      initial ? measured_twist
+              : twist.correct(measured_twist, registration.observed_share, motion.between_s(last_sweep_s));
   T_map_end = T_map_base * motion.refine(T_previous_end, wanted);
   deskew_rate = motion.mean_angular_velocity();
   return T_registered.inverse() * T_map_end;
@@ -342,7 +343,7 @@ void Odometry::State::learn_motion() {
   if (scans < kInitialScans) {
     twist.reset(measured_twist);
   } else {
-    twist.learn(measured_twist, motion.between_s(last_sweep_s));
+    twist.learn(measured_twist, registration.observed_share, motion.between_s(last_sweep_s));
   }
 }
 

@@ -16,6 +16,9 @@ namespace {
 // Measured on simulated drives with the floors of the pose's covariance, where the true error is 0.5 to 0.7
 // of what is said.
 constexpr double kCorrelatedResiduals = 2.0;
+// The points of a voxel share the error of its plane, which no residual shows: against a prediction, a scan
+// weighs so much less. On simulated and real drives alike, poses jump less from 2 to 8; from 8 on bends are cut.
+constexpr double kVoxelErrors = 4.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,
 // and what turns a point 30 m away by as much.
@@ -108,9 +111,10 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   shrink.topLeftCorner<3, 3>() =
       shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
   const Matrix6 information = shrink * equations.H * shrink / measurement_variance(equations);
-  const Eigen::LDLT<Matrix6> factor(information + Matrix6(held.asDiagonal()));
+  const Matrix6 weighed = information / kVoxelErrors;
+  const Eigen::LDLT<Matrix6> factor(weighed + Matrix6(held.asDiagonal()));
   const Vector6 wanted = -equations.H.ldlt().solve(equations.b);
-  const Vector6 step = factor.solve(information * wanted - held.cwiseProduct(offset));
+  const Vector6 step = factor.solve(weighed * wanted - held.cwiseProduct(offset));
   result.degenerate_axes = find_weak_axes(information);
   const Matrix6 covariance = factor.solve(Matrix6::Identity());
   result.observed_share =

@@ -21,24 +21,30 @@ void TwistFilter::reset(const Vector6& twist) {
   last_.setZero();
 }
 
-TwistFilter::Gains TwistFilter::gains() const {
+TwistFilter::Gains TwistFilter::gains(const Vector6& share) const {
   Gains gains;
-  gains.slope = gain_.cwiseAbs2().cwiseQuotient(Vector6::Constant(2.0) - gain_);
-  // At the end of the interval rather than in its middle, which the mean belongs to.
-  gains.twist = gain_ + 0.5 * gains.slope;
+  for (int i = 0; i < 6; ++i) {
+    // Kalata's relation: the gain of the speed that belongs to the gain of the place.
+    const double alpha = std::clamp(share[i], 0.01, 1.0);
+    const double beta = 2.0 * (2.0 - alpha) - 4.0 * std::sqrt(1.0 - alpha);
+    const double gain = std::min(gain_[i], beta / alpha);
+    gains.slope[i] = gain * gain / (2.0 - gain);
+    // At the end of the interval rather than in its middle, which the mean belongs to.
+    gains.twist[i] = gain + 0.5 * gains.slope[i];
+  }
   return gains;
 }
 
-Vector6 TwistFilter::correct(const Vector6& mean, double seconds) const {
+Vector6 TwistFilter::correct(const Vector6& mean, const Vector6& share, double seconds) const {
   const Vector6 error = innovation(mean, seconds);
-  return predict(seconds) + gains().twist.cwiseProduct(error);
+  return predict(seconds) + gains(share).twist.cwiseProduct(error);
 }
 
-void TwistFilter::learn(const Vector6& mean, double seconds) {
+void TwistFilter::learn(const Vector6& mean, const Vector6& share, double seconds) {
   const Vector6 error = innovation(mean, seconds);
-  const Gains used = gains();
+  const Gains used = gains(share);
   twist_ = predict(seconds) + used.twist.cwiseProduct(error);
-  slope_ += used.slope.cwiseProduct(error) / seconds;
+  slope_ = share.cwiseProduct(slope_ + used.slope.cwiseProduct(error) / seconds);
   for (int i = 0; i < 6; ++i) {
     const double correlation =
         square_[i] > 0.0 ? std::clamp(error[i] * last_[i] / square_[i], -2.0, 2.0) : 0.0;
