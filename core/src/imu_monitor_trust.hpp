@@ -4,9 +4,9 @@
 
 namespace nilio::core {
 
-/// Whether the gyro predicts the registered rotation better than a constant rate does. Given once the gyro has
-/// shown it while turning, for any gyro agrees with a straight road; withdrawn when the gyro is plainly worse;
-/// given again after more evidence of the same kind.
+/// Whether the gyro predicts the registered rotation better than a constant rate does. Given once the gyro
+/// has shown it while turning, for any gyro agrees with a straight road; withdrawn when the gyro is plainly
+/// worse; given again after more evidence of the same kind.
 class GyroTrust {
  public:
   /// Mean rates over a scan of `seconds`, rad/s.

@@ -18,8 +18,8 @@
 
 namespace nilio::core {
 
-/// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan leaves
-/// its voxels short of the points that a plane needs.
+/// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan
+/// leaves its voxels short of the points that a plane needs.
 inline constexpr std::uint64_t kInitialScans = 5;
 inline constexpr float kInitialVoxelShare = 0.5F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
@@ -158,7 +158,7 @@ struct Odometry::State {
   double last_sweep_s = 0.0;
   TwistFilter twist;
   Vector6 measured_twist = Vector6::Zero();  ///< by the last registration
-  Vector3 deskew_rate = Vector3::Zero();  ///< mean angular velocity of the last deskewing
+  Vector3 deskew_rate = Vector3::Zero();     ///< mean angular velocity of the last deskewing
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;

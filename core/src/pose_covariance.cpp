@@ -8,9 +8,9 @@ namespace nilio::core {
 
 namespace {
 
-// Share of a wrong prediction that deskewing leaves in a pose: for points evenly in time half of what the sweep
-// was predicted wrong by, less what the map has in common with the scan, whose newest points come from scans
-// bent alike.
+// Share of a wrong prediction that deskewing leaves in a pose: for points evenly in time half of what the
+// sweep was predicted wrong by, less what the map has in common with the scan, whose newest points come from
+// scans bent alike.
 constexpr double kDeskewShare = 1.0 / 3.0;
 
 constexpr double kTranslationFloor = 0.002 * 0.002;

@@ -17,7 +17,8 @@ namespace {
 // of what is said.
 constexpr double kCorrelatedResiduals = 2.0;
 // The points of a voxel share the error of its plane, which no residual shows: against a prediction, a scan
-// weighs so much less. On simulated and real drives alike, poses jump less from 2 to 8; from 8 on bends are cut.
+// weighs so much less. On simulated and real drives alike, poses jump less from 2 to 8; from 8 on bends are
+// cut.
 constexpr double kVoxelErrors = 4.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,

@@ -127,7 +127,7 @@ TEST_CASE("a sound IMU is used from its first bend on, without a word") {
   }
 }
 
-TEST_CASE("an IMU that is plainly wrong is named, goes unused and does no harm") {
+TEST_CASE("an IMU that is plainly wrong is named, goes unused and does no harm", "[drives]") {
   const Run without = drive(nullptr);
   for (const NamedFault& fault : disqualifying_faults()) {
     INFO(fault.name);
@@ -142,7 +142,7 @@ TEST_CASE("an IMU that is plainly wrong is named, goes unused and does no harm")
   }
 }
 
-TEST_CASE("an IMU whose stamps are off is told so, corrected, and used") {
+TEST_CASE("an IMU whose stamps are off is told so, corrected, and used", "[drives]") {
   const Run without = drive(nullptr, 1, kScansOfLongDrive);
   for (const double offset_ms : {100.0, -100.0, 20.0, -20.0}) {
     INFO(offset_ms);

@@ -183,8 +183,7 @@ TEST_CASE("a merged LiDAR's beams are raised about its own centre", "[pipeline]"
   CHECK(changed > plain.size() / 3);
 }
 
-TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with two threads",
-          "[pipeline]") {
+TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with two threads", "[pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 2.0, 2.0);
   const Replayed one = replay(folder.path(), one_lidar());

@@ -125,4 +125,3 @@ TEST_CASE("a scan of no duration is left as it is") {
   motion.deskew({{Eigen::Vector3f(1.0F, 2.0F, 3.0F), 0.0F}}, output);
   CHECK((output[0] - Eigen::Vector3f(1.0F, 2.0F, 3.0F)).norm() < 1e-6F);
 }
-

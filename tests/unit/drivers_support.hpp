@@ -82,7 +82,8 @@ struct TurningSensor {
       data.blocks[b].flag = layout().block_flags[b];
       data.blocks[b].azimuth = azimuth(packet, b / layout().blocks_per_azimuth);
       // Both returns of a dual packet are the same.
-      const std::size_t block = mode == drivers::ReturnMode::kSingle ? b : b - b % layout().blocks_per_azimuth;
+      const std::size_t block =
+          mode == drivers::ReturnMode::kSingle ? b : b - b % layout().blocks_per_azimuth;
       for (auto& entry : data.blocks[b].entries) entry = {distance(packet, block), 7};
     }
     const std::int64_t sensor_ns = packet_time_ns(packet) + sensor_ahead_ns;

@@ -158,7 +158,8 @@ TEST_CASE("an HDL-64E that sends its calibration has it written beside the recor
   REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3") == 0);
   const auto path = folder.path() / "calibration.yaml";
   // By its name alone, so that the recording can be moved.
-  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("calibration: calibration.yaml"));
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"),
+             Catch::Contains("calibration: calibration.yaml"));
   const auto built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
   const auto read = drivers::with_calibration_file(built_in, path.string());
   REQUIRE(read.ok());

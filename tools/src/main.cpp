@@ -3,7 +3,8 @@
 #include <CLI/CLI.hpp>
 
 int main(int argc, char** argv) {
-  CLI::App app{"nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
+  CLI::App app{
+      "nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
   app.require_subcommand(1);
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;

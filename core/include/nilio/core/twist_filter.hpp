@@ -7,9 +7,9 @@ namespace nilio::core {
 /// Twist of base_link in its own axes (linear m/s, then angular rad/s) and how it changes, from noisy
 /// measurements: an alpha-beta filter for each component (Kalata 1984), whose gain follows the drive. Where
 /// innovations keep their sign the filter lags, and its gain rises; where they alternate it follows noise,
-/// and its gain falls. Where a registration followed the prediction instead of the scan, it says nothing new: the gain is
-/// bounded by what an alpha-beta filter makes of a place that is known to that share, and the change of the
-/// twist is forgotten.
+/// and its gain falls. Where a registration followed the prediction instead of the scan, it says nothing new:
+/// the gain is bounded by what an alpha-beta filter makes of a place that is known to that share, and the
+/// change of the twist is forgotten.
 class TwistFilter {
  public:
   /// Starts anew from a twist that is simply believed.
@@ -18,8 +18,8 @@ class TwistFilter {
   [[nodiscard]] const Vector6& twist() const { return twist_; }
   /// Twist `seconds` later.
   [[nodiscard]] Vector6 predict(double seconds) const { return twist_ + seconds * slope_; }
-  /// Twist `seconds` later, had the mean over those seconds been `mean`. `share` of it, 0 to 1 along each axis,
-  /// comes from the scan.
+  /// Twist `seconds` later, had the mean over those seconds been `mean`. `share` of it, 0 to 1 along each
+  /// axis, comes from the scan.
   [[nodiscard]] Vector6 correct(const Vector6& mean, const Vector6& share, double seconds) const;
   /// Goes on to it.
   void learn(const Vector6& mean, const Vector6& share, double seconds);

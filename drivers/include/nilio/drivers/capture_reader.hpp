@@ -66,7 +66,7 @@ inline constexpr int kPcapngFirstByte = 0x0A;
 /// Either by what the file is. Fails with what, where and what to do for files that are missing, empty or no
 /// capture.
 core::Result<std::unique_ptr<CaptureReader>> open_capture(const std::string& path,
-                                                         CaptureContent content = CaptureContent::kUdp);
+                                                          CaptureContent content = CaptureContent::kUdp);
 
 /// "EN10MB" or the number.
 std::string link_type_name(int link_type);
