@@ -7,6 +7,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 
 namespace nilio::core {
 
@@ -16,10 +17,10 @@ namespace {
 // Measured on simulated drives with the floors of the pose's covariance, where the true error is 0.5 to 0.7
 // of what is said.
 constexpr double kCorrelatedResiduals = 2.0;
-// The points of a voxel share the error of its plane, which no residual shows: against a prediction, a scan
-// weighs so much less. On simulated and real drives alike, poses jump less from 2 to 8; from 8 on bends are
-// cut.
-constexpr double kVoxelErrors = 4.0;
+// The points of a voxel share the error of its plane, which no residual shows and no number of points
+// averages out: no scan tells its pose better than this.
+constexpr double kLeastMetres = 0.007;
+constexpr double kLeastRadians = kLeastMetres / 30.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,
 // and what turns a point 30 m away by as much.
@@ -97,6 +98,16 @@ std::uint8_t find_weak_axes(const Matrix6& information) {
   return axes;
 }
 
+/// Information of what is uncertain by kLeastMetres, or what turns a point 30 m away by as much, beside.
+Matrix6 with_error(const Matrix6& information) {
+  Vector6 variance;
+  variance << Vector3::Constant(kLeastMetres * kLeastMetres),
+      Vector3::Constant(kLeastRadians * kLeastRadians);
+  const Matrix6 spread = Matrix6::Identity() + information * variance.asDiagonal();
+  const Matrix6 result = spread.partialPivLu().solve(information);
+  return 0.5 * (result + result.transpose());
+}
+
 /// Gauss-Newton step of scan and prior together. Vehicles mostly do as predicted and seldom something else,
 /// so an axis that the scan has moved away from the prediction is held less (Cauchy's weight).
 StepOutcome step_with_prior(const NormalEquations& equations, const SolverOptions& options,
@@ -112,7 +123,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   shrink.topLeftCorner<3, 3>() =
       shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
   const Matrix6 information = shrink * equations.H * shrink / measurement_variance(equations);
-  const Matrix6 weighed = information / kVoxelErrors;
+  const Matrix6 weighed = with_error(information);
   const Eigen::LDLT<Matrix6> factor(weighed + Matrix6(held.asDiagonal()));
   const Vector6 wanted = -equations.H.ldlt().solve(equations.b);
   const Vector6 step = factor.solve(weighed * wanted - held.cwiseProduct(offset));
