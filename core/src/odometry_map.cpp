@@ -109,17 +109,21 @@ void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vec
   world_points.clear();
   for (const Eigen::Vector3f& p : points)
     world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
-  // Neither map knows of the other: the order does not matter.
-  char order = 0;
-  sanitizer_release(&order);
-  const auto part = [&order](const auto& work) {
-    return [&order, work] {
-      sanitizer_acquire(&order);
-      work();
-      sanitizer_release(&order);
-    };
+  // Neither map knows of the other: the order does not matter. Only the address of this counts, which a
+  // worker knows without reading what another thread has written.
+  static char order;
+  const auto feed_planes = [&] {
+    sanitizer_acquire(&order);
+    insert_planes(seen);
+    sanitizer_release(&order);
   };
-  tbb::parallel_invoke(part([&] { insert_planes(seen); }), part([&] { insert_coarse(points); }));
+  const auto feed_coarse = [&] {
+    sanitizer_acquire(&order);
+    insert_coarse(points);
+    sanitizer_release(&order);
+  };
+  sanitizer_release(&order);
+  tbb::parallel_invoke(feed_planes, feed_coarse);
   sanitizer_acquire(&order);
 }
 
