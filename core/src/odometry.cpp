@@ -43,21 +43,25 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   time = scan.end;
   ++scans;
   result.T_odom_base = T_odom_map * T_map_base;
-  result.map_voxels = static_cast<std::uint32_t>(planes.size());
-  result.map_refused = planes.refused() + coarse_map.refused();
+  count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
   fill_covariance(
       {registration, prediction_square, drift.variance(), (span.end - span.previous).seconds(), failures},
       result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
-  stamp(result, OdometryStage::kMapped);
+}
+
+void Odometry::State::count_map(OdometryResult& result) const {
+  result.map_voxels = static_cast<std::uint32_t>(planes.size());
+  result.map_refused = planes.refused() + coarse_map.refused();
 }
 
 /// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence, update the
 /// map.
 OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
   OdometryResult result = s.begin(scan);
   s.filter_points(scan, result);
   if (s.restart_is_due()) s.forget_map();
@@ -73,10 +77,17 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
     });
     s.stamp(result, OdometryStage::kFine);
     s.judge(result);
-    s.arena.execute([&] { s.update_map(result); });
+    s.map_is_behind = true;
   }
   s.finish(scan, result);
   return result;
+}
+
+void Odometry::update_map(OdometryResult& result) {
+  State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.count_map(result);
+  s.stamp(result, OdometryStage::kMapped);
 }
 
 }  // namespace nilio::core

@@ -104,8 +104,9 @@ struct Odometry::State {
   void judge(OdometryResult& result);
   void accept(OdometryResult& result);
   void fall_back(OdometryResult& result);
-  void update_map(OdometryResult& result);
+  void catch_up_with_map();
   void finish(const Scan& scan, OdometryResult& result);
+  void count_map(OdometryResult& result) const;
 
   // Parts of the steps.
   void align_with_gravity(const Scan& scan);
@@ -139,6 +140,10 @@ struct Odometry::State {
   SweepMotion motion;
 
   std::uint64_t scans = 0;
+  /// The scan registered last has not been fed to the map yet.
+  bool map_is_behind = false;
+  /// The first scans feed the map more densely.
+  bool feeds_densely = true;
   /// The map has the axes of the first pose, levelled only on the way out: what is registered does not depend
   /// on an accelerometer that may be wrong.
   SE3 T_odom_map;

@@ -77,7 +77,6 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   stage_of(record, ipc::Stage::kFiltered) = stage_of(result, core::OdometryStage::kFiltered);
   stage_of(record, ipc::Stage::kCoarse) = stage_of(result, core::OdometryStage::kCoarse);
   stage_of(record, ipc::Stage::kFine) = stage_of(result, core::OdometryStage::kFine);
-  stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
   return record;
 }
 
@@ -163,7 +162,7 @@ void OdometryLoop::push_imu_health(bool always) {
 
 void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
                                           OdometryCounters& counters) {
-  const core::OdometryResult result = odometry_.register_scan(scan);
+  core::OdometryResult result = odometry_.register_scan(scan);
   if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
   ipc::PoseRecord record = make_pose_record(result, scan);
   record.has_imu = imu_ring_ != nullptr;
@@ -171,6 +170,10 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::ato
   record.handed_over_realtime_ns = realtime_ns();
   stage_of(record, ipc::Stage::kHandedOver) = monotonic_ns();
   if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);
+  // The pose is out: the map has time until the next scan is there.
+  odometry_.update_map(result);
+  record.map_voxels = result.map_voxels;
+  stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
   if (outputs_.poses != nullptr) {
     while (config_.lossless && outputs_.poses->size() == outputs_.poses->capacity() && !stop.load()) {
       const timespec pause{0, 200'000};

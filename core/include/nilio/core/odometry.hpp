@@ -120,9 +120,13 @@ class Odometry {
 
   /// Always gives a pose. Scans in order of time.
   OdometryResult register_scan(const Scan& scan);
+  /// Feeds the map with the scan that was registered last, whose `result` it completes (kMapped, map_voxels,
+  /// map_refused). Apart from register_scan(), so that a pose need not wait for the map; what is not done by
+  /// then is done by the next register_scan().
+  void update_map(OdometryResult& result);
 
   /// The scan that was registered last, deskewed and filtered, in base_link at its end: for submaps and
-  /// pictures.
+  /// pictures. To be asked after update_map().
   [[nodiscard]] const std::vector<Eigen::Vector3f>& deskewed_points() const;
 
  private:

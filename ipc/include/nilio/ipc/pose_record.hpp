@@ -17,8 +17,8 @@ enum class Stage : std::uint8_t {
   kFiltered,    ///< range gate, voxel filter and first deskewing done
   kCoarse,      ///< NDT done (equal to kFiltered when skipped)
   kFine,        ///< ICP done
-  kMapped,      ///< map updated
   kHandedOver,  ///< pose put into the publisher's ring
+  kMapped,      ///< map updated; not known yet to the publisher
   kCount
 };
 inline constexpr std::size_t kStageCount = static_cast<std::size_t>(Stage::kCount);
