@@ -3,6 +3,7 @@
 #include "nilio/core/odometry.hpp"
 #include "nilio/daemon/receive.hpp"
 #include "nilio/daemon/scan_feed.hpp"
+#include "nilio/daemon/thread_plan.hpp"
 #include "nilio/ipc/pose_record.hpp"
 #include "nilio/ipc/publisher_process.hpp"
 #include "nilio/ipc/ring.hpp"
@@ -54,6 +55,7 @@ struct OdometryLoopConfig {
   bool lossless = false;
   /// Live: how long a complete scan waits for its IMU samples.
   core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
+  ThreadHook hook = nullptr;
 };
 
 /// The odometry thread's work: take a complete scan, wait for the IMU samples that cover it, register, hand
@@ -65,6 +67,8 @@ class OdometryLoop {
                ipc::WakeEvent& data_event, const ReceiveState* imu_state, const OdometryOutputs& outputs,
                const OdometryLoopConfig& config);
 
+  /// core::Odometry::warm_up().
+  int warm_up(const std::function<void()>& on_thread) { return odometry_.warm_up(on_thread); }
   /// Until the feed is at its end or `stop`.
   void run(const std::atomic<bool>& stop, OdometryCounters& counters);
 
