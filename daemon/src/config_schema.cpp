@@ -414,10 +414,36 @@ void add_rest(std::vector<ConfigKey>& keys, Config& c) {
                   1,
                   99,
                   {}});
+  keys.push_back({"realtime.lidar_cpus",
+                  &c.realtime.lidar_cpus,
+                  "processors of the LiDAR receive threads, such as 0 or 1-2,4; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"realtime.imu_cpus",
+                  &c.realtime.imu_cpus,
+                  "processors of the IMU receive thread; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"realtime.odometry_cpus",
+                  &c.realtime.odometry_cpus,
+                  "processors of the odometry thread and its workers; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
   keys.push_back(
       {"realtime.lock_memory", &c.realtime.lock_memory, "lock all memory when live", "", 0, 0, {}});
-  keys.push_back(
-      {"realtime.strict", &c.realtime.strict, "end when a wanted privilege is missing", "", 0, 0, {}});
+  keys.push_back({"realtime.strict",
+                  &c.realtime.strict,
+                  "end when a wanted privilege or processor is missing",
+                  "",
+                  0,
+                  0,
+                  {}});
   keys.push_back({"output.map", &c.output.map, "write map.ply into the output folder", "", 0, 0, {}});
   keys.push_back({"output.map_voxel_m",
                   &c.output.map_voxel_m,

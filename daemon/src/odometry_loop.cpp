@@ -94,6 +94,7 @@ OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<co
 
 void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
   core::Scan scan;
+  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kSteady);
   while (!stop.load(std::memory_order_relaxed)) {
     counters.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const FeedState state = feed_.next(scan, kFeedTimeout);
@@ -107,6 +108,7 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     }
   }
   push_imu_health(true);
+  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
 }
 
 void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,

@@ -11,6 +11,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -121,6 +122,11 @@ class Odometry {
   Odometry(const Odometry&) = delete;
   Odometry& operator=(const Odometry&) = delete;
   ~Odometry();
+
+  /// Wakes the arena's threads and calls `on_thread`, which must not throw, once in each, all at the same
+  /// time; waits a second for those that do not come. Says how many did. To be called before the first scan
+  /// by the thread that will register them: the others are started by it and inherit its scheduling.
+  int warm_up(const std::function<void()>& on_thread);
 
   /// Samples in order of time, before the scans they cover. False when the sample was refused (time goes
   /// back, not finite).

@@ -125,6 +125,10 @@ struct RealtimeSection {
   int lidar_priority = 60;
   int imu_priority = 55;
   int odometry_priority = 40;
+  /// Processors of the threads, as parse_cpu_list() takes them; empty = any.
+  std::string lidar_cpus;
+  std::string imu_cpus;
+  std::string odometry_cpus;
   bool lock_memory = true;
   bool strict = false;
 };

@@ -2,6 +2,7 @@
 
 #include "nilio/core/scan.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/daemon/thread_plan.hpp"
 #include "nilio/drivers/imu_decoder.hpp"
 #include "nilio/drivers/source.hpp"
 #include "nilio/ipc/ring.hpp"
@@ -29,6 +30,7 @@ struct ReceivePolicy {
   /// (live).
   bool wait_when_full = false;
   std::optional<Pace> pace;
+  ThreadHook hook = nullptr;
 };
 
 /// What a receive thread and the others share. The flags go from false to true once.
