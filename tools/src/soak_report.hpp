@@ -1,0 +1,33 @@
+#pragma once
+
+#include "bench_table.hpp"
+#include "plot_chart.hpp"
+#include "soak_run.hpp"
+
+#include <span>
+#include <string>
+#include <vector>
+
+namespace nilio::tools {
+
+/// More is a leak worth looking for: 1.4 MiB a day.
+inline constexpr double kMostGrowthKibPerMinute = 1.0;
+
+/// A run under its name: "moving", "standing".
+struct NamedSoak {
+  std::string name;
+  SoakResult result;
+};
+
+/// Memory does not grow: the slope after the warm-up is zero within twice its standard error, and below
+/// kMostGrowthKibPerMinute. At least ten samples have to say so.
+bool is_level(const MemorySeries& series);
+
+/// What is wrong with a run, one line each; empty for a good one.
+std::vector<std::string> find_faults(const SoakResult& result);
+
+BenchTable soak_table(std::span<const NamedSoak> runs);
+BenchTable soak_memory_table(std::span<const NamedSoak> runs);
+Chart memory_chart(std::span<const NamedSoak> runs);
+
+}  // namespace nilio::tools
