@@ -14,6 +14,7 @@
 #include "wakeup_noise.hpp"
 
 #include <csignal>
+#include <tuple>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -30,12 +31,12 @@ constexpr core::Duration kLong = core::Duration::from_seconds(10.0);
 
 const std::string kReport = R"({
   "counters": {"scans": 100, "poses": 98, "scans_superseded": 2, "scans_with_imu": 7},
-  "lidars": [{"packets": 7500, "packets_lost": 3, "packets_dropped_kernel": 4, "packets_dropped_ring": 5}],
+  "lidars": [{"packets": 7400, "packets_position": 100, "packets_lost": 3, "packets_dropped_kernel": 4, "packets_dropped_ring": 5}],
   "clock_source": "free_running",
   "stages": {"end_to_end": {"count": 98, "p50_us": 3000.0, "p90_us": 4000.0, "p99_us": 5000.0, "p99_9_us": 6000.0,
                             "max_us": 7000.0}},
   "budget": {"mode": "wall", "budget_ms": 20.0, "predicted_by_guard": 1, "late_poses": 2,
-             "rungs": {"full": 90, "prediction": 8}, "stops": {"converged": 98},
+             "rungs": {"fewer_points": 5, "full": 85, "prediction": 8, "xyz": 1}, "stops": {"converged": 98},
              "overshoot_us": {"count": 98, "p50": 0.0, "p99": 250.0, "max": 500.0},
              "iteration_us": {"count": 400, "p50": 40.0, "p99": 60.0}}})";
 
@@ -50,9 +51,9 @@ RealtimeCell cell_of(const TemporaryFolder& folder) {
 }
 
 void write_run(const TemporaryFolder& folder, const std::string& report) {
-  folder.write("run/latency.json", report);
-  folder.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n");
-  folder.write("run/trajectory.tum", "1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n");
+  std::ignore = folder.write("run/latency.json", report);
+  std::ignore = folder.write("run/trajectory.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n");
+  std::ignore = folder.write("run/trajectory.tum", "1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n");
 }
 
 }  // namespace
@@ -70,9 +71,9 @@ TEST_CASE("a run's figures are those of its files, and a table row has them") {
   CHECK(f.sha256 == sha256("1 0 0 0 0 1 0 0 0 0 1 0\n"));
   const BenchTable work = realtime_work_table(std::span(&cell, 1));
   REQUIRE(work.rows.size() == 1);
-  CHECK(work.headings[9] == "full/prediction");
+  CHECK(work.headings[9] == "full/fewer_points/prediction/xyz");
   CHECK(work.rows[0] == std::vector<std::string>{"20 (default)", "idle", "100", "98", "-", "7500", "3", "9", "2",
-                                                 "90/8", "2", "7"});
+                                                 "85/5/8/1", "2", "7"});
   const BenchTable times = realtime_time_table(std::span(&cell, 1));
   CHECK(times.rows[0][2] == "0.00 / 0.25 / 0.50");
   CHECK(times.rows[0][3] == "40 / 60");

@@ -1,5 +1,7 @@
 #include "identity_checks.hpp"
 
+#include "nilio/core/tracking.hpp"
+
 #include "background_load.hpp"
 #include "niliod_run.hpp"
 #include "sha256.hpp"
@@ -45,6 +47,13 @@ std::string difference_of_input(const RealtimeRun& run) {
     return say(run.sent->packets_failed, " packets were not sent");
   return {};
 }
+
+/// Otherwise the bits of its stamps rest on when packets happened to arrive.
+bool has_gps_time(const RealtimeRun& run) {
+  return run.figures.clock_source == core::name_of(core::ClockSource::kPpsLocked) ||
+         run.figures.clock_source == core::name_of(core::ClockSource::kNmeaOnly);
+}
+constexpr const char* kNoGpsTime = "the sensor's time was fitted onto the host's: it knows no GPS time";
 
 class IdentityRuns {
  public:
@@ -132,6 +141,10 @@ Result<IdentityCheck> IdentityRuns::file_and_loopback() {
           std::to_string(run->figures.superseded) + " scans were superseded: the computer is too slow";
     const std::string live = text_of(folder / "trajectory.kitti");
     check.second = sha256(live);
+    if (!has_gps_time(*run)) {
+      check.remark = kNoGpsTime;
+      break;
+    }
     if (check.remark.empty()) return compare_with_file(name, *file, live);
   }
   return check;
@@ -170,6 +183,10 @@ Result<IdentityCheck> IdentityRuns::overload_and_log(Feed feed) {
     check.remark = difference_of_input(*run);
     const std::string live = text_of(folder / "trajectory.kitti");
     check.first = sha256(live);
+    if (run->sent && !has_gps_time(*run)) {
+      check.remark = kNoGpsTime;
+      break;
+    }
     if (!check.remark.empty()) continue;
     std::vector<std::string> overrides = like_loopback(feed);
     overrides.insert(overrides.end(), {"odometry.budget=wall", kTight});

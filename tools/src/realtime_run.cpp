@@ -1,6 +1,5 @@
 #include "realtime_run.hpp"
 
-#include "nilio/core/tracking.hpp"
 #include "nilio/daemon/receive.hpp"
 
 #include "background_load.hpp"
@@ -173,6 +172,8 @@ Result<std::monostate> RunInRealTime::play() {
   play.recorded_position_port = static_cast<std::uint16_t>(drive_.config.lidar.position_port);
   play.port = port_;
   play.position_port = position_port_;
+  // As a sensor whose clock is right has it; otherwise its time is fitted onto the host's.
+  play.restamp = true;
   if (!config_.can_interface.empty()) {
     play.can_logs = part_.files.can_logs;
     play.can_interface = config_.can_interface;
@@ -197,7 +198,7 @@ Result<std::monostate> RunInRealTime::play() {
   sender.join();
   if (died) return Error{"niliod ended during the run: " + niliod_->last_line()};
   if (signals_.wait(Duration{})) return kInterrupted;
-  if (part_.first_stamp.ns != 0) result_.stamp_shift = part_.first_stamp - core::Time{begin_ns};
+  result_.stamp_shift = part_.first_stamp - core::Time{begin_ns};
   return std::monostate{};
 }
 
@@ -261,11 +262,6 @@ Result<RealtimeRun> RunInRealTime::run() {
   result_.noise_is_fifo = noise.is_fifo();
   result_.transport = ipc::summarize("DDS", listener_->transport());
   read_report();
-  // With the time of a GPS receiver, stamps are the recording's.
-  const std::string& source = result_.figures.clock_source;
-  if (source == core::name_of(core::ClockSource::kPpsLocked) ||
-      source == core::name_of(core::ClockSource::kNmeaOnly))
-    result_.stamp_shift = Duration{};
   return std::move(result_);
 }
 

@@ -52,7 +52,7 @@ struct RealtimeRun {
   RunFigures figures;
   /// kUdp only.
   std::optional<PlayReport> sent;
-  /// Of kUdp's stamps from the recording's: niliod takes the host's time where the sensor has none.
+  /// To be added to kUdp's stamps, which are of the present, for those of the recording.
   core::Duration stamp_shift;
   ipc::LatencySummary noise;
   bool noise_is_fifo = false;

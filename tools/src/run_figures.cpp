@@ -3,6 +3,8 @@
 #include "bench_measure.hpp"
 #include "sha256.hpp"
 
+#include <algorithm>
+#include <array>
 #include <fstream>
 #include <iterator>
 #include <string_view>
@@ -78,11 +80,22 @@ void read_packets(const json& report, RunFigures& figures) {
   const auto lidars = report.find("lidars");
   if (lidars == report.end() || !lidars->is_array()) return;
   for (const json& lidar : *lidars) {
-    figures.packets += count_in(lidar, "packets");
+    figures.packets += count_in(lidar, "packets") + count_in(lidar, "packets_position");
     figures.packets_lost += count_in(lidar, "packets_lost");
     figures.packets_dropped +=
         count_in(lidar, "packets_dropped_kernel") + count_in(lidar, "packets_dropped_ring");
   }
+}
+
+/// From the most work to the least; JSON has them by name. Others come last.
+NamedCounts in_order_of_work(const NamedCounts& counts) {
+  static constexpr std::array<std::string_view, 5> kRungs{"full", "fewer_points", "ndt_only", "icp_only",
+                                                          "prediction"};
+  const auto place = [](const auto& entry) { return std::find(kRungs.begin(), kRungs.end(), entry.first); };
+  NamedCounts ordered = counts;
+  std::stable_sort(ordered.begin(), ordered.end(),
+                   [&](const auto& a, const auto& b) { return place(a) < place(b); });
+  return ordered;
 }
 
 void read_budget(const json& budget, RunFigures& figures) {
@@ -90,7 +103,7 @@ void read_budget(const json& budget, RunFigures& figures) {
   figures.budget_ms = number_in(budget, "budget_ms");
   figures.predicted_by_guard = count_in(budget, "predicted_by_guard");
   figures.late_poses = count_in(budget, "late_poses");
-  figures.rungs = counts_in(budget, "rungs");
+  figures.rungs = in_order_of_work(counts_in(budget, "rungs"));
   figures.stops = counts_in(budget, "stops");
   figures.overshoot = summary_in(budget, "overshoot_us");
   figures.iteration = summary_in(budget, "iteration_us");

@@ -15,13 +15,14 @@
 
 namespace nilio::tools {
 
-/// Names and how often each occurred, in the order of the file.
+/// Names and how often each occurred.
 using NamedCounts = std::vector<std::pair<std::string, std::uint64_t>>;
 
 /// What a run of niliod left in its output folder.
 struct RunFigures {
   std::uint64_t scans = 0;
   std::uint64_t poses = 0;
+  /// Taken from the socket or file, position packets included.
   std::uint64_t packets = 0;
   /// Missing in the sensor's stream, before niliod.
   std::uint64_t packets_lost = 0;
