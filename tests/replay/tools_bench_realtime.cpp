@@ -50,7 +50,8 @@ std::size_t count_of(const std::string& text, const std::string& part) {
 
 }  // namespace
 
-TEST_CASE("the beginning of a drive has its first packets and frames to the bit, and nothing later", "[drives]") {
+TEST_CASE("the beginning of a drive has its first packets and frames to the bit, and nothing later",
+          "[drives]") {
   const TemporaryFolder folder;
   const auto drive = open_sensor_drive(town_drive());
   REQUIRE(drive.ok());
@@ -95,10 +96,9 @@ TEST_CASE("what has no packets to send, or an unknown name, is refused before an
 TEST_CASE("one command runs niliod under a budget and loads, finds the same poses again, and writes a page",
           "[drives]") {
   const TemporaryFolder folder;
-  REQUIRE(run_command(add_bench,
-                      {"realtime", town_drive(), "--seconds", "2", "--budgets", "20", "--conditions",
-                       "hogs,memory,subscriber", "--memory-mib", "64", "--page", folder.file("page.md"),
-                       "--domain", "232"}) == 0);
+  REQUIRE(run_command(add_bench, {"realtime", town_drive(), "--seconds", "2", "--budgets", "20",
+                                  "--conditions", "hogs,memory,subscriber", "--memory-mib", "64", "--page",
+                                  folder.file("page.md"), "--domain", "232"}) == 0);
   const std::string page = read_text(folder.file("page.md"));
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
   for (const char* part : {"| 20 | idle |", "| hogs |", "| memory |", "| subscriber |", "(default)"})

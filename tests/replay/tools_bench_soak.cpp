@@ -52,7 +52,8 @@ void add_bench(CLI::App& app, int& /*status*/) { add_bench_soak(app); }
 
 }  // namespace
 
-TEST_CASE("laps of a drive go on where the lap before ended, by packet stamps and by the sensor's clock", "[drives]") {
+TEST_CASE("laps of a drive go on where the lap before ended, by packet stamps and by the sensor's clock",
+          "[drives]") {
   const auto plan = plan_laps(std::span(&short_drive(), 1), core::Duration::from_seconds(5.0));
   REQUIRE(plan.ok());
   CHECK(plan->laps.size() == 3);
@@ -120,7 +121,8 @@ TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, 
   CHECK(run_command(add_bench, {"soak", "--minutes", "nan"}) == -1);
 }
 
-TEST_CASE("five minutes of driving and two of standing take no more memory than their first quarter", "[.soak]") {
+TEST_CASE("five minutes of driving and two of standing take no more memory than their first quarter",
+          "[.soak]") {
   const TemporaryFolder folder;
   const std::string drive = folder.file("town");
   REQUIRE(run_command(add_simulate_command, {"simulate", drive, "--duration", "30", "--moving-start"}) == 0);

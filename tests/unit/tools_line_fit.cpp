@@ -106,7 +106,8 @@ TEST_CASE("memory that stays, or takes a page once, is level; a leak of two KiB 
   CHECK(is_level(series_of(kib)));
   for (std::size_t i = 300; i < kib.size(); ++i) kib[i] += 4.0;
   CHECK(is_level(series_of(kib)));
-  for (std::size_t i = 0; i < kib.size(); ++i) kib[i] = 40000.0 + 4.0 * std::floor(static_cast<double>(i) / 120.0);
+  for (std::size_t i = 0; i < kib.size(); ++i)
+    kib[i] = 40000.0 + 4.0 * std::floor(static_cast<double>(i) / 120.0);
   CHECK_FALSE(is_level(series_of(kib)));
 }
 

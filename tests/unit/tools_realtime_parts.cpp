@@ -72,8 +72,8 @@ TEST_CASE("a run's figures are those of its files, and a table row has them") {
   const BenchTable work = realtime_work_table(std::span(&cell, 1));
   REQUIRE(work.rows.size() == 1);
   CHECK(work.headings[9] == "full/fewer_points/prediction/xyz");
-  CHECK(work.rows[0] == std::vector<std::string>{"20 (default)", "idle", "100", "98", "-", "7500", "3", "9", "2",
-                                                 "85/5/8/1", "2", "7"});
+  CHECK(work.rows[0] == std::vector<std::string>{"20 (default)", "idle", "100", "98", "-", "7500", "3", "9",
+                                                 "2", "85/5/8/1", "2", "7"});
   const BenchTable times = realtime_time_table(std::span(&cell, 1));
   CHECK(times.rows[0][2] == "0.00 / 0.25 / 0.50");
   CHECK(times.rows[0][3] == "40 / 60");
@@ -151,7 +151,8 @@ TEST_CASE("memory pressure touches what it was told to take, and no more") {
   REQUIRE(load.ok());
   std::uint64_t most = 0;
   for (int i = 0; i < 2000 && most < bytes * 9 / 10; ++i) {
-    if (const auto memory = resident_memory(load->processes().front())) most = std::max(most, memory->anonymous);
+    if (const auto memory = resident_memory(load->processes().front()))
+      most = std::max(most, memory->anonymous);
     sleep_for(core::Duration::from_milliseconds(1.0));
   }
   CHECK(load->is_running());

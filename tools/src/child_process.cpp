@@ -55,9 +55,15 @@ Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vec
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
   const pid_t parent = getpid();
+  // A signal that comes before the child has given up this program's handlers would run them there.
+  sigset_t all;
+  sigset_t before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &before);
   const pid_t pid = fork();
   if (pid == 0) become(program.c_str(), argv.data(), descriptor, parent);
   const int reason = errno;
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(descriptor);
   if (pid < 0) return Error{program.string() + ": cannot be started (" + std::strerror(reason) + ")"};
   return ChildProcess(pid, log);

@@ -26,8 +26,10 @@ std::string centimetres(double metres) { return metres > 0.0 ? fixed(100.0 * met
 }  // namespace
 
 bool is_level(const MemorySeries& series) {
-  return series.fit.samples >= kFewestSamples && series.fit.is_level() &&
-         std::abs(series.fit.slope) < kMostGrowthKibPerMinute;
+  const LineFit& fit = series.fit;
+  if (fit.samples < kFewestSamples) return false;
+  if (std::abs(fit.rise) <= kOnePageRiseKib) return true;
+  return fit.is_level() && std::abs(fit.slope) < kMostGrowthKibPerMinute;
 }
 
 std::vector<std::string> find_faults(const SoakResult& result) {

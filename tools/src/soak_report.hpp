@@ -19,8 +19,12 @@ struct NamedSoak {
   SoakResult result;
 };
 
-/// Memory does not grow: the slope after the warm-up is zero within twice its standard error, and below
-/// kMostGrowthKibPerMinute. At least ten samples have to say so.
+/// Memory comes in pages of 4 KiB, and a single one that is taken at any time lets the line rise by up to one
+/// and a half: what rises no more cannot be told from what is level.
+inline constexpr double kOnePageRiseKib = 6.0;
+
+/// Memory does not grow: after the warm-up it takes no more than a page, or its slope is zero within twice
+/// the standard error and below kMostGrowthKibPerMinute. At least ten samples have to say so.
 bool is_level(const MemorySeries& series);
 
 /// What is wrong with a run, one line each; empty for a good one.

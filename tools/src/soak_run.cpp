@@ -28,6 +28,8 @@ constexpr Duration kSamplePeriod = Duration::from_seconds(1.0);
 constexpr std::int64_t kMinuteNs = 60'000'000'000;
 constexpr double kMinuteS = 60.0;
 constexpr double kKibibyte = 1024.0;
+/// More would be seen in the memory that is measured.
+constexpr std::size_t kMostNotes = 20;
 
 /// Room for every sample is taken and touched beforehand: growing would be seen in what is measured.
 class MemorySampler {
@@ -106,6 +108,9 @@ class SoakRun {
  private:
   Result<std::monostate> open();
   Result<std::monostate> start_publisher();
+  void note(const std::string& line) {
+    if (result_.notes.size() < kMostNotes) result_.notes.push_back(line);
+  }
   void drain();
   void take(const ipc::PoseRecord& record);
   void sample(core::Time stamp);
@@ -187,8 +192,7 @@ void SoakRun::drain() {
   while (pipeline_->imu_health().try_pop()) {
   }
   while (const auto line = pipeline_->feed_log().take()) {
-    if (line->level != daemon::LogLevel::kInfo && result_.notes.size() < 20)
-      result_.notes.push_back(line->text);
+    if (line->level != daemon::LogLevel::kInfo) note(line->text);
   }
 }
 
@@ -227,7 +231,7 @@ Result<SoakResult> SoakRun::run() {
     pipeline_->output_event().wait(kPoll);
     drain();
     if (publisher_) {
-      if (const auto event = publisher_->poll()) result_.notes.push_back(event->message);
+      if (const auto event = publisher_->poll()) note(event->message);
     }
     interrupted = signals_.wait(Duration{});
   }
