@@ -43,20 +43,25 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   time = scan.end;
   ++scans;
   result.T_odom_base = T_odom_map * T_map_base;
-  result.map_voxels = static_cast<std::uint32_t>(planes.size());
-  result.map_refused = planes.refused() + coarse_map.refused();
+  count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
   fill_covariance(
       {registration, prediction_square, drift.variance(), (span.end - span.previous).seconds(), failures},
       result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
-  stamp(result, OdometryStage::kMapped);
+  result.rung = rung_of(result);
+  result.deadline_ns = budget.deadline_ns();
 }
 
-/// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence, update the
-/// map.
-OdometryResult Odometry::register_scan(const Scan& scan) {
+void Odometry::State::count_map(OdometryResult& result) const {
+  result.map_voxels = static_cast<std::uint32_t>(planes.size());
+  result.map_refused = planes.refused() + coarse_map.refused();
+}
+
+/// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence. The map is
+/// updated by update_map().
+OdometryResult Odometry::register_within_budget(const Scan& scan) {
   State& s = *state_;
   OdometryResult result = s.begin(scan);
   s.filter_points(scan, result);
@@ -66,6 +71,7 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   } else {
     s.predict(scan, result);
     s.select_points();
+    s.budget.done(Work::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
     s.arena.execute([&] {
       s.register_sweep(result);
@@ -73,9 +79,59 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
     });
     s.stamp(result, OdometryStage::kFine);
     s.judge(result);
-    s.arena.execute([&] { s.update_map(result); });
+    s.map_is_behind = true;
   }
   s.finish(scan, result);
+  return result;
+}
+
+OdometryResult Odometry::register_scan(const Scan& scan) {
+  State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans);
+  return register_within_budget(scan);
+}
+
+OdometryResult Odometry::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
+  State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.budget.begin_scan(decisions, s.scans < kInitialScans);
+  return register_within_budget(scan);
+}
+
+void Odometry::update_map(OdometryResult& result) {
+  State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.count_map(result);
+  s.stamp(result, OdometryStage::kMapped);
+}
+
+const WorkBudget& Odometry::budget() const { return state_->budget; }
+
+void Odometry::note_handed_over(const OdometryResult& result) {
+  state_->budget.finish_scan(result.fine_iterations);
+}
+
+OdometryResult Odometry::predict_pose(const Scan& scan) const {
+  const State& s = *state_;
+  OdometryResult result;
+  result.sequence = scan.sequence;
+  result.scan_start = scan.start;
+  result.scan_end = scan.end;
+  SweepMotion motion;
+  const SweepMotion::Span span{s.time, scan.motion_compensated ? scan.end : scan.start, scan.end};
+  result.imu_used =
+      s.imu.covers(s.time, scan.end - kMaxImuLag, s.config.max_imu_gap) && s.monitor.usable(s.time, scan.end);
+  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(span, result.imu_used, motion);
+  result.T_odom_base = s.T_odom_map * T_map_base;
+  result.predicted = true;
+  result.rung = BudgetRung::kPredictionOnly;
+  result.stop_reason = StopReason::kBudget;
+  result.state = s.state_without_registration(s.failures + 1);
+  result.twist.head<3>() = motion.body_velocity();
+  result.twist.tail<3>() = motion.mean_angular_velocity();
+  fill_covariance(
+      {{}, s.prediction_square, s.drift.variance(), (scan.end - s.time).seconds(), s.failures + 1}, result);
   return result;
 }
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <tbb/parallel_invoke.h>
 
@@ -36,9 +37,11 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 }
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
-  const float share = scans < kInitialScans ? kInitialVoxelShare : 1.0F;
+  feeds_densely = scans < kInitialScans;
+  scan_points = budget.choose_scan_points(std::min(config.scan_points, scan.points.size()));
+  const float share = feeds_densely ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
-                                       config.elevation_correction_rad};
+                                       config.elevation_correction_rad, scan_points};
   filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);
   motion_compensated = scan.motion_compensated;
   if (motion_compensated) {
@@ -136,7 +139,7 @@ void Odometry::State::insert_planes(const std::vector<SweepPoint>& seen) {
 
 void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) {
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
-  filter.begin(kCoarseVoxelMetres * (scans < kInitialScans ? kInitialVoxelShare : 1.0F));
+  filter.begin(kCoarseVoxelMetres * (feeds_densely ? kInitialVoxelShare : 1.0F));
   coarse_world_points.clear();
   const auto position_of = [&](std::size_t i, Eigen::Vector3f& position) {
     position = points[i];
@@ -147,7 +150,8 @@ void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) 
   coarse_map.insert(coarse_world_points);
 }
 
-void Odometry::State::update_map(OdometryResult& result) {
+void Odometry::State::catch_up_with_map() {
+  if (!std::exchange(map_is_behind, false)) return;
   motion.deskew(sweep, deskewed);
   const bool stands =
       twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
@@ -156,8 +160,8 @@ void Odometry::State::update_map(OdometryResult& result) {
   const SE3 since_fed = T_fed.inverse() * T_map_middle;
   const bool got_somewhere =
       since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
-  const bool moved_as_known = !result.predicted && !relocated;
-  if (moved_as_known && (scans < kInitialScans || (!stands && got_somewhere))) {
+  const bool moved_as_known = failures == 0 && !relocated;
+  if (moved_as_known && (feeds_densely || (!stands && got_somewhere))) {
     insert(sweep, deskewed, T_map_base);
     T_fed = T_map_middle;
   }

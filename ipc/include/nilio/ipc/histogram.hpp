@@ -73,14 +73,14 @@ enum class LatencyStage : std::uint8_t {
   kFilter,
   kCoarse,
   kFine,
-  kMap,
   kHandOver,
+  kMap,
   kEndToEnd,  ///< received to handed over
   kCount
 };
 inline constexpr std::size_t kLatencyStageCount = static_cast<std::size_t>(LatencyStage::kCount);
 inline constexpr std::array<std::string_view, kLatencyStageCount> kLatencyStageNames{
-    "receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "map", "hand_over", "end_to_end"};
+    "receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "hand_over", "map", "end_to_end"};
 
 /// One row of a latency report, in microseconds.
 struct LatencySummary {
