@@ -101,13 +101,15 @@ TEST_CASE("too few samples, or all at once, are no line") {
   CHECK_FALSE(is_level(series_of({1.0, 1.0, 1.0})));
 }
 
-TEST_CASE("memory that stays, or takes a page once, is level; a leak of two KiB a minute is not") {
+TEST_CASE("memory that stays, or takes a page once, is level; a leak of two KiB a minute is not, nor a larger step") {
   std::vector<double> kib(600, 40000.0);
   CHECK(is_level(series_of(kib)));
   for (std::size_t i = 300; i < kib.size(); ++i) kib[i] += 4.0;
   CHECK(is_level(series_of(kib)));
   for (std::size_t i = 0; i < kib.size(); ++i)
     kib[i] = 40000.0 + 4.0 * std::floor(static_cast<double>(i) / 120.0);
+  CHECK_FALSE(is_level(series_of(kib)));
+  for (std::size_t i = 0; i < kib.size(); ++i) kib[i] = i < 300 ? 40000.0 : 40064.0;
   CHECK_FALSE(is_level(series_of(kib)));
 }
 

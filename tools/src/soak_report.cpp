@@ -28,7 +28,7 @@ std::string centimetres(double metres) { return metres > 0.0 ? fixed(100.0 * met
 bool is_level(const MemorySeries& series) {
   const LineFit& fit = series.fit;
   if (fit.samples < kFewestSamples) return false;
-  if (std::abs(fit.rise) <= kOnePageRiseKib) return true;
+  if (std::abs(fit.rise) <= kTwoPagesRiseKib) return true;
   return fit.is_level() && std::abs(fit.slope) < kMostGrowthKibPerMinute;
 }
 
