@@ -145,8 +145,11 @@ Result<std::monostate> RunInRealTime::connect() {
   const Result<bool> connected =
       wait_for(kConnectLimit, [this] { return niliod_->poll() || listener_->is_connected(); });
   if (!connected) return connected.error();
-  if (niliod_->poll()) return Error{"niliod ended at once: " + niliod_->last_line()};
-  if (!*connected)
+  const std::optional<int> ended = niliod_->poll();
+  // A replay may be over before anybody has found its publisher.
+  if (ended && (config_.feed == Feed::kUdp || *ended != 0))
+    return Error{"niliod ended at once with status " + std::to_string(*ended) + ": " + niliod_->last_line()};
+  if (!listener_->is_connected())
     result_.notes.push_back("no publisher was found on DDS domain " + std::to_string(config_.domain) + ": " +
                             niliod_->last_line());
   return std::monostate{};
