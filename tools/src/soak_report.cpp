@@ -36,6 +36,11 @@ std::vector<std::string> find_faults(const SoakResult& result) {
   std::vector<std::string> faults;
   for (const MemorySeries* series : series_of(result)) {
     if (is_level(*series)) continue;
+    if (series->fit.samples < kFewestSamples) {
+      faults.push_back(series->name + ": " + std::to_string(series->fit.samples) +
+                       " samples of its memory after the warm-up are too few: play more minutes");
+      continue;
+    }
     faults.push_back(series->name + ": memory changes by " + fixed(series->fit.slope, 3) + " +- " +
                      fixed(series->fit.standard_error, 3) + " KiB a minute over " +
                      std::to_string(series->fit.samples) + " samples");
@@ -86,7 +91,9 @@ BenchTable soak_memory_table(std::span<const NamedSoak> runs) {
                             fixed(*std::max_element(kib.begin(), kib.end()) / kMebibyteKib, 2),
                             fixed(kib.back() / kMebibyteKib, 2), fixed(fit.slope, 4),
                             fixed(fit.standard_error, 4), fixed(fit.rise, 1), std::to_string(fit.samples),
-                            is_level(*series) ? "level" : "GROWS"});
+                            series->fit.samples < kFewestSamples ? "too few samples"
+                            : is_level(*series)                  ? "level"
+                                                                 : "GROWS"});
     }
   }
   return table;
