@@ -3,12 +3,11 @@
 #include "nilio/core/tracking.hpp"
 
 #include "background_load.hpp"
+#include "file_text.hpp"
 #include "niliod_run.hpp"
 #include "sha256.hpp"
 
 #include <algorithm>
-#include <fstream>
-#include <iterator>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -28,10 +27,7 @@ const std::string kUnlimited = "odometry.budget=off";
 const std::string kCounted = "odometry.budget=ops";
 const std::string kTight = "odometry.budget_ms=2";
 
-std::string text_of(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
+std::string text_of(const fs::path& path) { return file_text(path).value_or(""); }
 
 std::size_t lines_of(const std::string& text) {
   return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));

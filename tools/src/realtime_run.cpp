@@ -4,6 +4,7 @@
 
 #include "background_load.hpp"
 #include "child_process.hpp"
+#include "file_text.hpp"
 #include "free_port.hpp"
 #include "monotonic_sleep.hpp"
 #include "niliod_run.hpp"
@@ -15,8 +16,6 @@
 #include <array>
 #include <atomic>
 #include <csignal>
-#include <fstream>
-#include <iterator>
 #include <memory>
 #include <sys/prctl.h>
 #include <thread>
@@ -44,11 +43,6 @@ constexpr Duration kReplayMargin = Duration::from_seconds(60.0);
 constexpr std::array<const char*, 4> kConditionNames{"idle", "hogs", "memory", "subscriber"};
 
 const Error kInterrupted{"interrupted"};
-
-std::string file_text(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 /// One run, from the start of the first program to the end of the last.
 class RunInRealTime {
@@ -158,7 +152,7 @@ Result<std::monostate> RunInRealTime::connect() {
 Result<std::monostate> RunInRealTime::stop_slow_subscriber() {
   if (!slow_subscriber_) return std::monostate{};
   const Result<bool> found = wait_for(kConnectLimit, [this] {
-    const std::string said = file_text(folder_ / "subscriber.log");
+    const std::string said = file_text(folder_ / "subscriber.log").value_or("");
     return said.find(": 1 publisher(s)") != std::string::npos ||
            said.find(" received, ") != std::string::npos;
   });

@@ -1,13 +1,13 @@
 #include "run_figures.hpp"
 
 #include "bench_measure.hpp"
+#include "file_text.hpp"
 #include "sha256.hpp"
 
 #include <algorithm>
 #include <array>
-#include <fstream>
-#include <iterator>
 #include <string_view>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -21,9 +21,9 @@ using core::Result;
 using nlohmann::json;
 
 Result<std::string> read_file(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return Error{path.string() + ": is not there: did niliod end before it could write it?"};
-  return std::string(std::istreambuf_iterator<char>(file), {});
+  std::optional<std::string> text = file_text(path);
+  if (!text) return Error{path.string() + ": is not there: did niliod end before it could write it?"};
+  return std::move(*text);
 }
 
 /// An object in another; an empty one when there is none.
