@@ -70,7 +70,8 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
     s.arena.execute([&] { s.start(scan, result); });
   } else {
     s.predict(scan, result);
-    s.select_points();
+    // The second scan tells first how fast the vehicle is, then what to select.
+    if (s.scans > 1) s.select_points();
     s.budget.done(Work::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
     s.arena.execute([&] {

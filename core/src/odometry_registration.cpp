@@ -16,7 +16,7 @@ constexpr double kErrorLeverMetres = 30.0;
 constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
 // Enough to tell a right pose from a wrong one, where many are tried.
-constexpr std::size_t kStartPoints = 400;
+constexpr std::size_t kStartPoints = 250;
 // Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
 // those that look likely, so many are tried, and not two that lead to the same place.
 constexpr double kLeastStartDisplacementMetres = -2.0;
@@ -177,6 +177,7 @@ SE3 Odometry::State::start_hypothesis(std::size_t i) const {
 void Odometry::State::register_from_standstill(OdometryResult& result) {
   // Nothing is known of the speed: look at many along the vehicle's axis, register from the likeliest and
   // keep what most points agree with.
+  motion.deskew(sweep, deskewed);
   thin_evenly(deskewed, kStartPoints, search_points);
   std::array<double, kStartDisplacements> scores{};
   for (std::size_t i = 0; i < scores.size(); ++i)

@@ -54,11 +54,11 @@ ImuModelConfig imu_config(const SimulateArguments& arguments) {
   config.start = kStart;
   config.T_base_imu = kImuMounting.T_base_sensor();
   config.rate_hz = arguments.imu_rate_hz;
-  config.gyroscope = {arguments.gyro_noise_deg_s * kRadiansPerDegree,
-                      arguments.gyro_bias_deg_s * kRadiansPerDegree,
-                      arguments.gyro_drift_deg_h * kRadiansPerDegree / 3600.0};
+  config.gyroscope = {
+      arguments.gyro_noise_deg_s * kRadiansPerDegree, arguments.gyro_bias_deg_s * kRadiansPerDegree,
+      arguments.gyro_drift_deg_h * kRadiansPerDegree / 3600.0, 0.01 * arguments.gyro_scale_percent};
   config.accelerometer = {arguments.accel_noise_ug * micro_g, arguments.accel_bias_m_s2,
-                          arguments.accel_drift_ug * micro_g};
+                          arguments.accel_drift_ug * micro_g, 0.01 * arguments.accel_scale_percent};
   return config;
 }
 

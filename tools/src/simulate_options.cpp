@@ -168,9 +168,11 @@ void add_imu_options(CLI::App& command, SimulateArguments& a) {
   add_error("--gyro-noise", a.gyro_noise_deg_s, "deg/s/sqrt(Hz)");
   add_error("--gyro-bias", a.gyro_bias_deg_s, "constant bias of each axis, deg/s");
   add_error("--gyro-drift", a.gyro_drift_deg_h, "in-run bias, deg/h");
+  add_error("--gyro-scale", a.gyro_scale_percent, "error of each axis's scale, %");
   add_error("--accel-noise", a.accel_noise_ug, "micro-g/sqrt(Hz)");
   add_error("--accel-bias", a.accel_bias_m_s2, "constant bias of each axis, m/s^2");
   add_error("--accel-drift", a.accel_drift_ug, "in-run bias, micro-g");
+  add_error("--accel-scale", a.accel_scale_percent, "error of each axis's scale, %");
   command
       .add_option(
           "--imu-fault", a.imu_faults,

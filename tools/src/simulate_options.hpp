@@ -45,9 +45,11 @@ struct SimulateArguments {
   double gyro_noise_deg_s = 0.007;
   double gyro_bias_deg_s = 0.1;
   double gyro_drift_deg_h = 10.0;
+  double gyro_scale_percent = 0.2;
   double accel_noise_ug = 120.0;
   double accel_bias_m_s2 = 0.02;
   double accel_drift_ug = 30.0;
+  double accel_scale_percent = 0.2;
   std::vector<std::string> imu_faults;
   double scene_density = 1.0;
   std::optional<unsigned> moving_cars;

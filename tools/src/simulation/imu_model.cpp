@@ -21,9 +21,10 @@ ImuErrorProcess::ImuErrorProcess(const ImuErrors& errors, double rate_hz, Random
     constant_[axis] = random_.chance(0.5) ? errors.constant_bias : -errors.constant_bias;
     wandering_[axis] = errors.drift * random_.gaussian();
   }
+  for (double& scale : scale_) scale = random_.chance(0.5) ? 1.0 + errors.scale : 1.0 - errors.scale;
 }
 
-Vector3 ImuErrorProcess::next() {
+Vector3 ImuErrorProcess::next(const Vector3& truth) {
   Vector3 error = constant_ + wandering_;
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
     error[axis] += noise_per_sample_ * random_.gaussian();
@@ -31,7 +32,7 @@ Vector3 ImuErrorProcess::next() {
     wandering_[axis] =
         decay_ * wandering_[axis] + errors_.drift * std::sqrt(1.0 - decay_ * decay_) * random_.gaussian();
   }
-  return error;
+  return scale_.cwiseProduct(truth) + error;
 }
 
 TrueInertia true_inertia(const VehicleTrajectory& trajectory, const core::SE3& T_base_imu, double time_s) {
@@ -55,8 +56,8 @@ ImuModel::ImuModel(const ImuModelConfig& config, const VehicleTrajectory& trajec
 core::ImuSample ImuModel::next() {
   const double time_s = static_cast<double>(index_++) / config_.rate_hz;
   const TrueInertia truth = true_inertia(trajectory_, config_.T_base_imu, time_s);
-  const Vector3 rate = truth.angular_velocity + gyroscope_.next();
-  const Vector3 specific_force = truth.specific_force + accelerometer_.next();
+  const Vector3 rate = gyroscope_.next(truth.angular_velocity);
+  const Vector3 specific_force = accelerometer_.next(truth.specific_force);
 
   core::ImuSample sample;
   sample.stamp = config_.start + core::Duration::from_seconds(time_s);

@@ -19,6 +19,7 @@ struct ImuErrors {
   double noise_density = 0.0;  ///< unit / sqrt(Hz), one-sided
   double constant_bias = 0.0;  ///< size of the bias of each axis; its signs are random
   double drift = 0.0;          ///< standard deviation of the part of the bias that wanders
+  double scale = 0.0;          ///< error of each axis's scale as a share; its signs are random
 };
 
 struct ImuModelConfig {
@@ -32,11 +33,13 @@ struct ImuModelConfig {
 };
 
 /// Errors that a real MEMS IMU has: white noise, a constant turn-on bias, and a bias that wanders as a
-/// first-order Gauss-Markov process with a time constant of 300 s (IEEE Std 952).
+/// first-order Gauss-Markov process with a time constant of 300 s (IEEE Std 952), and a scale that is not
+/// quite right.
 class ImuErrorProcess {
  public:
   ImuErrorProcess(const ImuErrors& errors, double rate_hz, RandomStream random);
-  core::Vector3 next();
+  /// The next sample of what is truly `truth`.
+  core::Vector3 next(const core::Vector3& truth);
 
  private:
   ImuErrors errors_;
@@ -45,6 +48,7 @@ class ImuErrorProcess {
   RandomStream random_;
   core::Vector3 constant_;
   core::Vector3 wandering_;
+  core::Vector3 scale_;
 };
 
 /// What an inertial sensor without errors measures, in its own axes.
