@@ -1,7 +1,9 @@
 #include "bench_basin.hpp"
 #include "bench_decode.hpp"
 #include "bench_odometry.hpp"
+#include "bench_realtime.hpp"
 #include "bench_receive.hpp"
+#include "bench_soak.hpp"
 #include "commands.hpp"
 
 namespace nilio::tools {
@@ -12,7 +14,9 @@ void add_bench_command(CLI::App& app) {
   add_bench_basin(*bench);
   add_bench_decode(*bench);
   add_bench_odometry(*bench);
+  add_bench_realtime(*bench);
   add_bench_receive(*bench);
+  add_bench_soak(*bench);
 }
 
 }  // namespace nilio::tools

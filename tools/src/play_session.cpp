@@ -2,6 +2,8 @@
 
 #include "nilio/drivers/chained_source.hpp"
 
+#include "monotonic_sleep.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -31,12 +33,6 @@ std::int64_t clock_ns(clockid_t clock) {
   timespec now{};
   clock_gettime(clock, &now);
   return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
-}
-
-/// Absolute, so that neither the time since it was computed nor an interruption adds up.
-void sleep_until(std::int64_t monotonic_ns) {
-  const timespec until{monotonic_ns / 1'000'000'000, monotonic_ns % 1'000'000'000};
-  clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
 }
 
 std::string seconds_text(core::Duration duration) {

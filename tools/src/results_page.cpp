@@ -61,7 +61,18 @@ Result<std::monostate> ResultsPage::picture(const std::string& name, const std::
 }
 
 void add_page_options(CLI::App& command, ResultsPage::Options& options) {
-  command.add_option("--output", options.folder, "folder for results.md and its pictures");
+  CLI::Option* const folder =
+      command.add_option("--output", options.folder, "folder for results.md and its pictures");
+  command
+      .add_option_function<std::string>(
+          "--page",
+          [&options](const std::string& given) {
+            const fs::path page = fs::absolute(given);
+            options.folder = page.parent_path().string();
+            options.file = page.filename().string();
+          },
+          "file for the page instead, with its pictures beside it")
+      ->excludes(folder);
   command.add_option("--pictures", options.picture_format, "format of the pictures")
       ->check(CLI::IsMember({"svg", "png"}))
       ->capture_default_str();
@@ -69,7 +80,7 @@ void add_page_options(CLI::App& command, ResultsPage::Options& options) {
 
 Result<std::monostate> ResultsPage::save() const {
   if (options_.folder.empty()) return std::monostate{};
-  const fs::path path = fs::path(options_.folder) / "results.md";
+  const fs::path path = fs::path(options_.folder) / options_.file;
   std::ofstream file(path);
   file << text_;
   if (!file.flush())

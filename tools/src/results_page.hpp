@@ -18,6 +18,7 @@ class ResultsPage {
  public:
   struct Options {
     std::string folder;                  ///< empty: standard output only
+    std::string file = "results.md";     ///< of the page, in `folder`
     std::string picture_format = "svg";  ///< or "png"
   };
 
@@ -32,7 +33,7 @@ class ResultsPage {
   [[nodiscard]] core::Result<Canvas> new_picture(const std::string& name, int width, int height) const;
   /// Saves a drawn picture and puts it on the page.
   core::Result<std::monostate> picture(const std::string& name, const std::string& caption, Canvas& canvas);
-  /// Writes results.md.
+  /// Writes the page.
   [[nodiscard]] core::Result<std::monostate> save() const;
 
  private:
@@ -40,7 +41,7 @@ class ResultsPage {
   std::string text_;
 };
 
-/// --output and --pictures.
+/// --output, --page and --pictures.
 void add_page_options(CLI::App& command, ResultsPage::Options& options);
 
 }  // namespace nilio::tools

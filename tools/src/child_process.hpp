@@ -1,0 +1,50 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <sys/types.h>
+#include <vector>
+
+namespace nilio::tools {
+
+/// A program started with its output in a file. It is killed with this object, and by the kernel when the
+/// thread that started it ends. One thread.
+class ChildProcess {
+ public:
+  /// `program` and `arguments` go to execv(); standard output and error to `log`. Fails when the log cannot
+  /// be written or the program not be started.
+  static core::Result<ChildProcess> start(const std::filesystem::path& program,
+                                          const std::vector<std::string>& arguments,
+                                          const std::filesystem::path& log);
+  ChildProcess(ChildProcess&& other) noexcept;
+  ChildProcess& operator=(ChildProcess&& other) noexcept;
+  ChildProcess(const ChildProcess&) = delete;
+  ChildProcess& operator=(const ChildProcess&) = delete;
+  ~ChildProcess();
+
+  [[nodiscard]] pid_t pid() const { return pid_; }
+  /// The exit status, or minus the signal that killed it; nothing while it runs.
+  std::optional<int> poll();
+  void send_signal(int signal) const;
+  /// SIGTERM, and SIGKILL when it has not ended after `patience`; the result is as that of poll().
+  int stop(core::Duration patience);
+  /// The last line of its output that is not empty, for messages.
+  [[nodiscard]] std::string last_line() const;
+
+ private:
+  ChildProcess(pid_t pid, std::filesystem::path log) : pid_(pid), log_(std::move(log)) {}
+  void kill_and_reap();
+
+  pid_t pid_ = -1;
+  std::filesystem::path log_;
+  std::optional<int> ended_;
+};
+
+/// A program that was built or installed together with this one.
+core::Result<std::filesystem::path> find_sibling_program(const std::string& name);
+
+}  // namespace nilio::tools

@@ -1,0 +1,43 @@
+#include "pose_listener.hpp"
+
+#include "nilio/daemon/receive.hpp"
+
+#include <utility>
+
+namespace nilio::tools {
+
+namespace {
+
+constexpr core::Duration kPoll = core::Duration::from_milliseconds(50.0);
+
+}  // namespace
+
+core::Result<std::unique_ptr<PoseListener>> PoseListener::start(std::uint32_t domain) {
+  dds::OdometrySubscriberConfig config;
+  config.participant.domain = domain;
+  config.participant.interface_whitelist = {"127.0.0.1"};
+  config.participant.name = "nilio bench";
+  auto subscriber = dds::OdometrySubscriber::create(config);
+  if (!subscriber) return subscriber.error();
+  return std::unique_ptr<PoseListener>(new PoseListener(std::move(subscriber).value()));
+}
+
+PoseListener::PoseListener(std::unique_ptr<dds::OdometrySubscriber> subscriber)
+    : subscriber_(std::move(subscriber)), thread_([this] { run(); }) {}
+
+PoseListener::~PoseListener() {
+  stop_.store(true);
+  thread_.join();
+}
+
+void PoseListener::run() {
+  while (!stop_.load(std::memory_order_relaxed)) {
+    const auto sample = subscriber_->next(kPoll);
+    if (!sample) continue;
+    transport_->record((sample->received - sample->written).ns);
+    poses_.fetch_add(1);
+    last_pose_ns_.store(daemon::monotonic_ns());
+  }
+}
+
+}  // namespace nilio::tools
