@@ -50,6 +50,8 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
       result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
+  result.gyro_bias = gyro_bias;
+  result.imu_time_shift = monitor.time_shift();
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {
