@@ -49,6 +49,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
     record.linear_velocity[k] = result.twist[i];
     record.angular_velocity[k] = result.twist[i + 3];
     record.deskew_rate[k] = result.deskew_rate[i];
+    record.gyro_bias[k] = result.gyro_bias[i];
   }
   const Eigen::Quaterniond& q = result.T_odom_base.rotation;
   record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
@@ -56,6 +57,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   copy_row_major(result.twist_covariance, record.twist_covariance);
   record.state = result.state;
   record.stop_reason = result.stop_reason;
+  record.imu_time_shift_ns = result.imu_time_shift.ns;
   record.imu_used = result.imu_used;
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
@@ -165,6 +167,7 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::ato
   core::OdometryResult result = odometry_.register_scan(scan);
   if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
   ipc::PoseRecord record = make_pose_record(result, scan);
+  record.superseded = counters.superseded.load(std::memory_order_relaxed);
   record.has_imu = imu_ring_ != nullptr;
   if (record.has_imu) record.imu_health = odometry_.imu_health();
   record.handed_over_realtime_ns = realtime_ns();
