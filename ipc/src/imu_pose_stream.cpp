@@ -26,6 +26,7 @@ core::ScanPose scan_pose(const PoseRecord& record) {
   pose.gyro_bias = vector(record.gyro_bias);
   pose.imu_time_shift = {record.imu_time_shift_ns};
   pose.imu_trusted = record.imu_used;
+  pose.predicted = record.predicted;
   return pose;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nilio/core/accelerometer_judge.hpp"
 #include "nilio/core/imu_buffer.hpp"
 #include "nilio/core/scan.hpp"
 #include "nilio/core/se3.hpp"
@@ -19,6 +20,7 @@ struct ScanPose {
   Vector3 gyro_bias = Vector3::Zero();         ///< in base_link, rad/s
   Duration imu_time_shift;                     ///< subtracted from IMU stamps gives LiDAR time
   bool imu_trusted = false;                    ///< the odometry follows the gyro
+  bool predicted = false;                      ///< no registration: the velocity is no measurement
 };
 
 /// Pose of base_link at the time of an IMU sample.
@@ -41,10 +43,10 @@ struct ImuPropagatorConfig {
   std::size_t capacity = 4096;
 };
 
-/// Carries the last scan pose on with every IMU sample: rotation from the gyro less its bias, velocity held
-/// in the axes of the vehicle, which turns with them. The accelerometer is left out: over the short time to
-/// the next scan pose, its bias and the error of gravity's direction weigh more than what it would add.
-/// Without a trusted IMU the scan's twist is held. Allocates only when made. Not thread-safe.
+/// Carries the last scan pose on with every IMU sample: rotation from the gyro less its bias, velocity from
+/// the accelerometer where that has predicted the scans' velocities better than holding them
+/// (AccelerometerJudge), else held in the axes of the vehicle. Without a trusted IMU the scan's twist is
+/// held. Allocates only when made. Not thread-safe.
 class ImuPropagator {
  public:
   explicit ImuPropagator(const ImuPropagatorConfig& config);
@@ -61,9 +63,17 @@ class ImuPropagator {
   [[nodiscard]] Time latest() const { return imu_time_ - scan_.imu_time_shift; }
   /// The pose at a time near latest(), at the twist of then.
   [[nodiscard]] SE3 pose_near(Time time) const;
+  /// Whether the accelerometer is followed.
+  [[nodiscard]] bool follows_accelerometer() const { return accelerometer_.helps(); }
 
  private:
+  void learn_from(const ScanPose& next);
   void step_to(std::size_t sample);
+  void follow_gyro(Time to);
+  [[nodiscard]] Vector3 rate_at(Time imu_time) const;
+  [[nodiscard]] Vector3 force_at(Time imu_time) const;
+  /// Velocity that the IMU has from turning with the vehicle, in base_link.
+  [[nodiscard]] Vector3 lever(const Vector3& rate) const;
 
   ImuPropagatorConfig config_;
   ImuBuffer imu_;  ///< stamps as the IMU gave them
@@ -71,8 +81,10 @@ class ImuPropagator {
   ScanPose scan_;
   Time imu_time_;  ///< of the state, in the IMU's time
   SE3 T_odom_base_;
+  Vector3 velocity_ = Vector3::Zero();  ///< in base_link
   Vector3 angular_velocity_ = Vector3::Zero();
   bool follows_gyro_ = false;
+  AccelerometerJudge accelerometer_;
 };
 
 /// Covariance of a pose (position then rotation, odom axes) `age` after the scan that `pose` and `twist`
