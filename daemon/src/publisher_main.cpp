@@ -72,6 +72,7 @@ core::Result<std::unique_ptr<dds::ImuPoseLoop>> start_imu_poses(const PublisherO
   ipc::ImuPoseConfig config = options.imu_poses;
   const auto& q = options.imu_orientation_xyzw;
   config.propagation.T_base_imu.rotation = Eigen::Quaterniond(q[3], q[0], q[1], q[2]).normalized();
+  config.propagation.T_base_imu.translation = core::Vector3(options.imu_position.data());
   config.propagation.max_gap = Duration::from_seconds(options.imu_max_gap_s);
   config.propagation.max_age = Duration::from_seconds(options.imu_max_age_s);
   config.slew.settle = Duration::from_seconds(options.imu_settle_s);

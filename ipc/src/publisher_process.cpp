@@ -94,10 +94,12 @@ void add_imu_arguments(const ImuPoseConfig& config, std::vector<std::string>& ar
   const core::ImuPropagatorConfig& propagation = config.propagation;
   const core::PoseSlewLimits& slew = config.slew;
   const auto& q = propagation.T_base_imu.rotation;
+  const core::Vector3& p = propagation.T_base_imu.translation;
   const auto add = [&](const char* option, double value) { arguments.push_back(option + exact(value)); };
   arguments.emplace_back("--imu-rate");
   arguments.push_back("--imu-orientation=" + exact(q.x()) + "," + exact(q.y()) + "," + exact(q.z()) + "," +
                       exact(q.w()));
+  arguments.push_back("--imu-position=" + exact(p.x()) + "," + exact(p.y()) + "," + exact(p.z()));
   add("--imu-max-gap=", propagation.max_gap.seconds());
   add("--imu-max-age=", propagation.max_age.seconds());
   add("--imu-rate-max-hz=", config.max_rate_hz);

@@ -109,6 +109,7 @@ TEST_CASE("what the IMU-rate poses need is handed over exactly, or not at all") 
   SECTION("wanted") {
     config.imu_poses.emplace();
     config.imu_poses->propagation.T_base_imu.rotation = Eigen::Quaterniond(0.1, 0.7, -0.7, 0.1);
+    config.imu_poses->propagation.T_base_imu.translation = {-0.81, 0.0, 2.0 / 3.0};
     config.imu_poses->slew.jump_rad = 1.0 / 3.0;
     auto process = PublisherProcess::create(config);
     REQUIRE(process.ok());
@@ -117,6 +118,7 @@ TEST_CASE("what the IMU-rate poses need is handed over exactly, or not at all") 
     CHECK_THAT(arguments, Contains("--imu-rate ") && Contains("--imu-turn-jump=0.33333333333333331"));
     CHECK_THAT(arguments, Contains("--imu-orientation=0.69999999999999996,-0.69999999999999996,0."
                                    "10000000000000001,0.10000000000000001"));
+    CHECK_THAT(arguments, Contains("--imu-position=-0.81000000000000005,0,0.66666666666666663"));
     CHECK((*process)->publish_sample({}));
     CHECK((*process)->samples().size() == 1);
   }

@@ -33,6 +33,9 @@ void add_imu_options(CLI::App& app, PublisherOptions& options) {
                  "Mounting of the IMU on the vehicle, quaternion x,y,z,w")
       ->delimiter(',')
       ->expected(4);
+  app.add_option("--imu-position", options.imu_position, "The same, place x,y,z in m")
+      ->delimiter(',')
+      ->expected(3);
   ipc::ImuPoseConfig& poses = options.imu_poses;
   const auto add = [&](const char* name, double& value, const char* text) {
     app.add_option(name, value, text)->check(CLI::NonNegativeNumber);

@@ -24,6 +24,7 @@ struct PublisherOptions {
   int imu_ring_descriptor = -1;
   int imu_wake_descriptor = -1;
   std::vector<double> imu_orientation_xyzw{0.0, 0.0, 0.0, 1.0};
+  std::vector<double> imu_position{0.0, 0.0, 0.0};
   double imu_max_gap_s = 0.0;
   double imu_max_age_s = 0.0;
   double imu_settle_s = 0.0;
