@@ -93,8 +93,9 @@ void ImuPoseLoop::take_pose(const ipc::PoseRecord& record) {
 
 void ImuPoseLoop::take_sample(const ipc::ImuRecord& record) {
   const std::int64_t taken = monotonic_ns();
-  const std::int64_t interval = last_received_ns_ != 0 ? record.received_ns - last_received_ns_ : 0;
-  last_received_ns_ = record.received_ns;
+  // By the IMU's clock: samples that were received late come in a burst.
+  const std::int64_t interval = last_stamp_ns_ != 0 ? record.sample.stamp.ns - last_stamp_ns_ : 0;
+  last_stamp_ns_ = record.sample.stamp.ns;
   const auto pose = stream_.add(record);
   if (!pose) return;
   const bool accepted = publisher_->publish(*pose);

@@ -68,7 +68,7 @@ class ImuPoseLoop {
   ipc::Histogram pick_up_;
   ipc::Histogram write_;
   ipc::Histogram received_to_written_;
-  std::int64_t last_received_ns_ = 0;
+  std::int64_t last_stamp_ns_ = 0;
   std::atomic<std::uint64_t> published_{0};
   std::atomic<std::uint64_t> failed_{0};
   std::atomic<std::uint64_t> jumps_{0};
