@@ -52,6 +52,8 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   result.twist.tail<3>() = motion.mean_angular_velocity();
   result.gyro_bias = gyro_bias;
   result.imu_time_shift = monitor.time_shift();
+  result.rung = rung_of(result);
+  result.deadline_ns = budget.deadline_ns();
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {
@@ -59,11 +61,10 @@ void Odometry::State::count_map(OdometryResult& result) const {
   result.map_refused = planes.refused() + coarse_map.refused();
 }
 
-/// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence, update the
-/// map.
-OdometryResult Odometry::register_scan(const Scan& scan) {
+/// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence. The map is
+/// updated by update_map().
+OdometryResult Odometry::register_within_budget(const Scan& scan) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
   OdometryResult result = s.begin(scan);
   s.filter_points(scan, result);
   if (s.restart_is_due()) s.forget_map();
@@ -71,7 +72,9 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
     s.arena.execute([&] { s.start(scan, result); });
   } else {
     s.predict(scan, result);
-    s.select_points();
+    // The second scan tells first how fast the vehicle is, then what to select.
+    if (s.scans > 1) s.select_points();
+    s.budget.done(Work::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
     s.arena.execute([&] {
       s.register_sweep(result);
@@ -85,11 +88,56 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   return result;
 }
 
+OdometryResult Odometry::register_scan(const Scan& scan) {
+  State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans);
+  return register_within_budget(scan);
+}
+
+OdometryResult Odometry::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
+  State& s = *state_;
+  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.budget.begin_scan(decisions, s.scans < kInitialScans);
+  return register_within_budget(scan);
+}
+
 void Odometry::update_map(OdometryResult& result) {
   State& s = *state_;
   s.arena.execute([&] { s.catch_up_with_map(); });
   s.count_map(result);
   s.stamp(result, OdometryStage::kMapped);
+}
+
+const WorkBudget& Odometry::budget() const { return state_->budget; }
+
+void Odometry::note_handed_over(const OdometryResult& result) {
+  state_->budget.finish_scan(result.fine_iterations);
+}
+
+OdometryResult Odometry::predict_pose(const Scan& scan) const {
+  const State& s = *state_;
+  OdometryResult result;
+  result.sequence = scan.sequence;
+  result.scan_start = scan.start;
+  result.scan_end = scan.end;
+  SweepMotion motion;
+  const SweepMotion::Span span{s.time, scan.motion_compensated ? scan.end : scan.start, scan.end};
+  result.imu_used =
+      s.imu.covers(s.time, scan.end - kMaxImuLag, s.config.max_imu_gap) && s.monitor.usable(s.time, scan.end);
+  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(span, result.imu_used, motion);
+  result.T_odom_base = s.T_odom_map * T_map_base;
+  result.predicted = true;
+  result.gyro_bias = s.gyro_bias;
+  result.imu_time_shift = s.monitor.time_shift();
+  result.rung = BudgetRung::kPredictionOnly;
+  result.stop_reason = StopReason::kBudget;
+  result.state = s.state_without_registration(s.failures + 1);
+  result.twist.head<3>() = motion.body_velocity();
+  result.twist.tail<3>() = motion.mean_angular_velocity();
+  fill_covariance(
+      {{}, s.prediction_square, s.drift.variance(), (scan.end - s.time).seconds(), s.failures + 1}, result);
+  return result;
 }
 
 }  // namespace nilio::core

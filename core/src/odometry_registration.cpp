@@ -16,7 +16,7 @@ constexpr double kErrorLeverMetres = 30.0;
 constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
 // Enough to tell a right pose from a wrong one, where many are tried.
-constexpr std::size_t kStartPoints = 400;
+constexpr std::size_t kStartPoints = 250;
 // Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
 // those that look likely, so many are tried, and not two that lead to the same place.
 constexpr double kLeastStartDisplacementMetres = -2.0;
@@ -46,6 +46,8 @@ struct Hypothesis {
 };
 constexpr std::array<Hypothesis, 7> kLostHypotheses = {
     {{0.0, 0.0}, {0.0, 0.17}, {0.0, -0.17}, {0.0, 0.35}, {0.0, -0.35}, {4.0, 0.0}, {-4.0, 0.0}}};
+// What NDT takes from one of them, about.
+constexpr std::size_t kSearchIterations = 15;
 // No road vehicle is faster, or turns faster.
 constexpr double kMaxSpeed = 90.0;
 constexpr double kMaxTurnRate = 6.0;
@@ -82,21 +84,26 @@ void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool wi
   }
 }
 
+SE3 Odometry::State::expected_pose(const SweepMotion::Span& target_span, bool with_imu,
+                                   SweepMotion& target) const {
+  const Vector6 expected = twist.predict((target_span.end - target_span.previous).seconds());
+  set_rotation(target_span, with_imu, expected, target);
+  return T_map_base * target.predict(expected.head<3>());
+}
+
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   span = {time, motion_compensated ? scan.end : scan.start, scan.end};
   relocated = failures > 0;
-  imu_covers = imu.covers(time, scan.end, config.max_imu_gap);
+  imu_covers = imu.covers(time, scan.end - kMaxImuLag, config.max_imu_gap);
   imu_used = imu_covers && monitor.usable(time, scan.end);
-  const Vector6 expected = expected_twist();
-  set_rotation(span, imu_used, expected, motion);
-  T_predicted = T_map_base * motion.predict(expected.head<3>());
+  T_predicted = expected_pose(span, imu_used, motion);
   result.imu_used = imu_used;
 }
 
 void Odometry::State::select_points() {
   motion.deskew(sweep, deskewed);
-  const SelectionConfig selection_config{config.registration_points, kCoarseVoxelMetres,
-                                         plane_metric().max_planarity};
+  const std::size_t target = budget.choose_registration_points(config.registration_points, coarse_is_due());
+  const SelectionConfig selection_config{target, kCoarseVoxelMetres, plane_metric().max_planarity};
   selector.select(planes, filter, deskewed, T_predicted, selection_config, selection);
   selected_sweep.clear();
   for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
@@ -131,26 +138,30 @@ RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vecto
   SolverOptions options;
   options.max_iterations = config.max_fine_iterations;
   options.prior = prior;
+  options.budget = &budget;
   const RegistrationMaps maps{&planes, &coarse_map, point_map ? &*point_map : nullptr};
   const RegistrationResult fine = method.refine(maps, points, T_guess, plane_metric(), options);
   result.fine_iterations += fine.iterations;
   return fine;
 }
 
-void Odometry::State::register_coarse(OdometryResult& result) {
-  const RegistrationResult coarse =
-      register_coarsely(coarse_map, coarse_points, registration.T_map_moving, config.max_coarse_iterations);
+RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
+  const RegistrationResult coarse = register_coarsely(coarse_map, coarse_points, registration.T_map_moving,
+                                                      config.max_coarse_iterations, &budget);
   result.coarse_iterations += coarse.iterations;
-  if (coarse.stop_reason == StopReason::kConverged || coarse.stop_reason == StopReason::kMaxIterations) {
+  const bool is_stopped = coarse.stop_reason == StopReason::kBudget && coarse.iterations > 0;
+  if (is_stopped || coarse.stop_reason == StopReason::kConverged ||
+      coarse.stop_reason == StopReason::kMaxIterations) {
     registration.T_map_moving = coarse.T_map_moving;
   }
+  return coarse;
 }
 
 void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result) {
   RegistrationResult coarse;
   coarse.T_map_moving = T_guess;
   if (method.coarse)
-    coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations);
+    coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations, &budget);
   const RegistrationResult fine = register_fine(search_points, coarse.T_map_moving, std::nullopt, result);
   result.coarse_iterations += coarse.iterations;
   if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;
@@ -166,6 +177,7 @@ SE3 Odometry::State::start_hypothesis(std::size_t i) const {
 void Odometry::State::register_from_standstill(OdometryResult& result) {
   // Nothing is known of the speed: look at many along the vehicle's axis, register from the likeliest and
   // keep what most points agree with.
+  motion.deskew(sweep, deskewed);
   thin_evenly(deskewed, kStartPoints, search_points);
   std::array<double, kStartDisplacements> scores{};
   for (std::size_t i = 0; i < scores.size(); ++i)
@@ -185,18 +197,25 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
   refine_motion(search.T_best);
 }
 
+SE3 Odometry::State::lost_hypothesis(std::size_t i) const {
+  // It may have stopped where it was seen last.
+  if (i == 0) return T_accepted;
+  const Hypothesis& h = kLostHypotheses[i - 1];
+  return T_predicted * SE3{Eigen::Quaterniond(Eigen::AngleAxisd(h.yaw_rad, Vector3::UnitZ())),
+                           Vector3(h.forward_m, 0.0, 0.0)};
+}
+
 void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   relocated = true;
   motion.predict(expected_twist().head<3>());
   motion.deskew(sweep, deskewed);
   thin_evenly(deskewed, kCoarsePoints, search_points);
   Search search{T_predicted, 0};
-  // It may have stopped where it was seen last.
-  try_hypothesis(T_accepted, search, result);
-  for (const Hypothesis& h : kLostHypotheses) {
-    const SE3 T_there{Eigen::Quaterniond(Eigen::AngleAxisd(h.yaw_rad, Vector3::UnitZ())),
-                      Vector3(h.forward_m, 0.0, 0.0)};
-    try_hypothesis(T_predicted * T_there, search, result);
+  // What this scan has no time for, the next ones look at.
+  for (std::size_t tried = 0; tried <= kLostHypotheses.size(); ++tried) {
+    if (!budget.allows(Work::kNdt, kSearchIterations * search_points.size())) break;
+    try_hypothesis(lost_hypothesis(next_hypothesis), search, result);
+    next_hypothesis = (next_hypothesis + 1) % (kLostHypotheses.size() + 1);
   }
   registration.T_map_moving = search.T_best;
   // The points were chosen for the pose that was wrong.
@@ -227,14 +246,29 @@ SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   return T_registered.inverse() * T_map_end;
 }
 
+/// What NDT found, where ICP found no time. All of its points count that met a voxel.
+RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse) const {
+  coarse.stop_reason = StopReason::kBudget;
+  coarse.equations.inliers = static_cast<std::uint32_t>(
+      std::min(selected.size(), coarse.equations.correspondences * selected.size() / coarse_points.size()));
+  return coarse;
+}
+
 void Odometry::State::register_points(bool coarse, OdometryResult& result) {
   const std::optional<PosePrior> prior = pose_prior();
+  RegistrationResult by_coarse;
   for (int pass = 0; pass < config.max_passes; ++pass) {
+    if (pass > 0 && !budget.allows(Work::kIcp, selected_sweep.size())) {
+      registration.stop_reason = StopReason::kBudget;
+      return;
+    }
     motion.deskew(selected_sweep, selected);
-    if (coarse && pass == 0) register_coarse(result);
+    if (coarse && pass == 0) by_coarse = register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, prior, result);
+    if (has_no_time() && by_coarse.iterations > 0) registration = kept_coarse(by_coarse);
     ++result.passes;
+    if (has_no_time()) return;
     if (!registration.T_map_moving.is_finite()) return;
     if (relocated) return;
     const SE3 change = refine_motion(registration.T_map_moving);
@@ -247,6 +281,7 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
 void Odometry::State::register_sweep(OdometryResult& result) {
   registration = {};
   registration.T_map_moving = T_predicted;
+  coarse_was_due = scans > 1 && coarse_is_due();
   if (scans == 1) {
     register_from_standstill(result);
     twist.reset(measured_twist);
@@ -254,12 +289,24 @@ void Odometry::State::register_sweep(OdometryResult& result) {
     T_predicted = registration.T_map_moving;
     select_points();
   }
-  register_points(scans > 1 && coarse_is_due(), result);
+  register_points(coarse_was_due, result);
   count_inliers(result);
-  if (scans < kInitialScans || is_plausible(result) || sweep.empty()) return;
+  if (scans < kInitialScans || is_plausible(result) || sweep.empty() || has_no_time()) return;
   search_lost_vehicle(result);
   register_points(false, result);
   count_inliers(result);
+}
+
+/// The time was over before the first iteration, which says nothing of where the vehicle is.
+bool Odometry::State::has_no_time() const {
+  return registration.stop_reason == StopReason::kBudget && registration.iterations == 0;
+}
+
+BudgetRung Odometry::State::rung_of(const OdometryResult& result) const {
+  if (!budget.was_short()) return BudgetRung::kFull;
+  const bool has_coarse = result.coarse_iterations > 0;
+  if (result.fine_iterations == 0) return has_coarse ? BudgetRung::kNdtOnly : BudgetRung::kPredictionOnly;
+  return method.coarse && coarse_was_due && !has_coarse ? BudgetRung::kIcpOnly : BudgetRung::kFewerPoints;
 }
 
 void Odometry::State::count_inliers(OdometryResult& result) const {
@@ -296,7 +343,7 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
 bool Odometry::State::is_plausible(const OdometryResult& result) const {
   const RegistrationResult& r = registration;
   if (!r.T_map_moving.is_finite() || r.stop_reason == StopReason::kTooFewPoints ||
-      r.stop_reason == StopReason::kNonFinite) {
+      r.stop_reason == StopReason::kNonFinite || has_no_time()) {
     return false;
   }
   if (motion.body_velocity().norm() > kMaxSpeed || motion.mean_angular_velocity().norm() > kMaxTurnRate)
@@ -370,6 +417,11 @@ void Odometry::State::accept(OdometryResult& result) {
                                                                   : TrackingState::kTracking;
 }
 
+TrackingState Odometry::State::state_without_registration(int failures_in_a_row) const {
+  if (scans < kInitialScans) return TrackingState::kInitialising;
+  return failures_in_a_row >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
+}
+
 void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   monitor.skip();
@@ -378,9 +430,10 @@ void Odometry::State::fall_back(OdometryResult& result) {
   T_map_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
   result.predicted = true;
-  result.stop_reason =
-      registration.stop_reason == StopReason::kConverged ? StopReason::kDegenerate : registration.stop_reason;
-  result.state = failures >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
+  result.stop_reason = registration.stop_reason == StopReason::kConverged ? StopReason::kDegenerate
+                       : sweep.empty() && budget.was_short()              ? StopReason::kBudget
+                                                                          : registration.stop_reason;
+  result.state = state_without_registration(failures);
 }
 
 void Odometry::State::judge(OdometryResult& result) {

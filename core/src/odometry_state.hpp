@@ -30,6 +30,10 @@ inline constexpr int kRestartAfterFailures = 30;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
 
+/// The last sample may be so much older than the end of the scan, live, where the next one was not waited
+/// for: a vehicle turns on as it did.
+inline constexpr Duration kMaxImuLag = Duration::from_milliseconds(15.0);
+
 /// Neighbours of a point are looked for this far.
 inline constexpr double kPointVoxelMetres = 1.0;
 inline constexpr std::size_t kCoarsePoints = 800;
@@ -48,6 +52,7 @@ struct Odometry::State {
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
         planes(plane_map_config(config)),
         coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
+        budget(config.budget, clock),
         filter(config.max_filtered_points),
         selector(config.max_filtered_points) {
     if (method.needs_points)
@@ -91,15 +96,20 @@ struct Odometry::State {
   [[nodiscard]] bool after_gap() const;
   void register_sweep(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
-  void register_coarse(OdometryResult& result);
+  RegistrationResult register_coarse(OdometryResult& result);
+  [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse) const;
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
   [[nodiscard]] SE3 start_hypothesis(std::size_t i) const;
+  [[nodiscard]] SE3 lost_hypothesis(std::size_t i) const;
   void register_from_standstill(OdometryResult& result);
   void search_lost_vehicle(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
   SE3 refine_motion(SE3& T_map_end);
   void register_points(bool coarse, OdometryResult& result);
   void rebuild_first_map();
+  [[nodiscard]] bool has_no_time() const;
+  [[nodiscard]] TrackingState state_without_registration(int failures_in_a_row) const;
+  [[nodiscard]] BudgetRung rung_of(const OdometryResult& result) const;
   [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
   void judge(OdometryResult& result);
   void accept(OdometryResult& result);
@@ -113,6 +123,8 @@ struct Odometry::State {
   void set_rotation(const SweepMotion::Span& target_span, bool with_imu, const Vector6& expected,
                     SweepMotion& target) const;
   [[nodiscard]] Vector6 expected_twist() const;
+  [[nodiscard]] SE3 expected_pose(const SweepMotion::Span& target_span, bool with_imu,
+                                  SweepMotion& target) const;
   void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
               const SE3& T_odom_moving);
   void insert_planes(const std::vector<SweepPoint>& seen);
@@ -135,6 +147,7 @@ struct Odometry::State {
   VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;
+  WorkBudget budget;
   VoxelFilter filter;  ///< of one use after the other
   PointSelector selector;
   SweepMotion motion;
@@ -154,6 +167,7 @@ struct Odometry::State {
   SE3 T_predicted;
   bool imu_used = false;
   bool imu_covers = false;
+  bool coarse_was_due = false;
   bool motion_compensated = false;
   /// The previous pose was a prediction, or this one was searched for: what lies between them is no motion of
   /// this scan.
@@ -175,6 +189,9 @@ struct Odometry::State {
   double mean_inlier_ratio = 0.0;
   double mean_inliers = 0.0;
   int failures = 0;
+  std::size_t scan_points = 0;  ///< of the scan that are looked at
+  /// Where the search for a lost vehicle goes on, when a scan's time was over before its end.
+  std::size_t next_hypothesis = 0;
   RegistrationResult registration;
 
   // The first scan is kept until the second has told how fast the vehicle was.

@@ -66,7 +66,7 @@ RegistrationResult register_points(const PointMap& map, std::span<const Eigen::V
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
   iterate([&](const SE3& T_map_moving) { return point_equations(map, points, T_map_moving, metric); },
-          options, result);
+          {Work::kIcp, points.size()}, options, result);
   return result;
 }
 
@@ -75,8 +75,8 @@ RegistrationResult register_lines(const PointMap& map, std::span<const Eigen::Ve
                                   const SolverOptions& options) {
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
-  iterate([&](const SE3& T_map_moving) { return line_equations(map, points, T_map_moving, metric); }, options,
-          result);
+  iterate([&](const SE3& T_map_moving) { return line_equations(map, points, T_map_moving, metric); },
+          {Work::kIcp, points.size()}, options, result);
   return result;
 }
 

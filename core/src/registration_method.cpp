@@ -19,7 +19,7 @@ RegistrationResult refine_with_ndt(const RegistrationMaps& maps, std::span<const
                                    const SolverOptions& options) {
   RegistrationResult result = register_ndt(*maps.gaussians, points, T_map_guess, kNdtKernelSchedule, options);
   // NDT has no inliers of its own: agreement is judged by the planes, as for the other methods.
-  if (result.T_map_moving.is_finite())
+  if (result.iterations > 0 && result.T_map_moving.is_finite())
     result.equations.inliers = plane_equations(*maps.planes, points, result.T_map_moving, metric).inliers;
   return result;
 }
@@ -55,9 +55,10 @@ constexpr std::array<RegistrationMethodInfo, 5> kMethods = {{
 }  // namespace
 
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
-                                     const SE3& T_map_guess, int max_iterations) {
+                                     const SE3& T_map_guess, int max_iterations, WorkBudget* budget) {
   SolverOptions options;
   options.max_iterations = max_iterations;
+  options.budget = budget;
   options.translation_epsilon_m = 0.01;
   options.rotation_epsilon_rad = 1e-3;
   return register_ndt(gaussians, points, T_map_guess, kNdtKernelSchedule, options);

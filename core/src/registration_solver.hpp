@@ -43,13 +43,25 @@ enum class StepOutcome { kStepped, kConverged, kNonFinite };
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result);
 
+/// What one iteration costs.
+struct IterationWork {
+  Work kind;
+  std::size_t points;
+};
+
 /// Gauss-Newton until convergence; `linearise(T)` gives the equations at T.
 template <class Linearise>
-void iterate(const Linearise& linearise, const SolverOptions& options, RegistrationResult& result) {
+void iterate(const Linearise& linearise, const IterationWork& work, const SolverOptions& options,
+             RegistrationResult& result) {
   result.stop_reason = StopReason::kMaxIterations;
   for (int i = 0; i < options.max_iterations; ++i) {
+    if (options.budget != nullptr && !options.budget->allows(work.kind, work.points)) {
+      result.stop_reason = StopReason::kBudget;
+      return;
+    }
     result.equations = linearise(result.T_map_moving);
     ++result.iterations;
+    if (options.budget != nullptr) options.budget->done(work.kind, work.points);
     if (result.equations.correspondences < options.min_correspondences) {
       result.stop_reason = StopReason::kTooFewPoints;
       return;

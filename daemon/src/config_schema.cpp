@@ -289,6 +289,13 @@ void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
                   0,
                   0,
                   {"auto", "always"}});
+  keys.push_back({"odometry.scan_points",
+                  &c.scan_points,
+                  "points of a scan that are looked at, spread evenly over it",
+                  "",
+                  2000,
+                  10000000,
+                  {}});
   keys.push_back({"odometry.registration_points",
                   &c.registration_points,
                   "points that registration uses",
@@ -338,6 +345,21 @@ void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
                   "live: how long a complete scan waits for its IMU samples",
                   "ms",
                   0,
+                  1000,
+                  {}});
+  keys.push_back({"odometry.budget",
+                  &c.budget,
+                  "what limits the time of a scan: the clock, counted work (the same result everywhere), "
+                  "nothing; auto = wall when live, off in a replay",
+                  "",
+                  0,
+                  0,
+                  {"auto", "wall", "ops", "off"}});
+  keys.push_back({"odometry.budget_ms",
+                  &c.budget_ms,
+                  "from the arrival of a scan's last packet to its pose",
+                  "ms",
+                  0.2,
                   1000,
                   {}});
 }

@@ -42,6 +42,7 @@ core::OdometryConfig odometry_config(const Config& config) {
   result.min_range_m = static_cast<float>(config.lidar.min_range_m);
   result.max_range_m = static_cast<float>(config.lidar.max_range_m);
   result.filter_voxel_m = static_cast<float>(config.odometry.filter_voxel_m);
+  result.scan_points = static_cast<std::size_t>(config.odometry.scan_points);
   result.registration_points = static_cast<std::size_t>(config.odometry.registration_points);
   result.plane_voxel_m = config.odometry.plane_voxel_m;
   result.coarse_voxel_m = config.odometry.coarse_voxel_m;
@@ -72,6 +73,14 @@ ipc::ImuPoseConfig imu_pose_config(const Config& config) {
   result.slew.jump_rad = pose.jump_deg * kRadiansPerDegree;
   result.max_rate_hz = config.publisher.imu_rate_max_hz;
   return result;
+}
+
+core::BudgetConfig budget_config(const OdometrySection& odometry, bool live) {
+  const auto mode = odometry.budget == "wall"           ? core::BudgetMode::kWall
+                    : odometry.budget == "ops"          ? core::BudgetMode::kOps
+                    : odometry.budget == "off" || !live ? core::BudgetMode::kOff
+                                                        : core::BudgetMode::kWall;
+  return {mode, core::Duration::from_milliseconds(odometry.budget_ms)};
 }
 
 drivers::ScanAssemblerConfig assembler_config(const LidarConfig& lidar) {

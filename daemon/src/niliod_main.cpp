@@ -38,6 +38,8 @@ struct Arguments {
   std::vector<std::string> overrides;
   std::string speed = "max";
   std::string output;
+  std::string decisions;
+  bool as_live = false;
   bool check_config = false;
   bool help_config = false;
 };
@@ -51,8 +53,15 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option("--speed", arguments.speed, "pace of a replay: as recorded, or as fast as possible")
       ->check(CLI::IsMember({"real", "max"}))
       ->capture_default_str();
+  app.add_flag(
+      "--as-live", arguments.as_live,
+      "replay at its own pace and under the rules of a live run: what is late is dropped, the newest "
+      "scan wins, the budget is kept by the clock");
+  app.add_option("--decisions", arguments.decisions,
+                 "replay a run under live rules to the bit: the decisions.jsonl that it wrote");
   app.add_option("--output", arguments.output,
-                 "folder for trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply");
+                 "folder for trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and under "
+                 "live rules decisions.jsonl");
   app.add_option("--set", arguments.overrides,
                  "override one key, such as odometry.threads=2; may be repeated")
       ->take_all()
@@ -86,6 +95,10 @@ int run(const Arguments& arguments) {
     if (!found) return fail(found.error().message);
     files = *found;
   }
+  if (arguments.replay.empty() && (arguments.as_live || !arguments.decisions.empty()))
+    return fail("--as-live and --decisions are about a recording: name it with --replay");
+  if (arguments.as_live && !arguments.decisions.empty())
+    return fail("--as-live decides anew what --decisions repeats: give one of them");
   const auto config = effective_config(arguments, files);
   if (!config) return fail(config.error().message);
   if (arguments.check_config) {
@@ -96,7 +109,9 @@ int run(const Arguments& arguments) {
   RunOptions options;
   options.replay = !arguments.replay.empty();
   options.files = files;
-  options.paced = arguments.speed == "real";
+  options.paced = arguments.speed == "real" || arguments.as_live;
+  options.as_live = arguments.as_live;
+  options.decisions_file = arguments.decisions;
   options.output_folder = arguments.output;
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";

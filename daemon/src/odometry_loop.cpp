@@ -61,6 +61,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.imu_used = result.imu_used;
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
+  record.rung = result.rung;
   record.coarse_iterations = static_cast<std::uint16_t>(std::min(result.coarse_iterations, 65535));
   record.fine_iterations = static_cast<std::uint16_t>(std::min(result.fine_iterations, 65535));
   record.points = result.points;
@@ -101,40 +102,91 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     if (state == FeedState::kEnd) break;
     if (state == FeedState::kIdle) continue;
     counters.scans.fetch_add(1, std::memory_order_relaxed);
-    // Backlog does more harm than a missing scan: live, the newest complete scan wins.
-    if (!config_.lossless && feed_.waiting_scans() > 0) {
-      counters.superseded.fetch_add(1, std::memory_order_relaxed);
-      continue;
+    if (config_.decisions == nullptr) {
+      work_off(scan, stop, counters);
+    } else if (!repeat(scan, stop, counters)) {
+      break;
     }
-    wait_for_imu(scan.end, stop, counters);
-    register_and_hand_over(scan, stop, counters);
   }
   push_imu_health(true);
+}
+
+void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,
+                            OdometryCounters& counters) {
+  // Backlog does more harm than a missing scan: live, the newest complete scan wins.
+  if (!config_.lossless && feed_.waiting_scans() > 0) {
+    counters.superseded.fetch_add(1, std::memory_order_relaxed);
+    push_decision(scan, true, false);
+    return;
+  }
+  wait_for_imu(scan, stop, counters);
+  register_and_hand_over(scan, nullptr, stop, counters);
+}
+
+/// False when the log of decisions is at its end.
+bool OdometryLoop::repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters) {
+  const std::vector<ScanDecision>& decisions = *config_.decisions;
+  while (next_decision_ < decisions.size() && decisions[next_decision_].sequence < scan.sequence) {
+    counters.decisions_missed.fetch_add(1, std::memory_order_relaxed);
+    ++next_decision_;
+  }
+  if (next_decision_ == decisions.size()) return false;
+  if (decisions[next_decision_].sequence > scan.sequence) {
+    counters.decisions_missed.fetch_add(1, std::memory_order_relaxed);
+    return true;
+  }
+  const ScanDecision& decision = decisions[next_decision_++];
+  if (decision.superseded) {
+    counters.superseded.fetch_add(1, std::memory_order_relaxed);
+    return true;
+  }
+  take_imu_samples(decision.imu_samples, stop, counters);
+  register_and_hand_over(scan, &decision, stop, counters);
+  return true;
+}
+
+bool OdometryLoop::take_imu_sample(OdometryCounters& counters) {
+  const std::optional<core::ImuSample> sample = imu_ring_->try_pop();
+  if (!sample) return false;
+  ++imu_given_;
+  auto& counter = odometry_.add_imu(*sample) ? counters.imu_samples : counters.imu_refused;
+  counter.fetch_add(1, std::memory_order_relaxed);
+  return true;
+}
+
+void OdometryLoop::take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop,
+                                    OdometryCounters& counters) {
+  while (imu_ring_ != nullptr && imu_given_ < count && !stop.load(std::memory_order_relaxed)) {
+    const bool ended = imu_state_->ended.load(std::memory_order_acquire);
+    if (take_imu_sample(counters)) continue;
+    if (ended) return;
+    data_event_.wait(kImuPoll);
+  }
 }
 
 bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
   // Only up to the first sample that covers the scan, so that what the odometry knows is decided by data
   // alone.
   while (!odometry_.latest_imu() || *odometry_.latest_imu() < end) {
-    const std::optional<core::ImuSample> sample = imu_ring_->try_pop();
-    if (!sample) return false;
-    auto& counter = odometry_.add_imu(*sample) ? counters.imu_samples : counters.imu_refused;
-    counter.fetch_add(1, std::memory_order_relaxed);
+    if (!take_imu_sample(counters)) return false;
   }
   return true;
 }
 
-void OdometryLoop::wait_for_imu(core::Time end, const std::atomic<bool>& stop, OdometryCounters& counters) {
+void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop,
+                                OdometryCounters& counters) {
   if (imu_ring_ == nullptr) return;
-  const std::int64_t deadline = monotonic_ns() + config_.imu_wait.ns;
+  const std::int64_t begin = scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
+  const std::int64_t deadline = begin + config_.imu_wait.ns;
   while (!stop.load(std::memory_order_relaxed)) {
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
-    if (drain_imu(end, counters) || ended) return;
-    if (!config_.lossless && monotonic_ns() > deadline) {
+    if (drain_imu(scan.end, counters) || ended) return;
+    const std::int64_t left = deadline - monotonic_ns();
+    if (!config_.lossless && left <= 0) {
       counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
       return;
     }
-    data_event_.wait(kImuPoll);
+    data_event_.wait(config_.lossless ? kImuPoll : std::min(kImuPoll, Duration{left}));
   }
 }
 
@@ -162,28 +214,81 @@ void OdometryLoop::push_imu_health(bool always) {
   if (outputs_.imu_health->try_push(health)) pushed_health_ = health;
 }
 
-void OdometryLoop::register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
-                                          OdometryCounters& counters) {
-  core::OdometryResult result = odometry_.register_scan(scan);
-  if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
+ipc::PoseRecord OdometryLoop::complete_record(const core::OdometryResult& result, const core::Scan& scan,
+                                              const OdometryCounters& counters) {
   ipc::PoseRecord record = make_pose_record(result, scan);
   record.superseded = counters.superseded.load(std::memory_order_relaxed);
   record.has_imu = imu_ring_ != nullptr;
   if (record.has_imu) record.imu_health = odometry_.imu_health();
+  return record;
+}
+
+void stamp_hand_over(ipc::PoseRecord& record) {
   record.handed_over_realtime_ns = realtime_ns();
   stage_of(record, ipc::Stage::kHandedOver) = monotonic_ns();
+}
+
+/// False when the guard was faster: `record` is then what it published.
+bool OdometryLoop::hand_over(ipc::PoseRecord& record) {
+  if (outputs_.guard != nullptr && !outputs_.guard->claim()) {
+    record = outputs_.guard->published();
+    return false;
+  }
+  stamp_hand_over(record);
+  const core::WorkBudget& budget = odometry_.budget();
+  record.has_deadline = budget.mode() != core::BudgetMode::kOff;
+  record.overshoot_ns = budget.overshoot_ns();
   if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);
+  return true;
+}
+
+void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop) {
+  if (outputs_.poses == nullptr) return;
+  while (config_.lossless && outputs_.poses->size() == outputs_.poses->capacity() && !stop.load()) {
+    const timespec pause{0, 200'000};
+    nanosleep(&pause, nullptr);
+  }
+  outputs_.poses->try_push(record);
+}
+
+void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool guarded) {
+  if (outputs_.decisions == nullptr) return;
+  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}};
+  if (!superseded) decision.budget = odometry_.budget().decisions();
+  outputs_.decisions->try_push(decision);
+}
+
+/// What the guard says when registration is late.
+void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
+                             const OdometryCounters& counters) {
+  ipc::PoseRecord record = complete_record(prediction, scan, counters);
+  record.guarded = true;
+  // Not at the stroke of the deadline: a registration in its last iteration is worth more than a prediction.
+  const std::int64_t deadline =
+      (scan.received_ns > 0 ? scan.received_ns : monotonic_ns()) + odometry_.budget().budget().ns;
+  outputs_.guard->arm(record, deadline, deadline + odometry_.budget().iteration_ns());
+}
+
+void OdometryLoop::register_and_hand_over(const core::Scan& scan, const ScanDecision* decision,
+                                          const std::atomic<bool>& stop, OdometryCounters& counters) {
+  const bool repeats_guard = decision != nullptr && decision->guarded;
+  core::OdometryResult prediction;
+  if (outputs_.guard != nullptr || repeats_guard) prediction = odometry_.predict_pose(scan);
+  if (outputs_.guard != nullptr) arm_guard(prediction, scan, counters);
+  core::OdometryResult result =
+      decision != nullptr ? odometry_.register_scan(scan, decision->budget) : odometry_.register_scan(scan);
+  if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
+  ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan, counters);
+  record.guarded = repeats_guard;
+  const bool guarded = !hand_over(record);
+  odometry_.note_handed_over(result);
+  push_decision(scan, false, guarded);
   // The pose is out: the map has time until the next scan is there.
   odometry_.update_map(result);
   record.map_voxels = result.map_voxels;
+  record.iteration_ns = odometry_.budget().iteration_ns();
   stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
-  if (outputs_.poses != nullptr) {
-    while (config_.lossless && outputs_.poses->size() == outputs_.poses->capacity() && !stop.load()) {
-      const timespec pause{0, 200'000};
-      nanosleep(&pause, nullptr);
-    }
-    outputs_.poses->try_push(record);
-  }
+  push_pose(record, stop);
   if (outputs_.clouds != nullptr) push_cloud(result);
   push_imu_health(false);
   if (outputs_.observer) outputs_.observer(scan, result, odometry_);

@@ -2,6 +2,7 @@
 
 #include "nilio/daemon/config_terms.hpp"
 
+#include <algorithm>
 #include <future>
 #include <utility>
 
@@ -19,6 +20,8 @@ constexpr std::size_t kSampleSlots = 4096;
 constexpr std::size_t kPoseSlots = 256;
 constexpr std::size_t kCloudSlots = 64;
 constexpr std::size_t kHealthSlots = 256;
+// Of the budget, that a scan waits for its IMU samples at most.
+constexpr double kImuWaitShare = 0.3;
 // Time for all threads to be up before the first packet of a paced recording is due.
 constexpr std::int64_t kPaceLeadNs = 100'000'000;
 
@@ -38,9 +41,17 @@ Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input i
   if (!data_event) return data_event.error();
   Result<ipc::WakeEvent> output_event = ipc::WakeEvent::create();
   if (!output_event) return output_event.error();
-  return std::unique_ptr<Pipeline>(new Pipeline(config, std::move(input), options, publisher,
-                                                std::move(data_event).value(),
-                                                std::move(output_event).value()));
+  std::unique_ptr<Pipeline> pipeline(new Pipeline(config, std::move(input), options, publisher,
+                                                  std::move(data_event).value(),
+                                                  std::move(output_event).value()));
+  if (pipeline->live_rules_ && pipeline->budget_.mode == core::BudgetMode::kWall) {
+    auto guard = DeadlineGuard::create([publisher](const ipc::PoseRecord& record) {
+      if (publisher != nullptr) publisher->publish(record);
+    });
+    if (!guard) return guard.error();
+    pipeline->guard_ = std::move(guard).value();
+  }
+  return pipeline;
 }
 
 Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& options,
@@ -48,15 +59,18 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
     : config_(config),
       input_(std::move(input)),
       options_(options),
+      live_rules_(input_.live || options.as_live),
+      budget_(budget_config(config.odometry, live_rules_)),
       publisher_(publisher),
-      plan_(make_thread_plan(config.realtime, input_.live)),
+      plan_(make_thread_plan(config.realtime, live_rules_)),
       imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
       poses_(ipc::Ring<ipc::PoseRecord>::in_private_memory(kPoseSlots)),
       clouds_(ipc::Ring<CloudRecord>::in_private_memory(kCloudSlots)),
       imu_health_(ipc::Ring<core::ImuHealth>::in_private_memory(kHealthSlots)),
+      decisions_(ipc::Ring<ScanDecision>::in_private_memory(kPoseSlots)),
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
-  policy_.wait_when_full = !input_.live;
+  policy_.wait_when_full = !live_rules_;
   make_feed();
 }
 
@@ -85,7 +99,7 @@ void Pipeline::make_merged_feed() {
                       elevation_correction_rad(lidar.config),
                       core::Duration::from_milliseconds(lidar.config.wait_ms)});
   }
-  const MergedScanFeed::Options options{input_.live, elevation_correction_rad(config_.lidar)};
+  const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar)};
   merged_feed_ =
       std::make_unique<MergedScanFeed>(*packet_feed_, std::move(others), options, data_event_, feed_log_);
   feed_ = merged_feed_.get();
@@ -106,6 +120,19 @@ std::uint64_t Pipeline::packets_dropped() const {
   return dropped;
 }
 
+OdometryLoopConfig Pipeline::loop_config() const {
+  OdometryLoopConfig result;
+  result.lossless = !live_rules_;
+  result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
+  // Registration has to have most of the time.
+  if (budget_.mode == core::BudgetMode::kWall)
+    result.imu_wait = std::min(
+        result.imu_wait,
+        core::Duration{static_cast<std::int64_t>(kImuWaitShare * static_cast<double>(budget_.budget.ns))});
+  if (!options_.decisions.empty()) result.decisions = &options_.decisions;
+  return result;
+}
+
 void Pipeline::odometry_body() {
   OdometryOutputs outputs;
   outputs.poses = &poses_;
@@ -115,15 +142,17 @@ void Pipeline::odometry_body() {
   outputs.observer = options_.observer;
   const bool with_imu = input_.frames != nullptr;
   outputs.imu_health = with_imu ? &imu_health_ : nullptr;
-  const OdometryLoopConfig loop_config{!input_.live,
-                                       core::Duration::from_milliseconds(config_.odometry.imu_wait_ms)};
+  outputs.decisions = live_rules_ ? &decisions_ : nullptr;
+  outputs.guard = guard_.get();
   core::OdometryConfig odometry = odometry_config(config_);
+  odometry.budget = budget_;
   // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
   if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
   // Made in this thread, so that the arena's workers inherit its scheduling.
   OdometryLoop loop(core::Odometry(odometry, options_.clock), *feed_, with_imu ? &imu_ring_ : nullptr,
-                    data_event_, with_imu ? &imu_state_ : nullptr, outputs, loop_config);
+                    data_event_, with_imu ? &imu_state_ : nullptr, outputs, loop_config());
   loop.run(stop_, counters_);
+  if (guard_) guard_->stop();
   finished_.store(true, std::memory_order_release);
   output_event_.notify();
 }
@@ -147,6 +176,9 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
   } else if (options_.paced) {
     feed_->set_pace(monotonic_ns() + kPaceLeadNs);
   }
+  if (guard_)
+    run_thread(
+        ThreadRole::kDeadlineGuard, [this] { guard_->run(); }, outcomes);
   run_thread(
       ThreadRole::kOdometry, [this] { odometry_body(); }, outcomes);
   for (const auto& lane : lidars_) {

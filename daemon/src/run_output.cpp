@@ -94,6 +94,16 @@ void RunOutput::add(const ipc::PoseRecord& record) {
   kitti_ << kitti_line(T_first_now);
 }
 
+Result<std::monostate> RunOutput::open_decisions(const std::string& header) {
+  const fs::path path = fs::path(options_.folder) / "decisions.jsonl";
+  decisions_.open(path);
+  decisions_ << header << '\n';
+  if (!decisions_) return cannot_write(path);
+  return std::monostate{};
+}
+
+void RunOutput::add(const ScanDecision& decision) { decisions_ << decision_line(decision) << '\n'; }
+
 void RunOutput::add(const CloudRecord& cloud) {
   for (std::size_t i = 0; i < cloud.count && map_points_.size() < kMaxMapPoints; ++i) {
     if (map_voxels_.insert(voxel_key(cloud.points[i], options_.map_voxel_m)).second)
@@ -131,6 +141,7 @@ Result<std::monostate> RunOutput::finish(const std::string& latency_json,
   const fs::path folder(options_.folder);
   if (!tum_.flush()) return cannot_write(folder / "trajectory.tum");
   if (!kitti_.flush()) return cannot_write(folder / "trajectory.kitti");
+  if (decisions_.is_open() && !decisions_.flush()) return cannot_write(folder / "decisions.jsonl");
   std::ofstream summary(folder / "latency.json");
   summary << latency_json << '\n';
   if (!summary.flush()) return cannot_write(folder / "latency.json");

@@ -1,7 +1,9 @@
 #include "nilio/daemon/supervisor.hpp"
 
+#include "nilio/daemon/budget_report.hpp"
 #include "nilio/daemon/config_schema.hpp"
 #include "nilio/daemon/config_terms.hpp"
+#include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/imu_report.hpp"
 #include "nilio/daemon/pipeline.hpp"
 #include "nilio/daemon/run_output.hpp"
@@ -62,6 +64,7 @@ class Supervisor {
   std::unique_ptr<CanWatch> can_watch_;
   std::unique_ptr<RunOutput> output_;
   ipc::LatencyHistograms latency_;
+  BudgetReport budget_;
   ImuReport imu_report_;
   std::optional<ipc::PoseRecord> last_;
   std::uint64_t poses_ = 0;
@@ -124,16 +127,29 @@ Result<std::monostate> Supervisor::open() {
   can_watch_ = std::move(input->can_watch);
   PipelineOptions pipeline_options;
   pipeline_options.paced = options_.paced;
+  pipeline_options.as_live = options_.as_live;
+  if (!options_.decisions_file.empty()) {
+    auto decisions = read_decisions(options_.decisions_file);
+    if (!decisions) return decisions.error();
+    if (decisions->empty()) return Error{options_.decisions_file + ": holds no decision"};
+    pipeline_options.decisions = std::move(decisions).value();
+  }
   pipeline_options.collect_map = output_ != nullptr && config_.output.map;
   auto pipeline = Pipeline::create(config_, std::move(input).value(), pipeline_options, publisher_.get());
   if (!pipeline) return pipeline.error();
   pipeline_ = std::move(pipeline).value();
+  if (output_ && pipeline_->has_live_rules()) {
+    const core::BudgetConfig& budget = pipeline_->budget();
+    return output_->open_decisions(
+        decision_header(budget.mode, static_cast<double>(budget.budget.ns) * 1e-6));
+  }
   return std::monostate{};
 }
 
 void Supervisor::drain() {
   while (const std::optional<ipc::PoseRecord> record = pipeline_->poses().try_pop()) {
     latency_.record(*record);
+    budget_.record(*record);
     if (output_) output_->add(*record);
     ++poses_;
     ++states_[static_cast<std::size_t>(record->state) % states_.size()];
@@ -146,6 +162,9 @@ void Supervisor::drain() {
     }
     report_clock(*record);
     last_ = record;
+  }
+  while (const std::optional<ScanDecision> decision = pipeline_->decisions().try_pop()) {
+    if (output_) output_->add(*decision);
   }
   while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop())
     imu_report_.update(*health);
@@ -374,6 +393,8 @@ nlohmann::json Supervisor::summary() const {
   }
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
   json["imu"] = imu_report_.json();
+  json["budget"] = budget_.json(pipeline_->budget());
+  json["budget"]["superseded"] = counters.superseded.load();
   if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;
@@ -426,6 +447,12 @@ void Supervisor::report_end() const {
     if (input.frames->stats().malformed > 0) spdlog::warn("{}", input.frames->status());
     if (counters.scans_with_imu.load() == 0) report_unused_imu();
   }
+  if (const std::string text = budget_.text(pipeline_->budget()); !text.empty()) spdlog::info("{}", text);
+  if (const std::uint64_t missed = counters.decisions_missed.load(); missed > 0)
+    spdlog::warn(
+        "{} scans are not where the log of decisions has them: it is of another recording, or of one "
+        "that lost other packets; this is no repetition of that run",
+        missed);
   spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
 }
 

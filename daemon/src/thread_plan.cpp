@@ -1,9 +1,11 @@
 #include "nilio/daemon/thread_plan.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <malloc.h>
 #include <pthread.h>
+#include <sched.h>
 #include <sys/mman.h>
 
 namespace nilio::daemon {
@@ -21,6 +23,9 @@ RoleSettings settings_of(const ThreadPlan& plan, ThreadRole role) {
       return {"nilio-lidar", plan.lidar_priority};
     case ThreadRole::kImuReceive:
       return {"nilio-imu", plan.imu_priority};
+    case ThreadRole::kDeadlineGuard:
+      // It must get the core from the registration that is late.
+      return {"nilio-guard", std::min(plan.odometry_priority + 1, sched_get_priority_max(SCHED_FIFO))};
     case ThreadRole::kOdometry:
       return {"nilio-odometry", plan.odometry_priority};
   }

@@ -247,6 +247,10 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
     record.stop_reason = core::StopReason::kMaxIterations;
     record.lost_packets = 7;
     record.superseded = 3;
+    record.rung = core::BudgetRung::kIcpOnly;
+    record.guarded = true;
+    record.has_deadline = true;
+    record.overshoot_ns = -12;
     REQUIRE((*process)->publish(record));
     REQUIRE(subscriber->next(Duration::from_seconds(10.0)).has_value());
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -262,6 +266,9 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
     CHECK(report.stop_reason == core::name_of(core::StopReason::kMaxIterations));
     CHECK(report.lost_packets == 7);
     CHECK(report.superseded == 3);
+    CHECK(report.budget_rung == core::name_of(core::BudgetRung::kIcpOnly));
+    CHECK(report.guarded);
+    CHECK(report.overshoot_ns == -12);
     CHECK(report.host_id == dds::read_host_id());
     REQUIRE(report.stages.size() == 10);
     CHECK(report.stages.front().name == "received");
@@ -322,7 +329,7 @@ TEST_CASE("CycloneDDS reads poses at IMU rate, their status and reports from the
       std::string expected = "report 3 [initialising] [converged] [host]";
       for (const dds::StageStamp& stage : report.stages)
         expected += " [" + stage.name + "=" + std::to_string(stage.monotonic_ns) + "]";
-      CHECK(*line == expected + " 0 0 0 0 0 0 0 0 0 0 0 0 0");
+      CHECK(*line == expected + " 0 0 0 0 0 0 0 0 0 0 0 0 0 [full] 0 0");
     }
   }
   CHECK(poses == 20);

@@ -90,6 +90,9 @@ ScanReport sample_scan_report() {
   report.lost_packets = 7;
   report.missing_firings = 8;
   report.superseded = 9;
+  report.budget_rung = "icp_only";
+  report.guarded = true;
+  report.overshoot_ns = -10;
   return report;
 }
 

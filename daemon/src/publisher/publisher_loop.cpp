@@ -97,9 +97,8 @@ std::string PublisherLoop::imu_summary() const {
   const dds::ImuPoseLoop::Counts counts = imu_poses_->counts();
   const dds::StageLatency latency = imu_poses_->latency().back();
   return fmt::format(
-      "; at IMU rate {} poses, {} writes failed, {} samples dropped, {} jumps, from CAN to DDS p50 {:.0f} "
-      "us, "
-      "p99 {:.0f} us, max {:.0f} us",
+      "; at IMU rate {} poses, {} writes failed, {} samples dropped, {} jumps; CAN to DDS p50 {:.0f}, p99 "
+      "{:.0f}, max {:.0f} us",
       counts.published, counts.failed_writes, counts.ring_dropped, counts.jumps, latency.p50_us,
       latency.p99_us, latency.max_us);
 }
@@ -155,12 +154,14 @@ void PublisherLoop::publish(const ipc::PoseRecord& record) {
   const bool odometry_written = publisher_->publish_odometry(record);
   const Time written = monotonic_now();
   const bool transform_written = publisher_->publish_transform(record);
-  publisher_->publish_scan_report(dds::make_scan_report(record, taken, written, host_id_));
+  const bool report_written =
+      publisher_->publish_scan_report(dds::make_scan_report(record, taken, written, host_id_));
   latency_->record(record, taken, written);
   latest_ = record;
   latest_taken_ = taken;
   ++published_;
-  const std::uint64_t failed = (odometry_written ? 0U : 1U) + (transform_written ? 0U : 1U);
+  const std::uint64_t failed =
+      (odometry_written ? 0U : 1U) + (transform_written ? 0U : 1U) + (report_written ? 0U : 1U);
   if (failed > 0 && failed_ == 0)
     spdlog::error("Fast DDS refused to write pose {}; further failures are counted in the latency report",
                   record.sequence);

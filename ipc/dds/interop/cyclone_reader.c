@@ -86,11 +86,12 @@ static int print_report(const void* sample) {
   for (uint32_t i = 0; i < report->stages._length; ++i)
     printf(" [%s=%" PRId64 "]", report->stages._buffer[i].name, report->stages._buffer[i].monotonic_ns);
   printf(" %d %d %u %g %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32
-         " %" PRIu32 " %" PRIu64 "\n",
+         " %" PRIu32 " %" PRIu64 " [%s] %d %" PRId64 "\n",
          (int)report->imu_used, (int)report->predicted, (unsigned)report->degenerate_axes,
          (double)report->coverage_deg, report->points, report->points_used, report->correspondences,
          report->coarse_iterations, report->fine_iterations, report->map_voxels, report->lost_packets,
-         report->missing_firings, report->superseded);
+         report->missing_firings, report->superseded, report->budget_rung, (int)report->guarded,
+         report->overshoot_ns);
   return 1;
 }
 

@@ -1,6 +1,7 @@
 #include "nilio/dds/reports.hpp"
 
 #include "nilio/core/tracking.hpp"
+#include "nilio/core/work_budget.hpp"
 
 #include <array>
 #include <fstream>
@@ -50,6 +51,9 @@ ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, cor
   report.lost_packets = record.lost_packets;
   report.missing_firings = record.missing_firings;
   report.superseded = record.superseded;
+  report.budget_rung = core::name_of(record.rung);
+  report.guarded = record.guarded;
+  report.overshoot_ns = record.has_deadline ? record.overshoot_ns : 0;
   return report;
 }
 

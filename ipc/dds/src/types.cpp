@@ -105,7 +105,7 @@ void put(Out& out, const ScanReport& message) {
   out << message.imu_used << message.predicted << message.degenerate_axes << message.coverage_deg
       << message.points << message.points_used << message.correspondences << message.coarse_iterations
       << message.fine_iterations << message.map_voxels << message.lost_packets << message.missing_firings
-      << message.superseded;
+      << message.superseded << message.budget_rung << message.guarded << message.overshoot_ns;
 }
 
 template <class Out>
@@ -190,7 +190,7 @@ void get(Input& in, ScanReport& message) {
   in.cdr >> message.imu_used >> message.predicted >> message.degenerate_axes >> message.coverage_deg >>
       message.points >> message.points_used >> message.correspondences >> message.coarse_iterations >>
       message.fine_iterations >> message.map_voxels >> message.lost_packets >> message.missing_firings >>
-      message.superseded;
+      message.superseded >> message.budget_rung >> message.guarded >> message.overshoot_ns;
 }
 
 void get(Input& in, ImuPoseStatus& message) {
@@ -245,7 +245,7 @@ void make_typical(LatencyReport& message) {
   }
 }
 void make_typical(ScanReport& message) {
-  for (std::string* text : {&message.state, &message.stop_reason, &message.host_id})
+  for (std::string* text : {&message.state, &message.stop_reason, &message.host_id, &message.budget_rung})
     text->assign(kTypicalName, 'x');
   message.stages.resize(kTypicalStages);
   for (StageStamp& stage : message.stages) stage.name.assign(kTypicalName, 'x');

@@ -7,9 +7,11 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 #include "nilio/core/tracking.hpp"
+#include "nilio/core/work_budget.hpp"
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 
@@ -37,6 +39,8 @@ struct OdometryConfig {
   /// Voxel of the points that feed the map.
   float filter_voxel_m = 0.5F;
   std::size_t max_filtered_points = 40000;
+  /// Points of a scan that are looked at, spread evenly over it.
+  std::size_t scan_points = 35000;
   /// Points that registration uses.
   std::size_t registration_points = 2000;
 
@@ -52,6 +56,9 @@ struct OdometryConfig {
   int max_passes = 3;
   int max_fine_iterations = 8;
   int max_coarse_iterations = 40;
+
+  /// The first scans are not limited: a right start is worth more than the time of five poses.
+  BudgetConfig budget;
 
   std::size_t imu_capacity = 8192;
   /// A longer gap between IMU samples is not bridged: the scan falls back to constant velocity.
@@ -86,6 +93,10 @@ struct OdometryResult {
   /// No registration was accepted: the pose is the prediction.
   bool predicted = false;
   std::uint8_t degenerate_axes = 0;
+  /// How far the budget cut the registration, whether or not it converged, and by when the pose had to be
+  /// there (by the clock, or by counted work from the scan's beginning; the largest value without a limit).
+  BudgetRung rung = BudgetRung::kFull;
+  std::int64_t deadline_ns = std::numeric_limits<std::int64_t>::max();
   int passes = 0;
   int coarse_iterations = 0;
   int fine_iterations = 0;
@@ -121,8 +132,16 @@ class Odometry {
   /// What is known of the IMU after the last scan: OdometryResult::imu_used follows from it.
   [[nodiscard]] const ImuHealth& imu_health() const;
 
-  /// Always gives a pose. Scans in order of time.
+  /// Always gives a pose. Scans in order of time. The budget runs from Scan::received_ns, if that is known.
   OdometryResult register_scan(const Scan& scan);
+  /// As an earlier run did that made these decisions, whatever the budget.
+  OdometryResult register_scan(const Scan& scan, const BudgetDecisions& decisions);
+  /// The pose that register_scan() gave has been handed over: what that took belongs to the scan.
+  void note_handed_over(const OdometryResult& result);
+  [[nodiscard]] const WorkBudget& budget() const;
+  /// Where base_link is expected to be at `end`, as a scan that ends then would be predicted; in case its
+  /// registration comes too late.
+  [[nodiscard]] OdometryResult predict_pose(const Scan& scan) const;
   /// Feeds the map with the scan that was registered last, whose `result` it completes (kMapped, map_voxels,
   /// map_refused). Apart from register_scan(), so that a pose need not wait for the map; what is not done by
   /// then is done by the next register_scan().
@@ -134,6 +153,7 @@ class Odometry {
 
  private:
   struct State;
+  OdometryResult register_within_budget(const Scan& scan);
   std::unique_ptr<State> state_;
 };
 

@@ -3,6 +3,7 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/tracking.hpp"
 #include "nilio/core/voxel_map.hpp"
+#include "nilio/core/work_budget.hpp"
 
 #include <cstdint>
 #include <optional>
@@ -77,6 +78,8 @@ struct SolverOptions {
   double degeneracy_threshold = 0.005;
   /// With it every direction is weighed between scan and prior by what each knows of it.
   std::optional<PosePrior> prior;
+  /// Asked before each iteration; null = unlimited.
+  WorkBudget* budget = nullptr;
 };
 
 struct RegistrationResult {

@@ -19,9 +19,10 @@ enum class RegistrationMethod : std::uint8_t { kNdtIcp, kNdt, kIcpPlane, kIcpLin
 inline constexpr std::array<double, 2> kNdtKernelSchedule = {5.0, 2.0};
 
 /// The coarse stage: NDT through its kernel schedule, at most `max_iterations` at each scale, as far as ICP
-/// needs.
+/// needs. `budget` as in SolverOptions.
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
-                                     const SE3& T_map_guess, int max_iterations);
+                                     const SE3& T_map_guess, int max_iterations,
+                                     WorkBudget* budget = nullptr);
 
 /// What methods register against. `points` only has to be there for those that need it.
 struct RegistrationMaps {

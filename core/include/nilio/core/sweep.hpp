@@ -4,6 +4,8 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/voxel_filter.hpp"
 
+#include <cstddef>
+#include <limits>
 #include <vector>
 
 #include <Eigen/Core>
@@ -26,6 +28,8 @@ struct ScanFilterConfig {
   float voxel_size_m = 0.5F;
   /// Raises every beam by this angle about the sensor's origin.
   float elevation_correction_rad = 0.0F;
+  /// Points to look at, spread evenly over the scan; more than it has = all.
+  std::size_t max_points = std::numeric_limits<std::size_t>::max();
 };
 
 /// Range gate and voxel filter (NI-LIO 3.1), then into base_link. Points that are not finite are left out.

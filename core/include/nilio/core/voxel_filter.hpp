@@ -27,11 +27,11 @@ class VoxelFilter {
   /// for what is not finite.
   [[nodiscard]] bool insert(const Eigen::Vector3f& position) { return insert_key(key_of(position)); }
 
-  /// Calls `keep(i)` for the first point of each voxel, in order, of `count` points; those for which
-  /// `position_of(i, position)` is false are passed over. Faster than insert() point by point: the table's
-  /// lines are fetched ahead.
-  template <class PositionOf, class Keep>
-  void thin(std::size_t count, const PositionOf& position_of, const Keep& keep) {
+  /// Calls `keep(i)` for the first point of each voxel, in order, of `count` points `i = index_of(0)`,
+  /// `index_of(1)`, ...; those for which `position_of(i, position)` is false are passed over. Faster than
+  /// insert() point by point: the table's lines are fetched ahead.
+  template <class IndexOf, class PositionOf, class Keep>
+  void thin(std::size_t count, const IndexOf& index_of, const PositionOf& position_of, const Keep& keep) {
     constexpr std::size_t kBlock = 32;
     std::array<Key, kBlock> keys;
     std::array<std::size_t, kBlock> indices;
@@ -39,7 +39,8 @@ class VoxelFilter {
       const std::size_t end = std::min(count, begin + kBlock);
       std::size_t used = 0;
       Eigen::Vector3f position;
-      for (std::size_t i = begin; i < end; ++i) {
+      for (std::size_t k = begin; k < end; ++k) {
+        const std::size_t i = index_of(k);
         if (!position_of(i, position)) continue;
         keys[used] = key_of(position);
         __builtin_prefetch(&slots_[home_of(keys[used])], 1);
@@ -50,6 +51,13 @@ class VoxelFilter {
         if (insert_key(keys[k])) keep(indices[k]);
       }
     }
+  }
+
+  /// The same for the points 0, 1, ... `count` - 1.
+  template <class PositionOf, class Keep>
+  void thin(std::size_t count, const PositionOf& position_of, const Keep& keep) {
+    thin(
+        count, [](std::size_t k) { return k; }, position_of, keep);
   }
 
  private:

@@ -94,6 +94,7 @@ struct OdometrySection {
   int threads = 1;
   std::string registration = "ndt_icp";
   std::string coarse = "auto";
+  int scan_points = 35000;
   int registration_points = 2000;
   double filter_voxel_m = 0.5;
   double plane_voxel_m = 0.0;
@@ -105,6 +106,8 @@ struct OdometrySection {
   int max_coarse_iterations = 40;
   double max_imu_gap_ms = 150.0;
   double imu_wait_ms = 20.0;
+  std::string budget = "auto";
+  double budget_ms = 50.0;
 };
 
 /// How poses at IMU rate follow the corrections that scans bring.

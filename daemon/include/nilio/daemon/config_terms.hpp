@@ -13,6 +13,8 @@ core::SE3 to_transform(const ExtrinsicConfig& extrinsic);
 float elevation_correction_rad(const LidarConfig& lidar);
 core::OdometryConfig odometry_config(const Config& config);
 ipc::ImuPoseConfig imu_pose_config(const Config& config);
+/// `live`: the rules of a live run hold.
+core::BudgetConfig budget_config(const OdometrySection& odometry, bool live);
 drivers::ScanAssemblerConfig assembler_config(const LidarConfig& lidar);
 
 }  // namespace nilio::daemon

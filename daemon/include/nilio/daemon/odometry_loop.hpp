@@ -1,6 +1,8 @@
 #pragma once
 
 #include "nilio/core/odometry.hpp"
+#include "nilio/daemon/deadline_guard.hpp"
+#include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/receive.hpp"
 #include "nilio/daemon/scan_feed.hpp"
 #include "nilio/ipc/pose_record.hpp"
@@ -31,6 +33,8 @@ struct OdometryCounters {
   std::atomic<std::uint64_t> imu_refused{0};   ///< time went back or not finite
   std::atomic<std::uint64_t> imu_timeouts{0};  ///< live: registered without waiting for the IMU any longer
   std::atomic<std::uint64_t> scans_with_imu{0};
+  /// Repeating decisions: scans of the recording that the log has, but not in this place.
+  std::atomic<std::uint64_t> decisions_missed{0};
   std::atomic<std::uint64_t> heartbeat{0};
 };
 
@@ -45,6 +49,9 @@ struct OdometryOutputs {
   ipc::Ring<core::ImuHealth>* imu_health = nullptr;  ///< to the supervisor, when something changes
   ipc::WakeEvent* event = nullptr;                   ///< woken after every pose
   ipc::PublisherProcess* publisher = nullptr;
+  ipc::Ring<ScanDecision>* decisions = nullptr;  ///< to the supervisor
+  /// Publishes in this thread's place what is late. It has the same publisher.
+  DeadlineGuard* guard = nullptr;
   ScanObserver observer;
 };
 
@@ -52,8 +59,10 @@ struct OdometryLoopConfig {
   /// A recording: every scan counts, rings wait, IMU samples are waited for until the log says there are
   /// none.
   bool lossless = false;
-  /// Live: how long a complete scan waits for its IMU samples.
+  /// Live: how long after its last packet a complete scan waits for its IMU samples.
   core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
+  /// Of an earlier run, to be repeated: they decide in place of clocks, and the run ends with them.
+  const std::vector<ScanDecision>* decisions = nullptr;
 };
 
 /// The odometry thread's work: take a complete scan, wait for the IMU samples that cover it, register, hand
@@ -69,10 +78,21 @@ class OdometryLoop {
   void run(const std::atomic<bool>& stop, OdometryCounters& counters);
 
  private:
-  void wait_for_imu(core::Time end, const std::atomic<bool>& stop, OdometryCounters& counters);
+  void work_off(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
+  bool repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
+  void wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   bool drain_imu(core::Time end, OdometryCounters& counters);
-  void register_and_hand_over(const core::Scan& scan, const std::atomic<bool>& stop,
-                              OdometryCounters& counters);
+  bool take_imu_sample(OdometryCounters& counters);
+  void take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop, OdometryCounters& counters);
+  void register_and_hand_over(const core::Scan& scan, const ScanDecision* decision,
+                              const std::atomic<bool>& stop, OdometryCounters& counters);
+  [[nodiscard]] ipc::PoseRecord complete_record(const core::OdometryResult& result, const core::Scan& scan,
+                                                const OdometryCounters& counters);
+  void arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
+                 const OdometryCounters& counters);
+  [[nodiscard]] bool hand_over(ipc::PoseRecord& record);
+  void push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop);
+  void push_decision(const core::Scan& scan, bool superseded, bool guarded);
   void push_cloud(const core::OdometryResult& result);
   void push_imu_health(bool always);
 
@@ -84,7 +104,12 @@ class OdometryLoop {
   OdometryOutputs outputs_;
   OdometryLoopConfig config_;
   core::ImuHealth pushed_health_;
+  std::uint64_t imu_given_ = 0;  ///< samples that the odometry was given
+  std::size_t next_decision_ = 0;
 };
+
+/// Notes in a record that it is handed over now.
+void stamp_hand_over(ipc::PoseRecord& record);
 
 /// The record of a result; stage stamps come from the scan and the result.
 ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core::Scan& scan);

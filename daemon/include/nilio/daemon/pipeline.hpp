@@ -21,7 +21,11 @@
 namespace nilio::daemon {
 
 struct PipelineOptions {
-  bool paced = false;        ///< a recording at its own pace instead of as fast as possible
+  bool paced = false;  ///< a recording at its own pace instead of as fast as possible
+  /// A recording under the rules of a live run: full rings drop, the newest scan wins, waits time out.
+  bool as_live = false;
+  /// Of an earlier run, to be repeated.
+  std::vector<ScanDecision> decisions;
   bool collect_map = false;  ///< fill clouds()
   /// Stamps the odometry's stages.
   core::Odometry::ClockFunction clock = monotonic_ns;
@@ -65,6 +69,11 @@ class Pipeline {
   /// Lines for the log that the odometry thread says; to be taken by the owner.
   [[nodiscard]] FeedLog& feed_log() { return feed_log_; }
   [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
+  /// Under live rules: one for each complete scan.
+  [[nodiscard]] ipc::Ring<ScanDecision>& decisions() { return decisions_; }
+  /// The rules of a live run hold.
+  [[nodiscard]] bool has_live_rules() const { return live_rules_; }
+  [[nodiscard]] const core::BudgetConfig& budget() const { return budget_; }
   /// Woken after every pose and at the end.
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
@@ -90,11 +99,14 @@ class Pipeline {
   void make_feed();
   void make_merged_feed();
   void run_thread(ThreadRole role, std::function<void()> body, std::vector<PlanOutcome>& outcomes);
+  [[nodiscard]] OdometryLoopConfig loop_config() const;
   void odometry_body();
 
   Config config_;
   Input input_;
   PipelineOptions options_;
+  bool live_rules_;
+  core::BudgetConfig budget_;
   ipc::PublisherProcess* publisher_;
   ThreadPlan plan_;
   ReceivePolicy policy_;
@@ -105,6 +117,7 @@ class Pipeline {
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;
   ipc::Ring<core::ImuHealth> imu_health_;
+  ipc::Ring<ScanDecision> decisions_;
   ipc::WakeEvent data_event_;
   ipc::WakeEvent output_event_;
 
@@ -113,6 +126,7 @@ class Pipeline {
   std::unique_ptr<PacketScanFeed> packet_feed_;
   std::unique_ptr<MergedScanFeed> merged_feed_;
   ScanFeed* feed_ = nullptr;
+  std::unique_ptr<DeadlineGuard> guard_;
   std::atomic<bool> stop_{false};
   std::atomic<bool> finished_{false};
   std::vector<std::thread> threads_;

@@ -38,6 +38,9 @@ class RunOutput {
 
   void add(const ipc::PoseRecord& record);
   void add(const CloudRecord& cloud);
+  /// Makes decisions.jsonl, which add() then fills.
+  core::Result<std::monostate> open_decisions(const std::string& header);
+  void add(const ScanDecision& decision);
   /// Writes what is written at the end and tells about the first write that failed, such as a full disk.
   core::Result<std::monostate> finish(const std::string& latency_json, const ipc::LatencyHistograms& latency);
 
@@ -52,6 +55,7 @@ class RunOutput {
   Options options_;
   std::ofstream tum_;
   std::ofstream kitti_;
+  std::ofstream decisions_;
   core::SE3 T_base_odom_;  ///< inverse of the first pose
   core::Vector3 last_position_ = core::Vector3::Zero();
   double path_length_m_ = 0.0;

@@ -14,7 +14,9 @@ struct RunOptions {
   bool replay = false;
   ReplayFiles files;
   bool paced = false;
-  std::string output_folder;  ///< empty: no files
+  bool as_live = false;
+  std::string decisions_file;  ///< of the run to repeat; empty: none
+  std::string output_folder;   ///< empty: no files
   std::filesystem::path publisher_executable;
 };
 

@@ -7,7 +7,7 @@
 
 namespace nilio::daemon {
 
-enum class ThreadRole { kLidarReceive, kImuReceive, kOdometry };
+enum class ThreadRole { kLidarReceive, kImuReceive, kDeadlineGuard, kOdometry };
 
 /// How the threads shall run, from the configuration and the kind of run.
 struct ThreadPlan {

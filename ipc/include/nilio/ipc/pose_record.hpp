@@ -2,6 +2,7 @@
 
 #include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/tracking.hpp"
+#include "nilio/core/work_budget.hpp"
 
 #include <array>
 #include <cstdint>
@@ -51,6 +52,13 @@ struct PoseRecord {
   bool after_time_jump = false;
   bool predicted = false;            ///< no registration: the pose is the prediction
   std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
+  core::BudgetRung rung = core::BudgetRung::kFull;
+  bool guarded = false;  ///< registration was late: the deadline's guard handed over the prediction
+  /// There was a deadline, and so much later than it (negative: earlier) the pose was handed over, ns; what
+  /// one iteration was taken to cost, ns.
+  bool has_deadline = false;
+  std::int64_t overshoot_ns = 0;
+  std::int64_t iteration_ns = 0;
   std::uint16_t coarse_iterations = 0;
   std::uint16_t fine_iterations = 0;
   std::uint32_t points = 0;       ///< in the scan

@@ -111,6 +111,9 @@ struct ScanReport {
   std::uint32_t lost_packets = 0;
   std::uint32_t missing_firings = 0;
   std::uint64_t superseded = 0;
+  std::string budget_rung;        ///< what was left out for time: "full", "fewer_points", ...
+  bool guarded = false;           ///< registration was late, and the prediction was handed over
+  std::int64_t overshoot_ns = 0;  ///< past the deadline, negative before it; 0 where there was none
 
   friend bool operator==(const ScanReport&, const ScanReport&) = default;
 };
