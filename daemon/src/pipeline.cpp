@@ -270,8 +270,11 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
     run_thread(ThreadRole::kLidarReceive, {}, receive, outcomes);
   }
   if (input_.frames) {
-    const auto receive = [this] {
-      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_);
+    // A recording played as fast as possible has samples seconds before the scans they belong to.
+    ipc::PublisherProcess* const imu_poses = input_.live || policy_.pace ? publisher_ : nullptr;
+    const auto receive = [this, imu_poses] {
+      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_,
+                  imu_poses);
     };
     run_thread(ThreadRole::kImuReceive, {}, receive, outcomes);
   }

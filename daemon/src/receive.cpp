@@ -101,7 +101,8 @@ void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& 
 }
 
 void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
-                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state) {
+                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+                 ipc::PublisherProcess* publisher) {
   const auto frames = std::make_unique<std::array<drivers::CanFrame, kBatch>>();
   bool going = true;
   tell(policy, ThreadRole::kImuReceive, ThreadPhase::kSteady);
@@ -112,6 +113,8 @@ void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc
       const std::optional<core::ImuSample> sample = decoder.add(frame);
       if (!sample) continue;
       if (policy.pace) wait_until_due(frame.stamp, *policy.pace, state.stop);
+      if (publisher != nullptr)
+        publisher->publish_sample({*sample, policy.pace ? monotonic_ns() : frame.received_ns});
       const std::span<core::ImuSample> slot = find_room(ring, 1, policy, state);
       if (slot.empty()) {
         ring.count_dropped(1);

@@ -93,6 +93,7 @@ Result<std::monostate> Supervisor::open_publisher() {
   config.base_frame = config_.publisher.base_frame;
   config.topic_prefix = config_.publisher.topic_prefix;
   config.ring_capacity = kPublisherSlots;
+  if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
   config.wait_for_subscribers = Duration::from_seconds(config_.publisher.wait_for_subscribers_s);
   auto publisher = ipc::PublisherProcess::create(std::move(config));
   if (!publisher) return publisher.error();
@@ -280,7 +281,7 @@ Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
   }
   report_end();
   if (output_) {
-    if (auto finished = output_->finish(summary().dump(2)); !finished) return finished;
+    if (auto finished = output_->finish(summary().dump(2), latency_); !finished) return finished;
   }
   if (poses_ == 0 && options_.replay) return Error{explain_no_poses()};
   return std::monostate{};
@@ -389,6 +390,8 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
       {"log_events_dropped", pipeline_->feed_log().dropped()},
+      {"publisher_samples", publisher_ ? publisher_->samples().written() : 0},
+      {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
   };
   json["counters"].update(decoder_summary(pipeline_->imu_stats()));
   json["lidars"] = nlohmann::json::array();

@@ -85,6 +85,9 @@ struct OdometryResult {
   /// Mean rate with which the scan is deskewed, rad/s in base_link; 0 when it is not.
   Vector3 deskew_rate = Vector3::Zero();
   Matrix6 twist_covariance = Matrix6::Zero();
+  /// What is subtracted from the gyro's rates, rad/s in base_link, and from the IMU's stamps.
+  Vector3 gyro_bias = Vector3::Zero();
+  Duration imu_time_shift;
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
   bool imu_used = false;

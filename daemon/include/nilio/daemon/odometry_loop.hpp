@@ -90,8 +90,10 @@ class OdometryLoop {
   void take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop, OdometryCounters& counters);
   void register_and_hand_over(const core::Scan& scan, const ScanDecision* decision,
                               const std::atomic<bool>& stop, OdometryCounters& counters);
-  [[nodiscard]] ipc::PoseRecord complete_record(const core::OdometryResult& result, const core::Scan& scan);
-  void arm_guard(const core::OdometryResult& prediction, const core::Scan& scan);
+  [[nodiscard]] ipc::PoseRecord complete_record(const core::OdometryResult& result, const core::Scan& scan,
+                                                const OdometryCounters& counters);
+  void arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
+                 const OdometryCounters& counters);
   [[nodiscard]] bool hand_over(ipc::PoseRecord& record);
   void push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop);
   void push_decision(const core::Scan& scan, bool superseded, bool guarded);
