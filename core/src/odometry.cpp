@@ -50,6 +50,8 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
       result);
   result.twist.head<3>() = motion.body_velocity();
   result.twist.tail<3>() = motion.mean_angular_velocity();
+  result.gyro_bias = gyro_bias;
+  result.imu_time_shift = monitor.time_shift();
   result.rung = rung_of(result);
   result.deadline_ns = budget.deadline_ns();
 }
@@ -126,6 +128,8 @@ OdometryResult Odometry::predict_pose(const Scan& scan) const {
   const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(span, result.imu_used, motion);
   result.T_odom_base = s.T_odom_map * T_map_base;
   result.predicted = true;
+  result.gyro_bias = s.gyro_bias;
+  result.imu_time_shift = s.monitor.time_shift();
   result.rung = BudgetRung::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
   result.state = s.state_without_registration(s.failures + 1);

@@ -364,6 +364,30 @@ void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
                   {}});
 }
 
+void add_imu_rate(std::vector<ConfigKey>& keys, Config& c) {
+  PublisherSection& publisher = c.publisher;
+  ImuPoseSection& pose = publisher.imu_pose;
+  const auto add = [&](const char* name, auto* value, const char* text, const char* unit, double min,
+                       double max) {
+    keys.push_back({name, value, text, unit, min, max, {}});
+  };
+  add("publisher.imu_rate", &publisher.imu_rate,
+      "publish a pose for every IMU sample, too; not in a replay as fast as possible", "", 0, 0);
+  add("publisher.imu_rate_max_hz", &publisher.imu_rate_max_hz, "leave samples out above it; 0 = none", "Hz",
+      0, 10000);
+  add("publisher.imu_pose.max_slew_m_s", &pose.max_slew_m_s,
+      "speed with which a correction of the position is worked off", "m/s", 0.01, 100);
+  add("publisher.imu_pose.max_slew_deg_s", &pose.max_slew_deg_s, "the same of the orientation", "deg/s", 0.1,
+      1000);
+  add("publisher.imu_pose.settle_ms", &pose.settle_ms, "time constant of a correction below these limits",
+      "ms", 0, 10000);
+  add("publisher.imu_pose.jump_m", &pose.jump_m, "a larger correction is made at once, and said to be", "m",
+      0, 1000);
+  add("publisher.imu_pose.jump_deg", &pose.jump_deg, "the same of the orientation", "deg", 0, 180);
+  add("publisher.imu_pose.max_age_s", &pose.max_age_s, "no such poses so long after the last scan's", "s",
+      0.1, 60);
+}
+
 void add_rest(std::vector<ConfigKey>& keys, Config& c) {
   keys.push_back({"publisher.enabled", &c.publisher.enabled, "publish over DDS", "", 0, 0, {}});
   keys.push_back({"publisher.domain", &c.publisher.domain, "DDS domain (ROS_DOMAIN_ID)", "", 0, 232, {}});
@@ -386,6 +410,7 @@ void add_rest(std::vector<ConfigKey>& keys, Config& c) {
                   0,
                   60,
                   {}});
+  add_imu_rate(keys, c);
   keys.push_back({"realtime.policy",
                   &c.realtime.policy,
                   "scheduling of the threads; auto = fifo when live, other in a replay",
@@ -414,10 +439,36 @@ void add_rest(std::vector<ConfigKey>& keys, Config& c) {
                   1,
                   99,
                   {}});
+  keys.push_back({"realtime.lidar_cpus",
+                  &c.realtime.lidar_cpus,
+                  "processors of the LiDAR receive threads, such as 0 or 1-2,4; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"realtime.imu_cpus",
+                  &c.realtime.imu_cpus,
+                  "processors of the IMU receive thread; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
+  keys.push_back({"realtime.odometry_cpus",
+                  &c.realtime.odometry_cpus,
+                  "processors of the odometry thread and its workers; empty = any",
+                  "",
+                  0,
+                  0,
+                  {}});
   keys.push_back(
       {"realtime.lock_memory", &c.realtime.lock_memory, "lock all memory when live", "", 0, 0, {}});
-  keys.push_back(
-      {"realtime.strict", &c.realtime.strict, "end when a wanted privilege is missing", "", 0, 0, {}});
+  keys.push_back({"realtime.strict",
+                  &c.realtime.strict,
+                  "end when a wanted privilege or processor is missing",
+                  "",
+                  0,
+                  0,
+                  {}});
   keys.push_back({"output.map", &c.output.map, "write map.ply into the output folder", "", 0, 0, {}});
   keys.push_back({"output.map_voxel_m",
                   &c.output.map_voxel_m,

@@ -60,6 +60,21 @@ core::OdometryConfig odometry_config(const Config& config) {
   return result;
 }
 
+ipc::ImuPoseConfig imu_pose_config(const Config& config) {
+  const ImuPoseSection& pose = config.publisher.imu_pose;
+  ipc::ImuPoseConfig result;
+  result.propagation.T_base_imu = to_transform(config.imu.extrinsic);
+  result.propagation.max_gap = core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms);
+  result.propagation.max_age = core::Duration::from_seconds(pose.max_age_s);
+  result.slew.max_slew_m_s = pose.max_slew_m_s;
+  result.slew.max_slew_rad_s = pose.max_slew_deg_s * kRadiansPerDegree;
+  result.slew.settle = core::Duration::from_milliseconds(pose.settle_ms);
+  result.slew.jump_m = pose.jump_m;
+  result.slew.jump_rad = pose.jump_deg * kRadiansPerDegree;
+  result.max_rate_hz = config.publisher.imu_rate_max_hz;
+  return result;
+}
+
 core::BudgetConfig budget_config(const OdometrySection& odometry, bool live) {
   const auto mode = odometry.budget == "wall"           ? core::BudgetMode::kWall
                     : odometry.budget == "ops"          ? core::BudgetMode::kOps

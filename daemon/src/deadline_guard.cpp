@@ -49,7 +49,8 @@ bool DeadlineGuard::claim() {
   return false;
 }
 
-void DeadlineGuard::run() {
+void DeadlineGuard::run(ThreadHook hook) {
+  if (hook != nullptr) hook(ThreadRole::kDeadlineGuard, ThreadPhase::kSteady);
   while (!stop_.load(std::memory_order_relaxed)) {
     std::uint64_t expirations = 0;
     if (read(timer_, &expirations, sizeof expirations) != sizeof expirations) continue;
@@ -64,6 +65,7 @@ void DeadlineGuard::run() {
     publish_(prediction_);
     state_.store(State::kPublished, std::memory_order_release);
   }
+  if (hook != nullptr) hook(ThreadRole::kDeadlineGuard, ThreadPhase::kEnding);
 }
 
 void DeadlineGuard::stop() {

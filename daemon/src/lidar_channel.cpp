@@ -1,7 +1,6 @@
 #include "nilio/daemon/lidar_channel.hpp"
 
 #include <algorithm>
-#include <cstdio>
 #include <span>
 #include <utility>
 
@@ -32,18 +31,6 @@ void count(const Packet& packet, drivers::ScanAssemblerStats& stats) {
 
 }  // namespace
 
-std::string describe_status(const drivers::ScanAssembler& assembler) {
-  const drivers::ScanAssemblerStatus status = assembler.status();
-  char text[256];
-  std::snprintf(text, sizeof text,
-                "%s: return mode %s, %.1f rpm, a packet every %.1f us, field of view %.0f deg, time %s, "
-                "offset %.6f s, drift %.1f ppm",
-                assembler.sensor().name.c_str(), std::string(drivers::return_mode_name(status.mode)).c_str(),
-                status.revolutions_per_minute, status.packet_period_us, 360.0 - status.blind_sector_deg,
-                core::name_of(status.clock_source), status.clock_offset_s, status.clock_drift_ppm);
-  return text;
-}
-
 LidarChannel::LidarChannel(std::string section, const LidarConfig& config,
                            const drivers::ScanAssemblerConfig& assembler_config,
                            std::optional<drivers::VelodyneSensor> sensor, ipc::Ring<Packet>& ring,
@@ -53,7 +40,9 @@ LidarChannel::LidarChannel(std::string section, const LidarConfig& config,
       assembler_config_(assembler_config),
       ring_(ring),
       receive_state_(receive_state),
-      log_(log) {
+      log_(log),
+      phase_(sensor ? Phase::kKnown : Phase::kSearching),
+      is_released_(sensor.has_value()) {
   if (sensor) {
     assembler_.emplace(std::move(*sensor), assembler_config_);
   } else {
@@ -66,32 +55,44 @@ void LidarChannel::say(LogLevel level, const std::string& text) {
 }
 
 const Packet* LidarChannel::next_kept_back() {
+  if (has_caught_up()) return nullptr;
   if (next_ < backlog_.size()) return &backlog_[next_];
-  if (!backlog_.empty()) {
-    backlog_ = {};
-    next_ = 0;
-  }
+  caught_up_.store(true, std::memory_order_release);
   return nullptr;
 }
 
 const Packet* LidarChannel::front() {
-  if (assembler_) {
-    if (const Packet* packet = next_kept_back()) return packet;
+  if (!is_known()) return nullptr;
+  if (const Packet* packet = next_kept_back()) return packet;
+  const std::span<const Packet> slots = ring_.begin_read();
+  return slots.empty() ? nullptr : slots.data();
+}
+
+void LidarChannel::search() {
+  if (!is_searching()) {
+    if (is_known() && !has_caught_up()) return;
+    if (is_known()) backlog_ = {};
+    is_released_.store(true, std::memory_order_relaxed);
+    return;
   }
-  for (std::span<const Packet> slots = ring_.begin_read(); !slots.empty(); slots = ring_.begin_read()) {
-    if (assembler_) return slots.data();
+  const bool at_end = receive_state_.ended.load(std::memory_order_acquire);
+  for (std::span<const Packet> slots = ring_.begin_read(); !assembler_ && !slots.empty();
+       slots = ring_.begin_read()) {
     look(slots.front());
     ring_.consume(1);
-    ++packets_taken_;
-    if (assembler_) {
-      if (const Packet* packet = next_kept_back()) return packet;
-    }
+    packets_taken_.fetch_add(1, std::memory_order_relaxed);
   }
-  return nullptr;
+  if (!assembler_ && at_end && !backlog_.empty()) judge(finder_->finish());
+  // From here on finder, backlog and ring are the odometry thread's.
+  if (assembler_) {
+    phase_.store(Phase::kKnown, std::memory_order_release);
+  } else if (at_end) {
+    phase_.store(Phase::kNeverKnown, std::memory_order_release);
+  }
 }
 
 bool LidarChannel::decode_front() {
-  const bool is_kept_back = next_ < backlog_.size();
+  const bool is_kept_back = !has_caught_up() && next_ < backlog_.size();
   const Packet& packet = is_kept_back ? backlog_[next_] : ring_.begin_read().front();
   watch_sender(packet);
   last_stamp_ = packet.stamp;
@@ -100,7 +101,7 @@ bool LidarChannel::decode_front() {
     ++next_;
   } else {
     ring_.consume(1);
-    ++packets_taken_;
+    packets_taken_.fetch_add(1, std::memory_order_relaxed);
   }
   return complete;
 }
@@ -112,7 +113,12 @@ void LidarChannel::take_scan(core::Scan& scan) {
 
 void LidarChannel::report_status() {
   if (!assembler_ || std::exchange(status_reported_, true)) return;
-  say(LogLevel::kInfo, describe_status(*assembler_));
+  FeedEvent event;
+  event.kind = FeedEvent::Kind::kStreamStatus;
+  copy_name(section_, event.section);
+  copy_name(assembler_->sensor().name, event.model);
+  event.status = assembler_->status();
+  log_.report(event);
 }
 
 /// Shows the finder a packet and keeps it for later. What comes before the first data packet is of no use.
@@ -144,12 +150,6 @@ void LidarChannel::judge(SensorFinder::State state) {
   }
 }
 
-bool LidarChannel::settle() {
-  if (!finder_ || backlog_.empty()) return false;
-  judge(finder_->finish());
-  return is_known();
-}
-
 void LidarChannel::discard_backlog() {
   for (const Packet& packet : backlog_) count(packet, refused_);
   backlog_.clear();
@@ -166,7 +166,9 @@ drivers::ScanAssemblerStats LidarChannel::stats() const {
   stats.packets += refused_.packets;
   stats.position_packets += refused_.position_packets;
   stats.bad_length += refused_.bad_length;
-  for (const Packet& packet : std::span(backlog_).subspan(next_)) count(packet, stats);
+  if (!has_caught_up()) {
+    for (const Packet& packet : std::span(backlog_).subspan(next_)) count(packet, stats);
+  }
   return stats;
 }
 

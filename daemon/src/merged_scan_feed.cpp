@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
 namespace nilio::daemon {
@@ -80,8 +79,8 @@ void MergedScanFeed::keep_up(Lane& lane) {
   if (!channel.is_known() && channel.front() == nullptr) return;
   while (channel.packets_waiting() > kMostWaiting && channel.front() != nullptr) {
     if (!channel.decode_front()) continue;
-    channel.take_scan(part_);
-    lane.counters.points_unused += part_.points.size();
+    channel.take_scan(lane.part);
+    lane.counters.points_unused += lane.part.points.size();
   }
 }
 
@@ -105,7 +104,7 @@ void MergedScanFeed::merge(core::Scan& scan) {
     const bool has_packets = lane.other.channel->packets_taken() > taken_before;
     const std::size_t moved = move_points(lane, interval, scan);
     if (moved == 0) ++lane.counters.scans_without;
-    report(lane, gathered, has_packets);
+    report_presence(lane, gathered, has_packets);
     report_step(lane, moved, has_packets, scan.end);
   }
 }
@@ -117,8 +116,7 @@ MergedScanFeed::Gathered MergedScanFeed::gather(Lane& lane, core::Time until, st
   const std::uint64_t taken_before = channel.packets_taken();
   while (true) {
     const bool ended = channel.ended();
-    bool is_whole = decode(lane, until, scan);
-    if (ended && !is_whole && channel.settle()) is_whole = decode(lane, until, scan);
+    const bool is_whole = decode(lane, until, scan);
     if (is_whole || ended) {
       if (channel.finish_scan()) take_points(lane, scan);
       return is_whole ? Gathered::kAll : Gathered::kEnded;
@@ -152,17 +150,17 @@ bool MergedScanFeed::decode(Lane& lane, core::Time until, core::Scan& scan) {
 
 /// Puts the points of what the assembler completed into the first LiDAR's frame.
 void MergedScanFeed::take_points(Lane& lane, core::Scan& scan) {
-  lane.other.channel->take_scan(part_);
-  scan.lost_packets += part_.lost_packets;
-  scan.missing_firings += part_.missing_firings;
-  lane.last_end = part_.end;
-  for (core::Point point : part_.points) {
+  lane.other.channel->take_scan(lane.part);
+  scan.lost_packets += lane.part.lost_packets;
+  scan.missing_firings += lane.part.missing_firings;
+  lane.last_end = lane.part.end;
+  for (core::Point point : lane.part.points) {
     core::Vector3 p(point.x, point.y, point.z);
     if (lane.other.elevation_correction_rad != 0.0F)
       p = raise_beam(p, static_cast<double>(lane.other.elevation_correction_rad));
     store(lane.other.T_first_other * p, point);
     point.ring = static_cast<std::uint16_t>(point.ring + lane.first_ring);
-    lane.pending.push_back({part_.start + Duration{point.time_offset_ns}, point});
+    lane.pending.push_back({lane.part.start + Duration{point.time_offset_ns}, point});
   }
 }
 
@@ -186,22 +184,27 @@ std::size_t MergedScanFeed::move_points(Lane& lane, const Interval& interval, co
   return moved;
 }
 
+void MergedScanFeed::report(const Lane& lane, FeedEvent::Kind kind, double offset_s) {
+  FeedEvent event;
+  event.kind = kind;
+  copy_name(lane.other.channel->section(), event.section);
+  event.offset_s = offset_s;
+  log_.report(event);
+}
+
 /// Says when a LiDAR begins to be late or silent and when it is in time again.
-void MergedScanFeed::report(Lane& lane, Gathered gathered, bool has_packets) {
-  const std::string& section = lane.other.channel->section();
+void MergedScanFeed::report_presence(Lane& lane, Gathered gathered, bool has_packets) {
   const Presence before = lane.presence;
   lane.late_scans = gathered == Gathered::kTooLate ? lane.late_scans + 1 : 0;
   if (!has_packets) {
     lane.presence = Presence::kSilent;
-    if (before != Presence::kSilent)
-      log_.say(LogLevel::kWarning, section + ": no packets come from it; poses go on without it");
+    if (before != Presence::kSilent) report(lane, FeedEvent::Kind::kSilent);
   } else if (lane.late_scans >= kScansToSayLate && before == Presence::kPresent) {
     lane.presence = Presence::kLate;
-    log_.say(LogLevel::kWarning, section + ": its packets come later than " + section +
-                                     ".wait_ms allows; poses go on with those that are there");
+    report(lane, FeedEvent::Kind::kLate);
   } else if (gathered == Gathered::kAll && before != Presence::kPresent) {
     lane.presence = Presence::kPresent;
-    log_.say(LogLevel::kInfo, section + ": its packets come again in time");
+    report(lane, FeedEvent::Kind::kInTimeAgain);
   }
 }
 
@@ -210,13 +213,7 @@ void MergedScanFeed::report_step(Lane& lane, std::size_t moved, bool has_packets
   const bool out_of_step = moved == 0 && has_packets && lane.last_end.ns != 0;
   lane.scans_out_of_step = out_of_step ? lane.scans_out_of_step + 1 : 0;
   if (lane.scans_out_of_step < kScansToSayOffset || std::exchange(lane.offset_said, true)) return;
-  char offset[32];
-  std::snprintf(offset, sizeof offset, "%+.3f", (lane.last_end - end).seconds());
-  const std::string& section = lane.other.channel->section();
-  log_.say(LogLevel::kWarning, section + ": its clock is " + offset +
-                                   " s from that of lidar, so that its points belong to no scan: let both "
-                                   "clocks follow the same GPS, or set lidar.time_source and " +
-                                   section + ".time_source to host");
+  report(lane, FeedEvent::Kind::kOtherClock, (lane.last_end - end).seconds());
 }
 
 }  // namespace nilio::daemon

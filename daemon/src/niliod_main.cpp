@@ -1,4 +1,6 @@
 #include "nilio/daemon/config_schema.hpp"
+#include "nilio/daemon/log_output.hpp"
+#include "nilio/daemon/memory_plan.hpp"
 #include "nilio/daemon/supervisor.hpp"
 
 #include <atomic>
@@ -9,7 +11,6 @@
 #include <vector>
 
 #include <CLI/CLI.hpp>
-#include <spdlog/spdlog.h>
 
 namespace {
 
@@ -101,11 +102,13 @@ int run(const Arguments& arguments) {
     return fail("--as-live decides anew what --decisions repeats: give one of them");
   const auto config = effective_config(arguments, files);
   if (!config) return fail(config.error().message);
+  const auto plan = nilio::daemon::make_thread_plan(*config, arguments.replay.empty() || arguments.as_live);
+  if (!plan) return fail(plan.error().message);
   if (arguments.check_config) {
     std::cout << nilio::daemon::to_yaml(*config);
     return 0;
   }
-  spdlog::set_level(spdlog::level::from_str(config->log.level));
+  nilio::daemon::prepare_heap(*plan);
   RunOptions options;
   options.replay = !arguments.replay.empty();
   options.files = files;
@@ -115,7 +118,15 @@ int run(const Arguments& arguments) {
   options.output_folder = arguments.output;
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
-  const auto status = nilio::daemon::supervise(*config, options, stop_requested);
+  nilio::core::Result<std::monostate> status = std::monostate{};
+  {
+    nilio::daemon::LogOutputConfig log_config;
+    log_config.level = config->log.level;
+    const nilio::daemon::LogOutput log(log_config);
+    nilio::daemon::write_log_before_dying();
+    status = nilio::daemon::supervise(*config, options, stop_requested);
+  }
+  // After the last line of the log.
   if (!status) return fail(status.error().message);
   return 0;
 }
@@ -137,7 +148,6 @@ int main(int argc, char** argv) {
         "more)");
   }
   install_signal_handlers();
-  spdlog::set_pattern("%Y-%m-%d %H:%M:%S.%e niliod %l: %v");
   try {
     return run(arguments);
   } catch (const std::exception& exception) {

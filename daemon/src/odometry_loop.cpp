@@ -49,6 +49,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
     record.linear_velocity[k] = result.twist[i];
     record.angular_velocity[k] = result.twist[i + 3];
     record.deskew_rate[k] = result.deskew_rate[i];
+    record.gyro_bias[k] = result.gyro_bias[i];
   }
   const Eigen::Quaterniond& q = result.T_odom_base.rotation;
   record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
@@ -56,6 +57,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   copy_row_major(result.twist_covariance, record.twist_covariance);
   record.state = result.state;
   record.stop_reason = result.stop_reason;
+  record.imu_time_shift_ns = result.imu_time_shift.ns;
   record.imu_used = result.imu_used;
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
@@ -94,6 +96,7 @@ OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<co
 
 void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
   core::Scan scan;
+  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kSteady);
   while (!stop.load(std::memory_order_relaxed)) {
     counters.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const FeedState state = feed_.next(scan, kFeedTimeout);
@@ -107,6 +110,7 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     }
   }
   push_imu_health(true);
+  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
 }
 
 void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,
@@ -212,8 +216,10 @@ void OdometryLoop::push_imu_health(bool always) {
   if (outputs_.imu_health->try_push(health)) pushed_health_ = health;
 }
 
-ipc::PoseRecord OdometryLoop::complete_record(const core::OdometryResult& result, const core::Scan& scan) {
+ipc::PoseRecord OdometryLoop::complete_record(const core::OdometryResult& result, const core::Scan& scan,
+                                              const OdometryCounters& counters) {
   ipc::PoseRecord record = make_pose_record(result, scan);
+  record.superseded = counters.superseded.load(std::memory_order_relaxed);
   record.has_imu = imu_ring_ != nullptr;
   if (record.has_imu) record.imu_health = odometry_.imu_health();
   return record;
@@ -255,8 +261,9 @@ void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool g
 }
 
 /// What the guard says when registration is late.
-void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core::Scan& scan) {
-  ipc::PoseRecord record = complete_record(prediction, scan);
+void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
+                             const OdometryCounters& counters) {
+  ipc::PoseRecord record = complete_record(prediction, scan, counters);
   record.guarded = true;
   // Not at the stroke of the deadline: a registration in its last iteration is worth more than a prediction.
   const std::int64_t deadline =
@@ -269,11 +276,11 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const ScanDeci
   const bool repeats_guard = decision != nullptr && decision->guarded;
   core::OdometryResult prediction;
   if (outputs_.guard != nullptr || repeats_guard) prediction = odometry_.predict_pose(scan);
-  if (outputs_.guard != nullptr) arm_guard(prediction, scan);
+  if (outputs_.guard != nullptr) arm_guard(prediction, scan, counters);
   core::OdometryResult result =
       decision != nullptr ? odometry_.register_scan(scan, decision->budget) : odometry_.register_scan(scan);
   if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
-  ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan);
+  ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan, counters);
   record.guarded = repeats_guard;
   const bool guarded = !hand_over(record);
   odometry_.note_handed_over(result);

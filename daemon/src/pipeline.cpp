@@ -1,10 +1,17 @@
 #include "nilio/daemon/pipeline.hpp"
 
 #include "nilio/daemon/config_terms.hpp"
+#include "nilio/daemon/memory_plan.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <ctime>
 #include <future>
+#include <pthread.h>
+#include <unistd.h>
 #include <utility>
+
+#include <tbb/global_control.h>
 
 namespace nilio::daemon {
 
@@ -24,6 +31,10 @@ constexpr std::size_t kHealthSlots = 256;
 constexpr double kImuWaitShare = 0.3;
 // Time for all threads to be up before the first packet of a paced recording is due.
 constexpr std::int64_t kPaceLeadNs = 100'000'000;
+// Packets of a LiDAR that nobody knows yet are looked at so often; the ring holds a second of them.
+constexpr timespec kSearchPeriod{0, 5'000'000};
+// Beyond what odometry.threads may be.
+constexpr std::size_t kMostWorkers = 64;
 
 }  // namespace
 
@@ -37,12 +48,14 @@ LidarLane::LidarLane(const std::string& section, const LidarConfig& config,
 Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
                                                    const PipelineOptions& options,
                                                    ipc::PublisherProcess* publisher) {
+  Result<ThreadPlan> plan = make_thread_plan(config, input.live || options.as_live);
+  if (!plan) return plan.error();
   Result<ipc::WakeEvent> data_event = ipc::WakeEvent::create();
   if (!data_event) return data_event.error();
   Result<ipc::WakeEvent> output_event = ipc::WakeEvent::create();
   if (!output_event) return output_event.error();
   std::unique_ptr<Pipeline> pipeline(new Pipeline(config, std::move(input), options, publisher,
-                                                  std::move(data_event).value(),
+                                                  std::move(plan).value(), std::move(data_event).value(),
                                                   std::move(output_event).value()));
   if (pipeline->live_rules_ && pipeline->budget_.mode == core::BudgetMode::kWall) {
     auto guard = DeadlineGuard::create([publisher](const ipc::PoseRecord& record) {
@@ -55,14 +68,15 @@ Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input i
 }
 
 Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& options,
-                   ipc::PublisherProcess* publisher, ipc::WakeEvent data_event, ipc::WakeEvent output_event)
+                   ipc::PublisherProcess* publisher, ThreadPlan plan, ipc::WakeEvent data_event,
+                   ipc::WakeEvent output_event)
     : config_(config),
       input_(std::move(input)),
       options_(options),
       live_rules_(input_.live || options.as_live),
       budget_(budget_config(config.odometry, live_rules_)),
       publisher_(publisher),
-      plan_(make_thread_plan(config.realtime, live_rules_)),
+      plan_(std::move(plan)),
       imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
       poses_(ipc::Ring<ipc::PoseRecord>::in_private_memory(kPoseSlots)),
       clouds_(ipc::Ring<CloudRecord>::in_private_memory(kCloudSlots)),
@@ -71,6 +85,7 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
   policy_.wait_when_full = !live_rules_;
+  policy_.hook = options_.thread_hook;
   make_feed();
 }
 
@@ -123,6 +138,7 @@ std::uint64_t Pipeline::packets_dropped() const {
 OdometryLoopConfig Pipeline::loop_config() const {
   OdometryLoopConfig result;
   result.lossless = !live_rules_;
+  result.hook = options_.thread_hook;
   result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
   // Registration has to have most of the time.
   if (budget_.mode == core::BudgetMode::kWall)
@@ -133,7 +149,7 @@ OdometryLoopConfig Pipeline::loop_config() const {
   return result;
 }
 
-void Pipeline::odometry_body() {
+std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   OdometryOutputs outputs;
   outputs.poses = &poses_;
   outputs.clouds = options_.collect_map ? &clouds_ : nullptr;
@@ -148,52 +164,121 @@ void Pipeline::odometry_body() {
   odometry.budget = budget_;
   // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
   if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
-  // Made in this thread, so that the arena's workers inherit its scheduling.
-  OdometryLoop loop(core::Odometry(odometry, options_.clock), *feed_, with_imu ? &imu_ring_ : nullptr,
-                    data_event_, with_imu ? &imu_state_ : nullptr, outputs, loop_config());
-  loop.run(stop_, counters_);
-  if (guard_) guard_->stop();
-  finished_.store(true, std::memory_order_release);
-  output_event_.notify();
+  return std::make_unique<OdometryLoop>(core::Odometry(odometry, options_.clock), *feed_,
+                                        with_imu ? &imu_ring_ : nullptr, data_event_,
+                                        with_imu ? &imu_state_ : nullptr, outputs, loop_config());
 }
 
-void Pipeline::run_thread(ThreadRole role, std::function<void()> body, std::vector<PlanOutcome>& outcomes) {
-  std::promise<PlanOutcome> granted;
-  std::future<PlanOutcome> outcome = granted.get_future();
-  threads_.emplace_back([this, role, body = std::move(body), granted = std::move(granted)]() mutable {
-    PlanOutcome result = apply_to_this_thread(plan_, role);
-    const bool run = result.granted || !plan_.strict;
-    granted.set_value(std::move(result));
-    if (run) body();
+/// Has the odometry's workers start from the calling thread, whose scheduling they inherit; TBB may also have
+/// some from an earlier run in this process.
+std::vector<PlanOutcome> Pipeline::warm_up(OdometryLoop& loop) {
+  std::array<std::atomic<pid_t>, kMostWorkers> threads{};
+  std::atomic<std::size_t> count{0};
+  const pid_t own = gettid();
+  const ThreadScheduling scheduling = scheduling_of(0);
+  loop.warm_up([&] {
+    touch_stack();
+    if (gettid() == own) return;
+    run_as(scheduling);
+    const std::size_t index = count.fetch_add(1);
+    if (index < threads.size()) threads[index].store(gettid());
   });
-  outcomes.push_back(outcome.get());
+  std::vector<pid_t> workers;
+  for (std::size_t i = 0; i < std::min(count.load(), threads.size()); ++i)
+    workers.push_back(threads[i].load());
+  if (plan_.odometry_threads <= 1) return {};
+  return {judge_workers(plan_, workers)};
+}
+
+void Pipeline::start_odometry(std::vector<PlanOutcome>& outcomes) {
+  // Shared by preparation and body, which run in one thread, one after the other.
+  struct Prepared {
+    /// Of the workers, as long as they run.
+    tbb::global_control stacks{tbb::global_control::thread_stack_size, kThreadStackBytes};
+    std::unique_ptr<OdometryLoop> loop;
+  };
+  const auto prepared = std::make_shared<std::unique_ptr<Prepared>>();
+  const auto prepare = [this, prepared] {
+    *prepared = std::make_unique<Prepared>();
+    (*prepared)->loop = make_loop();
+    return warm_up(*(*prepared)->loop);
+  };
+  const auto body = [this, prepared] {
+    (*prepared)->loop->run(stop_, counters_);
+    if (guard_) guard_->stop();
+    prepared->reset();
+    finished_.store(true, std::memory_order_release);
+    output_event_.notify();
+  };
+  run_thread(ThreadRole::kOdometry, prepare, body, outcomes);
+}
+
+/// Finding out which sensor it is allocates and reads files: that is for a thread at normal priority.
+void Pipeline::start_search() {
+  const auto is_wanted = [this] {
+    return std::any_of(lidars_.begin(), lidars_.end(),
+                       [](const auto& lidar) { return lidar->channel.wants_search(); });
+  };
+  if (!is_wanted()) return;
+  threads_.emplace_back([this, is_wanted] {
+    pthread_setname_np(pthread_self(), "nilio-search");
+    while (is_wanted() && !stop_.load(std::memory_order_relaxed)) {
+      for (const auto& lidar : lidars_) {
+        const bool was_searching = lidar->channel.is_searching();
+        if (lidar->channel.wants_search()) lidar->channel.search();
+        if (was_searching && !lidar->channel.is_searching()) data_event_.notify();
+      }
+      nanosleep(&kSearchPeriod, nullptr);
+    }
+  });
+}
+
+void Pipeline::run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
+                          std::vector<PlanOutcome>& outcomes) {
+  // In an object that both threads hold: a promise may be destroyed only after the other thread is done with
+  // it.
+  const auto promise = std::make_shared<std::promise<std::vector<PlanOutcome>>>();
+  std::future<std::vector<PlanOutcome>> ready = promise->get_future();
+  threads_.emplace_back([this, role, promise, prepare = std::move(prepare), body = std::move(body)] {
+    std::vector<PlanOutcome> own{apply_to_this_thread(plan_, role)};
+    if (options_.thread_hook != nullptr) options_.thread_hook(role, ThreadPhase::kStarted);
+    const bool runs = own.front().granted || !plan_.strict;
+    if (runs && prepare) {
+      for (PlanOutcome& outcome : prepare()) own.push_back(std::move(outcome));
+    }
+    promise->set_value(std::move(own));
+    if (runs) body();
+  });
+  for (PlanOutcome& outcome : ready.get()) outcomes.push_back(std::move(outcome));
 }
 
 Result<std::vector<PlanOutcome>> Pipeline::start() {
-  std::vector<PlanOutcome> outcomes{lock_process_memory(plan_)};
-  if (options_.paced && input_.first_stamp) {
-    policy_.pace = Pace{*input_.first_stamp, monotonic_ns() + kPaceLeadNs};
-  } else if (options_.paced) {
-    feed_->set_pace(monotonic_ns() + kPaceLeadNs);
-  }
+  prepare_heap(plan_);
+  std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), judge_throttling(plan_)};
+  if (options_.paced && !input_.first_stamp) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
+  start_odometry(outcomes);
   if (guard_)
     run_thread(
-        ThreadRole::kDeadlineGuard, [this] { guard_->run(); }, outcomes);
-  run_thread(
-      ThreadRole::kOdometry, [this] { odometry_body(); }, outcomes);
+        ThreadRole::kDeadlineGuard, {}, [this] { guard_->run(options_.thread_hook); }, outcomes);
+  if (options_.paced && input_.first_stamp)
+    policy_.pace = Pace{*input_.first_stamp, monotonic_ns() + kPaceLeadNs};
   for (const auto& lane : lidars_) {
     LidarLane& lidar = *lane;
     const auto receive = [this, &lidar] {
       receive_packets(lidar.source, lidar.ring, data_event_, policy_, lidar.state);
     };
-    run_thread(ThreadRole::kLidarReceive, receive, outcomes);
+    run_thread(ThreadRole::kLidarReceive, {}, receive, outcomes);
   }
   if (input_.frames) {
-    const auto receive = [this] {
-      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_);
+    // A recording played as fast as possible has samples seconds before the scans they belong to.
+    ipc::PublisherProcess* const imu_poses = input_.live || policy_.pace ? publisher_ : nullptr;
+    const auto receive = [this, imu_poses] {
+      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_,
+                  imu_poses);
     };
-    run_thread(ThreadRole::kImuReceive, receive, outcomes);
+    run_thread(ThreadRole::kImuReceive, {}, receive, outcomes);
   }
+  start_search();
   for (const PlanOutcome& outcome : outcomes) {
     if (outcome.granted || !plan_.strict) continue;
     request_stop();
@@ -211,7 +296,7 @@ void Pipeline::request_stop() {
 }
 
 void Pipeline::join() {
-  for (std::thread& thread : threads_) thread.join();
+  for (PlanThread& thread : threads_) thread.join();
   threads_.clear();
 }
 

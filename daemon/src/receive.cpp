@@ -55,6 +55,10 @@ bool note_end(SourceState read_state, ReceiveState& state) {
   return read_state == SourceState::kData || read_state == SourceState::kIdle;
 }
 
+void tell(const ReceivePolicy& policy, ThreadRole role, ThreadPhase phase) {
+  if (policy.hook != nullptr) policy.hook(role, phase);
+}
+
 void announce_end(ReceiveState& state, ipc::WakeEvent& data_event) {
   state.ended.store(true, std::memory_order_release);
   data_event.notify();
@@ -71,6 +75,7 @@ void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& 
   // Where packets go that find the ring full: they have to leave the socket to be counted.
   const auto overflow = std::make_unique<std::array<drivers::Packet, kBatch>>();
   bool going = true;
+  tell(policy, ThreadRole::kLidarReceive, ThreadPhase::kSteady);
   while (going && !state.stop.load(std::memory_order_relaxed)) {
     state.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const std::span<drivers::Packet> slots = find_room(ring, batch, policy, state);
@@ -91,13 +96,16 @@ void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& 
     }
     going = note_end(read.state, state);
   }
+  tell(policy, ThreadRole::kLidarReceive, ThreadPhase::kEnding);
   announce_end(state, data_event);
 }
 
 void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
-                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state) {
+                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+                 ipc::PublisherProcess* publisher) {
   const auto frames = std::make_unique<std::array<drivers::CanFrame, kBatch>>();
   bool going = true;
+  tell(policy, ThreadRole::kImuReceive, ThreadPhase::kSteady);
   while (going && !state.stop.load(std::memory_order_relaxed)) {
     state.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const drivers::SourceRead read = source.read(*frames, kReadTimeout);
@@ -105,6 +113,8 @@ void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc
       const std::optional<core::ImuSample> sample = decoder.add(frame);
       if (!sample) continue;
       if (policy.pace) wait_until_due(frame.stamp, *policy.pace, state.stop);
+      if (publisher != nullptr)
+        publisher->publish_sample({*sample, policy.pace ? monotonic_ns() : frame.received_ns});
       const std::span<core::ImuSample> slot = find_room(ring, 1, policy, state);
       if (slot.empty()) {
         ring.count_dropped(1);
@@ -116,6 +126,7 @@ void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc
     }
     going = note_end(read.state, state);
   }
+  tell(policy, ThreadRole::kImuReceive, ThreadPhase::kEnding);
   announce_end(state, data_event);
 }
 

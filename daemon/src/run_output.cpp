@@ -122,14 +122,30 @@ Result<std::monostate> RunOutput::write_map() const {
   return std::monostate{};
 }
 
-Result<std::monostate> RunOutput::finish(const std::string& latency_json) {
+Result<std::monostate> RunOutput::write_distributions(const ipc::LatencyHistograms& latency) const {
+  const fs::path folder = fs::path(options_.folder) / "latency";
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return cannot_write(folder);
+  for (std::size_t i = 0; i < ipc::kLatencyStageCount; ++i) {
+    const fs::path path = folder / (std::string(ipc::kLatencyStageNames[i]) + ".hgrm");
+    std::ofstream file(path);
+    file << ipc::percentile_distribution(latency.histogram(static_cast<ipc::LatencyStage>(i)).snapshot());
+    if (!file.flush()) return cannot_write(path);
+  }
+  return std::monostate{};
+}
+
+Result<std::monostate> RunOutput::finish(const std::string& latency_json,
+                                         const ipc::LatencyHistograms& latency) {
   const fs::path folder(options_.folder);
   if (!tum_.flush()) return cannot_write(folder / "trajectory.tum");
   if (!kitti_.flush()) return cannot_write(folder / "trajectory.kitti");
   if (decisions_.is_open() && !decisions_.flush()) return cannot_write(folder / "decisions.jsonl");
-  std::ofstream latency(folder / "latency.json");
-  latency << latency_json << '\n';
-  if (!latency.flush()) return cannot_write(folder / "latency.json");
+  std::ofstream summary(folder / "latency.json");
+  summary << latency_json << '\n';
+  if (!summary.flush()) return cannot_write(folder / "latency.json");
+  if (auto written = write_distributions(latency); !written) return written;
   if (options_.map) return write_map();
   return std::monostate{};
 }

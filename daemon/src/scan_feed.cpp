@@ -30,7 +30,6 @@ bool PacketScanFeed::drain(core::Scan& scan) {
 
 /// What is left when nothing more will come: true when that made a scan.
 bool PacketScanFeed::end(core::Scan& scan) {
-  if (channel_.settle() && drain(scan)) return true;
   if (std::exchange(finished_, true)) return false;
   const bool complete = channel_.finish_scan();
   if (complete) take(scan);

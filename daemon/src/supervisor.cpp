@@ -5,6 +5,7 @@
 #include "nilio/daemon/config_terms.hpp"
 #include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/imu_report.hpp"
+#include "nilio/daemon/memory_plan.hpp"
 #include "nilio/daemon/pipeline.hpp"
 #include "nilio/daemon/run_output.hpp"
 #include "nilio/ipc/histogram.hpp"
@@ -44,6 +45,7 @@ class Supervisor {
   Result<std::monostate> open_publisher();
   Result<std::monostate> open_output(const Input& input);
   void drain();
+  void report_plan(const std::vector<PlanOutcome>& outcomes);
   void report_clock(const ipc::PoseRecord& record);
   void watch_publisher();
   void watch_can();
@@ -66,6 +68,8 @@ class Supervisor {
   ipc::LatencyHistograms latency_;
   BudgetReport budget_;
   ImuReport imu_report_;
+  /// What the kernel granted, a line each.
+  std::vector<std::string> plan_lines_;
   std::optional<ipc::PoseRecord> last_;
   std::uint64_t poses_ = 0;
   std::uint64_t poses_at_last_status_ = 0;
@@ -89,6 +93,7 @@ Result<std::monostate> Supervisor::open_publisher() {
   config.base_frame = config_.publisher.base_frame;
   config.topic_prefix = config_.publisher.topic_prefix;
   config.ring_capacity = kPublisherSlots;
+  if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
   config.wait_for_subscribers = Duration::from_seconds(config_.publisher.wait_for_subscribers_s);
   auto publisher = ipc::PublisherProcess::create(std::move(config));
   if (!publisher) return publisher.error();
@@ -174,6 +179,15 @@ void Supervisor::drain() {
   }
 }
 
+void Supervisor::report_plan(const std::vector<PlanOutcome>& outcomes) {
+  // Nobody cares in a replay at normal priority.
+  const auto good = pipeline_->input().live ? spdlog::level::info : spdlog::level::debug;
+  for (const PlanOutcome& outcome : outcomes) {
+    spdlog::log(outcome.granted && !outcome.warns ? good : spdlog::level::warn, "{}", outcome.text);
+    plan_lines_.push_back(outcome.text);
+  }
+}
+
 /// What the times rest on: at the first scan and whenever it changes.
 void Supervisor::report_clock(const ipc::PoseRecord& record) {
   if (last_ && last_->clock_source == record.clock_source && !record.after_time_jump) return;
@@ -247,13 +261,7 @@ Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
   next_status_ns_ = started_ns_ + kStatusPeriodNs;
   const auto granted = pipeline_->start();
   if (!granted) return granted.error();
-  for (const PlanOutcome& outcome : *granted) {
-    if (outcome.granted) {
-      spdlog::debug("{}", outcome.text);
-    } else {
-      spdlog::warn("{}", outcome.text);
-    }
-  }
+  report_plan(*granted);
   while (!pipeline_->finished() && !stop.load()) {
     pipeline_->output_event().wait(kPollPeriod);
     drain();
@@ -273,7 +281,7 @@ Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
   }
   report_end();
   if (output_) {
-    if (auto finished = output_->finish(summary().dump(2)); !finished) return finished;
+    if (auto finished = output_->finish(summary().dump(2), latency_); !finished) return finished;
   }
   if (poses_ == 0 && options_.replay) return Error{explain_no_poses()};
   return std::monostate{};
@@ -381,6 +389,9 @@ nlohmann::json Supervisor::summary() const {
       {"poses_lost", states_[3]},
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
+      {"log_events_dropped", pipeline_->feed_log().dropped()},
+      {"publisher_samples", publisher_ ? publisher_->samples().written() : 0},
+      {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
   };
   json["counters"].update(decoder_summary(pipeline_->imu_stats()));
   json["lidars"] = nlohmann::json::array();
@@ -392,6 +403,11 @@ nlohmann::json Supervisor::summary() const {
   json["imu"] = imu_report_.json();
   json["budget"] = budget_.json(pipeline_->budget());
   json["budget"]["superseded"] = counters.superseded.load();
+  json["threads"] = plan_lines_;
+  const MemoryUse memory = memory_use();
+  json["memory"] = {{"resident_bytes", memory.resident_bytes},
+                    {"peak_resident_bytes", memory.peak_resident_bytes},
+                    {"locked_bytes", memory.locked_bytes}};
   if (last_) json["clock_source"] = core::name_of(last_->clock_source);
   if (output_) json["path_length_m"] = output_->path_length_m();
   return json;
@@ -450,6 +466,9 @@ void Supervisor::report_end() const {
         "{} scans are not where the log of decisions has them: it is of another recording, or of one "
         "that lost other packets; this is no repetition of that run",
         missed);
+  const MemoryUse memory = memory_use();
+  spdlog::info("memory: {} MiB resident, {} MiB at most, {} MiB locked", memory.resident_bytes >> 20U,
+               memory.peak_resident_bytes >> 20U, memory.locked_bytes >> 20U);
   spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
 }
 

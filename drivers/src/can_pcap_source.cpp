@@ -115,13 +115,14 @@ bool CanCaptureSource::is_wanted(const CapturedFrame& captured, const CapturedCa
 }
 
 void CanCaptureSource::end(CaptureRead how) {
-  const std::lock_guard lock(end_mutex_);
   if (how == CaptureRead::kTruncated) {
     counters_.add_malformed(1);
+    const std::lock_guard lock(end_mutex_);
     end_reason_ =
         "the file ends in the middle of a packet (recording not closed properly, or copied in part); "
         "everything before was read";
   } else if (how == CaptureRead::kDamaged) {
+    const std::lock_guard lock(end_mutex_);
     end_reason_ = reader_->problem();
   }
   state_.store(how == CaptureRead::kDamaged ? SourceState::kFailed : SourceState::kEnd,

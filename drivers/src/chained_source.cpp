@@ -32,12 +32,15 @@ class ChainedSource final : public Source<Slot> {
       : paths_(std::move(paths)), opener_(std::move(opener)) {}
 
   SourceRead read(std::span<Slot> slots, core::Duration timeout) override {
-    while (current_ || open_next()) {
+    while (!is_over_ && (current_ || open_next())) {
       const SourceRead result = current_->read(slots, timeout);
       if (result.state != SourceState::kEnd && result.state != SourceState::kFailed) return result;
-      finish_current(result.state);
+      // The last file stays open: closing it and noting how it ended is not for the thread that reads.
+      is_over_ =
+          next_ == paths_.size() && result.state == SourceState::kEnd && current_->stats().malformed == 0;
+      if (!is_over_) finish_current(result.state);
     }
-    return {read_any_ ? SourceState::kEnd : SourceState::kFailed, 0};
+    return {read_any_ || is_over_ ? SourceState::kEnd : SourceState::kFailed, 0};
   }
 
   [[nodiscard]] SourceStats stats() const override {
@@ -98,6 +101,7 @@ class ChainedSource final : public Source<Slot> {
   const Opener opener_;
   std::size_t next_ = 0;
   bool read_any_ = false;
+  bool is_over_ = false;
   /// Only the reading thread changes what follows, so it may look without the lock.
   mutable std::mutex mutex_;
   File current_;

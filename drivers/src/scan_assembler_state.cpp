@@ -54,6 +54,7 @@ ScanAssembler::State::State(VelodyneSensor sensor, const ScanAssemblerConfig& co
   use_layout(index);
   current_.points.reserve(capacity_);
   completed_.points.reserve(capacity_);
+  spare_.reserve(capacity_);
 }
 
 void ScanAssembler::State::use_layout(std::size_t index) {
@@ -337,6 +338,8 @@ bool ScanAssembler::State::finish() {
 
 void ScanAssembler::State::take_scan(core::Scan& scan) {
   std::swap(completed_, scan);
+  // The first scan that is swapped in has no buffer yet.
+  if (completed_.points.capacity() < capacity_) completed_.points.swap(spare_);
   completed_.points.clear();
   completed_.points.reserve(capacity_);
 }

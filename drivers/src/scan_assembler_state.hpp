@@ -86,6 +86,8 @@ class ScanAssembler::State {
   std::array<core::Point, (kBlocksPerPacket + 1) * kEntriesPerBlock> scratch_;
   core::Scan current_;
   core::Scan completed_;
+  /// Takes the place of a buffer that is too small, when one is swapped in.
+  std::vector<core::Point> spare_;
   /// A scan became complete in the packet at hand.
   bool has_completed_ = false;
   bool after_time_jump_ = false;

@@ -24,11 +24,15 @@ std::size_t Histogram::bucket_of(std::int64_t ns) noexcept {
   return shift * kSubBuckets + (value >> shift);
 }
 
-std::int64_t Histogram::middle_of(std::size_t bucket) noexcept {
+std::int64_t Histogram::begin_of(std::size_t bucket) noexcept {
   if (bucket < 2 * kSubBuckets) return static_cast<std::int64_t>(bucket);
   const std::size_t shift = bucket / kSubBuckets - 1;
   const std::uint64_t mantissa = bucket - shift * kSubBuckets;
-  return static_cast<std::int64_t>((mantissa << shift) + (std::uint64_t{1} << shift) / 2);
+  return static_cast<std::int64_t>(mantissa << shift);
+}
+
+std::int64_t Histogram::middle_of(std::size_t bucket) noexcept {
+  return (begin_of(bucket) + begin_of(bucket + 1)) / 2;
 }
 
 void Histogram::record(std::int64_t ns) noexcept {
@@ -80,6 +84,34 @@ std::int64_t HistogramSnapshot::percentile(double percent) const {
     if (seen >= rank) return std::clamp(Histogram::middle_of(bucket), min_, std::max(min_, max_));
   }
   return max_;
+}
+
+double HistogramSnapshot::deviation() const {
+  if (count_ == 0) return 0.0;
+  // About the mean of the buckets: mean() may have gone on while they were copied.
+  double sum = 0.0;
+  double square = 0.0;
+  for (std::size_t bucket = 0; bucket < counts_.size(); ++bucket) {
+    const auto value = static_cast<double>(Histogram::middle_of(bucket));
+    sum += static_cast<double>(counts_[bucket]) * value;
+    square += static_cast<double>(counts_[bucket]) * value * value;
+  }
+  const double mean = sum / static_cast<double>(count_);
+  return std::sqrt(std::max(0.0, square / static_cast<double>(count_) - mean * mean));
+}
+
+std::vector<HistogramBucket> HistogramSnapshot::coarse_buckets() const {
+  return grouped(Histogram::kSubBuckets / 8);
+}
+
+std::vector<HistogramBucket> HistogramSnapshot::grouped(std::size_t group) const {
+  std::vector<HistogramBucket> result;
+  for (std::size_t first = 0; first < counts_.size(); first += group) {
+    std::uint64_t count = 0;
+    for (std::size_t i = first; i < first + group; ++i) count += counts_[i];
+    if (count > 0) result.push_back({Histogram::begin_of(first), Histogram::begin_of(first + group), count});
+  }
+  return result;
 }
 
 }  // namespace nilio::ipc

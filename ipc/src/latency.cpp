@@ -15,7 +15,10 @@ std::int64_t stage_time(const PoseRecord& record, Stage stage) {
 }  // namespace
 
 LatencySummary summarize(std::string_view name, const Histogram& histogram) {
-  const HistogramSnapshot snapshot = histogram.snapshot();
+  return summarize(name, histogram.snapshot());
+}
+
+LatencySummary summarize(std::string_view name, const HistogramSnapshot& snapshot) {
   const auto percentile_us = [&](double percent) {
     return static_cast<double>(snapshot.percentile(percent)) * 1e-3;
   };

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <csignal>
+#include <cstdio>
 #include <cstring>
 #include <fcntl.h>
 #include <sched.h>
@@ -17,8 +17,11 @@ namespace nilio::ipc {
 namespace {
 
 // Where the child finds what it inherits: next to standard input, output and error, and nothing above.
-constexpr int kRingDescriptor = 3;
-constexpr int kWakeDescriptor = 4;
+constexpr int kFirstDescriptor = 3;
+constexpr std::array<const char*, 5> kDescriptorOptions{
+    "--ring-fd=", "--wake-fd=", "--imu-pose-ring-fd=", "--imu-ring-fd=", "--imu-wake-fd="};
+// Scan poses for the IMU-rate thread, which takes them at once: only one that is away lets them pile up.
+constexpr std::size_t kImuPoseSlots = 64;
 // After a restart the poses that piled up wait this long for subscribers to find the new process.
 constexpr core::Duration kRediscovery{1'000'000'000};
 
@@ -30,11 +33,13 @@ std::string describe(core::Duration duration) { return std::to_string(duration.n
 class DescriptorCopy {
  public:
   explicit DescriptorCopy(int original) : copy_(fcntl(original, F_DUPFD_CLOEXEC, 16)) {}
+  DescriptorCopy(DescriptorCopy&& other) noexcept : copy_(std::exchange(other.copy_, -1)) {}
   ~DescriptorCopy() {
     if (copy_ >= 0) close(copy_);
   }
   DescriptorCopy(const DescriptorCopy&) = delete;
   DescriptorCopy& operator=(const DescriptorCopy&) = delete;
+  DescriptorCopy& operator=(DescriptorCopy&&) = delete;
   [[nodiscard]] int get() const { return copy_; }
 
  private:
@@ -61,12 +66,14 @@ void set_attributes(posix_spawnattr_t& attributes) {
                                             POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSCHEDULER);
 }
 
-int spawn_with_descriptors(const std::string& executable, char* const* argv, int ring, int wake, pid_t& pid) {
+int spawn_with_descriptors(const std::string& executable, char* const* argv,
+                           const std::vector<DescriptorCopy>& descriptors, pid_t& pid) {
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, ring, kRingDescriptor);
-  posix_spawn_file_actions_adddup2(&actions, wake, kWakeDescriptor);
-  posix_spawn_file_actions_addclosefrom_np(&actions, kWakeDescriptor + 1);
+  int next = kFirstDescriptor;
+  for (const DescriptorCopy& descriptor : descriptors)
+    posix_spawn_file_actions_adddup2(&actions, descriptor.get(), next++);
+  posix_spawn_file_actions_addclosefrom_np(&actions, next);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
   set_attributes(attributes);
@@ -76,22 +83,58 @@ int spawn_with_descriptors(const std::string& executable, char* const* argv, int
   return failure;
 }
 
-}  // namespace
-
-core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(PublisherProcessConfig config) {
-  auto ring = Ring<PoseRecord>::in_shared_memory(config.ring_capacity);
-  if (!ring) return core::Error{"pose ring for the publisher: " + ring.error().message};
-  auto wake_event = WakeEvent::create();
-  if (!wake_event) return core::Error{"wake event for the publisher: " + wake_event.error().message};
-  return std::unique_ptr<PublisherProcess>(
-      new PublisherProcess(std::move(config), std::move(ring).value(), std::move(wake_event).value()));
+// Exact, as the shortest decimal of a double need not be.
+std::string exact(double value) {
+  std::array<char, 40> text{};
+  std::snprintf(text.data(), text.size(), "%.17g", value);
+  return text.data();
 }
 
-PublisherProcess::PublisherProcess(PublisherProcessConfig config, Ring<PoseRecord> ring, WakeEvent wake_event)
-    : config_(std::move(config)),
-      ring_(std::move(ring)),
-      wake_event_(std::move(wake_event)),
-      back_off_(config_.initial_back_off) {}
+void add_imu_arguments(const ImuPoseConfig& config, std::vector<std::string>& arguments) {
+  const core::ImuPropagatorConfig& propagation = config.propagation;
+  const core::PoseSlewLimits& slew = config.slew;
+  const auto& q = propagation.T_base_imu.rotation;
+  const core::Vector3& p = propagation.T_base_imu.translation;
+  const auto add = [&](const char* option, double value) { arguments.push_back(option + exact(value)); };
+  arguments.emplace_back("--imu-rate");
+  arguments.push_back("--imu-orientation=" + exact(q.x()) + "," + exact(q.y()) + "," + exact(q.z()) + "," +
+                      exact(q.w()));
+  arguments.push_back("--imu-position=" + exact(p.x()) + "," + exact(p.y()) + "," + exact(p.z()));
+  add("--imu-max-gap=", propagation.max_gap.seconds());
+  add("--imu-max-age=", propagation.max_age.seconds());
+  add("--imu-rate-max-hz=", config.max_rate_hz);
+  add("--imu-max-slew=", slew.max_slew_m_s);
+  add("--imu-max-turn-slew=", slew.max_slew_rad_s);
+  add("--imu-settle=", slew.settle.seconds());
+  add("--imu-jump=", slew.jump_m);
+  add("--imu-turn-jump=", slew.jump_rad);
+}
+
+}  // namespace
+
+core::Result<PublisherRings> PublisherRings::create(std::size_t pose_slots, std::size_t sample_slots) {
+  auto poses = Ring<PoseRecord>::in_shared_memory(pose_slots);
+  if (!poses) return core::Error{"pose ring for the publisher: " + poses.error().message};
+  auto imu_poses = Ring<PoseRecord>::in_shared_memory(kImuPoseSlots);
+  if (!imu_poses) return core::Error{"second pose ring for the publisher: " + imu_poses.error().message};
+  auto samples = Ring<ImuRecord>::in_shared_memory(sample_slots);
+  if (!samples) return core::Error{"IMU ring for the publisher: " + samples.error().message};
+  auto wake = WakeEvent::create();
+  auto imu_wake = WakeEvent::create();
+  if (!wake || !imu_wake)
+    return core::Error{"wake event for the publisher: " + (wake ? imu_wake : wake).error().message};
+  return PublisherRings{std::move(poses).value(), std::move(wake).value(), std::move(imu_poses).value(),
+                        std::move(samples).value(), std::move(imu_wake).value()};
+}
+
+core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(PublisherProcessConfig config) {
+  auto rings = PublisherRings::create(config.ring_capacity, config.sample_ring_capacity);
+  if (!rings) return rings.error();
+  return std::unique_ptr<PublisherProcess>(new PublisherProcess(std::move(config), std::move(rings).value()));
+}
+
+PublisherProcess::PublisherProcess(PublisherProcessConfig config, PublisherRings rings)
+    : config_(std::move(config)), rings_(std::move(rings)), back_off_(config_.initial_back_off) {}
 
 PublisherProcess::~PublisherProcess() {
   if (!running()) return;
@@ -100,16 +143,25 @@ PublisherProcess::~PublisherProcess() {
 }
 
 bool PublisherProcess::publish(const PoseRecord& record) noexcept {
-  const bool pushed = ring_.try_push(record);
-  wake_event_.notify();
+  const bool pushed = rings_.poses.try_push(record);
+  rings_.wake.notify();
+  if (config_.imu_poses) {
+    rings_.imu_poses.try_push(record);
+    rings_.imu_wake.notify();
+  }
+  return pushed;
+}
+
+bool PublisherProcess::publish_sample(const ImuRecord& record) noexcept {
+  if (!config_.imu_poses) return false;
+  const bool pushed = rings_.samples.try_push(record);
+  rings_.imu_wake.notify();
   return pushed;
 }
 
 std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_subscribers) const {
   std::vector<std::string> arguments{
       config_.executable.string(),
-      "--ring-fd=" + std::to_string(kRingDescriptor),
-      "--wake-fd=" + std::to_string(kWakeDescriptor),
       "--parent-pid=" + std::to_string(getpid()),
       "--domain=" + std::to_string(config_.domain),
       "--odom-frame=" + config_.odom_frame,
@@ -119,25 +171,31 @@ std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_sub
   if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
   for (const std::string& address : config_.interface_whitelist)
     arguments.push_back("--interface=" + address);
+  int descriptor = kFirstDescriptor;
+  for (const char* option : kDescriptorOptions) arguments.push_back(option + std::to_string(descriptor++));
+  if (config_.imu_poses) add_imu_arguments(*config_.imu_poses, arguments);
   return arguments;
 }
 
 core::Result<pid_t> PublisherProcess::spawn(core::Duration wait_for_subscribers) {
-  const DescriptorCopy ring(ring_.file_descriptor());
-  const DescriptorCopy wake(wake_event_.file_descriptor());
+  // In the order of kDescriptorOptions.
+  std::vector<DescriptorCopy> descriptors;
+  for (const int descriptor :
+       {rings_.poses.file_descriptor(), rings_.wake.file_descriptor(), rings_.imu_poses.file_descriptor(),
+        rings_.samples.file_descriptor(), rings_.imu_wake.file_descriptor()})
+    descriptors.emplace_back(descriptor);
   std::vector<std::string> strings = arguments(wait_for_subscribers);
   std::vector<char*> argv;
   argv.reserve(strings.size() + 1);
   for (std::string& argument : strings) argv.push_back(argument.data());
   argv.push_back(nullptr);
   pid_t pid = -1;
-  const int failure = spawn_with_descriptors(strings.front(), argv.data(), ring.get(), wake.get(), pid);
+  const int failure = spawn_with_descriptors(strings.front(), argv.data(), descriptors, pid);
   if (failure != 0)
     return core::Error{"cannot start the publisher " + strings.front() + ": " + std::strerror(failure)};
   pid_ = pid;
   started_at_ = Clock::now();
-  last_consumed_ = ring_.consumed();
-  last_progress_ = started_at_ + chrono(wait_for_subscribers);
+  reset_progress(started_at_ + chrono(wait_for_subscribers));
   return pid;
 }
 
@@ -160,12 +218,12 @@ std::optional<PublisherEvent> PublisherProcess::poll_running() {
   if (waited == 0) {
     if (!is_hung()) return std::nullopt;
     kill(pid_, SIGKILL);
-    last_progress_ = Clock::now();
+    reset_progress(Clock::now());
     PublisherEvent event;
     event.kind = PublisherEvent::Kind::kHung;
     event.pid = pid_;
     event.restarts = restarts_;
-    event.message = "publisher " + std::to_string(pid_) + " has read no pose for " +
+    event.message = "publisher " + std::to_string(pid_) + " has read nothing that waits for it for " +
                     describe(config_.hang_timeout) + ": killing it";
     return event;
   }
@@ -195,14 +253,21 @@ std::optional<PublisherEvent> PublisherProcess::poll_stopped() {
   return event;
 }
 
+void PublisherProcess::reset_progress(Clock::time_point at) {
+  pose_progress_ = {rings_.poses.consumed(), at};
+  sample_progress_ = {rings_.samples.consumed(), at};
+}
+
 bool PublisherProcess::is_hung() {
-  const std::uint64_t consumed = ring_.consumed();
   const auto now = Clock::now();
-  if (consumed != last_consumed_ || ring_.size() == 0) {
-    last_consumed_ = consumed;
-    last_progress_ = std::max(last_progress_, now);
-  }
-  return now - last_progress_ > chrono(config_.hang_timeout);
+  const auto stands_still = [&](const auto& ring, Progress& progress) {
+    if (const std::uint64_t consumed = ring.consumed(); consumed != progress.consumed || ring.size() == 0)
+      progress = {consumed, std::max(progress.at, now)};
+    return now - progress.at > chrono(config_.hang_timeout);
+  };
+  const bool poses = stands_still(rings_.poses, pose_progress_);
+  const bool samples = stands_still(rings_.samples, sample_progress_);
+  return poses || samples;
 }
 
 PublisherEvent PublisherProcess::ended(PublisherEvent::Kind kind, int wait_status) {
@@ -246,7 +311,7 @@ std::optional<PublisherEvent> PublisherProcess::stop(core::Duration timeout) {
     waitpid(pid_, &wait_status, 0);
   }
   PublisherEvent event = ended(PublisherEvent::Kind::kStopped, wait_status);
-  event.unpublished = ring_.size();
+  event.unpublished = rings_.poses.size();
   if (event.unpublished > 0)
     event.message += ", " + std::to_string(event.unpublished) + " poses not published";
   return event;

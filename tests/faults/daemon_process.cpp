@@ -138,6 +138,37 @@ TEST_CASE("a replay without the publisher's executable still gives every pose an
   CHECK(count_lines(folder.path() / "run" / "trajectory.tum") >= 9);
 }
 
+TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies of all stages are plotted") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 4.0, true);
+  Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
+                         (folder.path() / "run").string(), "--set", own_domain(), "--set",
+                         "publisher.interfaces=[\"127.0.0.1\"]"});
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == 0);
+  const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+  const auto samples = report["counters"]["publisher_samples"].get<std::uint64_t>();
+  CHECK(samples > 700);
+  CHECK(report["counters"]["publisher_samples_dropped"] == 0);
+  std::smatch match;
+  REQUIRE(
+      std::regex_search(finished.output, match, std::regex("at IMU rate ([0-9]+) poses, 0 writes failed")));
+  const std::uint64_t poses = std::stoull(match[1].str());
+  // None before the first scan has its pose.
+  CHECK(poses + 100 > samples);
+  CHECK(poses < samples);
+  for (const char* stage : {"receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "hand_over",
+                            "map", "end_to_end"}) {
+    INFO(stage);
+    const std::string text = read_file(folder.path() / "run" / "latency" / (std::string(stage) + ".hgrm"));
+    CHECK(text.find("       Value     Percentile TotalCount 1/(1-Percentile)") == 0);
+    const auto expected = report["stages"][stage]["count"].get<std::uint64_t>();
+    CHECK(std::regex_search(text, match, std::regex("Total count    = +([0-9]+)\\]")));
+    CHECK(std::stoull(match[1].str()) == expected);
+  }
+}
+
 TEST_CASE("SIGTERM ends a paced replay in order, with its outputs written") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 6.0, false);

@@ -55,14 +55,48 @@ DiagnosticArray sample_diagnostics() {
 LatencyReport sample_report() {
   LatencyReport report;
   report.stamp = {1'700'000'000'000'000'001};
-  report.stages = {
-      {"filter", 12, 1.5, 2.5, 3.5}, {"a much longer name", 1ULL << 60, 0.0, 1e9, 2e9}, {"", 0, 0, 0, 0}};
+  report.stages = {{"filter", 12, 1.5, 1.75, 2.5, 3.0, 3.5, {{1.0, 2.0, 7}, {2.0, 4.0, 5}}},
+                   {"a much longer name", 1ULL << 60, 0.0, 1e3, 1e9, 1.5e9, 2e9, {}},
+                   {"", 0, 0, 0, 0, 0, 0, {{0, 0, 0}}}};
   report.poses_published = 1;
   report.failed_writes = 2;
   report.ring_dropped = 3;
   report.ring_high_water = 4;
+  report.imu_poses_published = 5;
+  report.imu_ring_dropped = 6;
+  report.imu_ring_high_water = 7;
   return report;
 }
+
+ScanReport sample_scan_report() {
+  ScanReport report;
+  report.stamp = {1'700'000'000'100'000'002};
+  report.scan_start = {1'700'000'000'000'000'003};
+  report.sequence = 1ULL << 40;
+  report.state = "tracking";
+  report.stop_reason = "converged";
+  report.handed_over = {1'700'000'000'120'000'000};
+  report.host_id = "5c2e";
+  report.stages = {{"received", 1}, {"", -2}, {"written", 1LL << 50}};
+  report.imu_used = true;
+  report.degenerate_axes = 0x21;
+  report.coverage_deg = 359.5F;
+  report.points = 1;
+  report.points_used = 2;
+  report.correspondences = 3;
+  report.coarse_iterations = 4;
+  report.fine_iterations = 5;
+  report.map_voxels = 6;
+  report.lost_packets = 7;
+  report.missing_firings = 8;
+  report.superseded = 9;
+  report.budget_rung = "icp_only";
+  report.guarded = true;
+  report.overshoot_ns = -10;
+  return report;
+}
+
+ImuPoseStatus sample_imu_status() { return {{5}, {4}, 6, 0.25, -0.125, true, false, 7, 8, 9, 10}; }
 
 template <class Type, class Message>
 std::vector<std::uint8_t> bytes_of(Type& type, Message message) {
@@ -117,6 +151,8 @@ TEST_CASE("the types carry the names that ROS 2 gives them in DDS") {
   CHECK(std::string(TransformType().getName()) == "tf2_msgs::msg::dds_::TFMessage_");
   CHECK(std::string(LatencyReportType().getName()) == "nilio::msg::dds_::LatencyReport_");
   CHECK(std::string(DiagnosticArrayType().getName()) == "diagnostic_msgs::msg::dds_::DiagnosticArray_");
+  CHECK(std::string(ScanReportType().getName()) == "nilio::msg::dds_::ScanReport_");
+  CHECK(std::string(ImuPoseStatusType().getName()) == "nilio::msg::dds_::ImuPoseStatus_");
 }
 
 TEST_CASE("messages survive the way to bytes and back") {
@@ -128,6 +164,9 @@ TEST_CASE("messages survive the way to bytes and back") {
   check_round_trip<LatencyReportType>(LatencyReport{});
   check_round_trip<DiagnosticArrayType>(sample_diagnostics());
   check_round_trip<DiagnosticArrayType>(DiagnosticArray{});
+  check_round_trip<ScanReportType>(sample_scan_report());
+  check_round_trip<ScanReportType>(ScanReport{});
+  check_round_trip<ImuPoseStatusType>(sample_imu_status());
 }
 
 TEST_CASE("times before 1970 keep nanoseconds in their range") {
@@ -203,6 +242,8 @@ TEST_CASE("truncated and damaged payloads are refused without an exception") {
   check_survives_damage<TransformType>(sample_transforms());
   check_survives_damage<LatencyReportType>(sample_report());
   check_survives_damage<DiagnosticArrayType>(sample_diagnostics());
+  check_survives_damage<ScanReportType>(sample_scan_report());
+  check_survives_damage<ImuPoseStatusType>(sample_imu_status());
 }
 
 TEST_CASE("a sequence length that the payload cannot hold is refused before anything is allocated") {
@@ -238,6 +279,9 @@ TEST_CASE("topic names take a prefix, and ROS's rules for names") {
   CHECK(topic_names("").value().odometry == "rt/odom");
   CHECK(topic_names("").value().transform == "rt/tf");
   CHECK(topic_names("").value().latency == "rt/nilio/latency");
+  CHECK(topic_names("").value().imu_odometry == "rt/nilio/odometry_imu");
+  CHECK(topic_names("car").value().imu_status == "rt/car/nilio/odometry_imu_status");
+  CHECK(topic_names("car").value().scan_report == "rt/car/nilio/scan_report");
   CHECK(topic_names("car").value().diagnostics == "rt/diagnostics");
   CHECK(topic_names("/car_1//front/").value().odometry == "rt/car_1/front/odom");
   CHECK(topic_names("car").value().transform == "rt/tf");

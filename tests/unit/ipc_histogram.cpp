@@ -194,3 +194,34 @@ TEST_CASE("latency exports in microseconds as JSON and as a table") {
   CHECK(std::count(table.begin(), table.end(), '\n') == 1 + static_cast<int>(nilio::ipc::kLatencyStageCount));
   CHECK(table.find("14000.0") != std::string::npos);
 }
+
+TEST_CASE("buckets hold every value once, within their bounds, and coarse ones the same counts") {
+  auto histogram = std::make_unique<Histogram>();
+  std::mt19937_64 random(5);
+  std::lognormal_distribution<double> latency(12.0, 2.0);
+  std::vector<std::int64_t> values;
+  for (int i = 0; i < 20'000; ++i) {
+    values.push_back(static_cast<std::int64_t>(latency(random)));
+    histogram->record(values.back());
+  }
+  const auto snapshot = histogram->snapshot();
+  for (const auto& buckets : {snapshot.buckets(), snapshot.coarse_buckets()}) {
+    std::uint64_t count = 0;
+    std::int64_t last = 0;
+    for (const nilio::ipc::HistogramBucket& bucket : buckets) {
+      REQUIRE(bucket.from_ns >= last);
+      REQUIRE(bucket.count > 0);
+      const auto inside = std::count_if(values.begin(), values.end(), [&](std::int64_t value) {
+        return value >= bucket.from_ns && value < bucket.to_ns;
+      });
+      REQUIRE(static_cast<std::uint64_t>(inside) == bucket.count);
+      last = bucket.to_ns;
+      count += bucket.count;
+    }
+    CHECK(count == values.size());
+  }
+  CHECK(snapshot.coarse_buckets().size() <= 8 * 29);
+  double sum = 0.0;
+  for (const std::int64_t value : values) sum += std::pow(static_cast<double>(value) - snapshot.mean(), 2.0);
+  CHECK(snapshot.deviation() == Approx(std::sqrt(sum / static_cast<double>(values.size()))).epsilon(0.01));
+}

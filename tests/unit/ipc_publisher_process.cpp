@@ -90,17 +90,58 @@ TEST_CASE("the publisher gets its settings as arguments and no descriptors but i
                             Contains("--interface=10.0.0.7"));
   CHECK_THAT(arguments, Contains("--odom-frame=my odom") && Contains("--topic-prefix=car"));
   CHECK_THAT(arguments, Contains("--parent-pid=" + std::to_string(getpid())));
-  // 0 to 4; ls itself has one more for the folder it lists, and the shell may have one for its script.
+  // 0 to 7; ls itself has one more for the folder it lists, and the shell may have one for its script.
   std::istringstream descriptors(fake.output("descriptors"));
   int descriptor = -1;
   int count = 0;
   while (descriptors >> descriptor) {
     ++count;
-    CHECK((descriptor < 6 || descriptor == 10));
+    CHECK((descriptor < 9 || descriptor == 10));
   }
-  CHECK(count >= 6);
-  CHECK(count <= 7);
+  CHECK(count >= 9);
+  CHECK(count <= 10);
   close(leak);
+}
+
+TEST_CASE("what the IMU-rate poses need is handed over exactly, or not at all") {
+  const FakePublisher fake("echo \"$@\" > arguments; exec sleep 100");
+  PublisherProcessConfig config = config_for(fake.path());
+  SECTION("wanted") {
+    config.imu_poses.emplace();
+    config.imu_poses->propagation.T_base_imu.rotation = Eigen::Quaterniond(0.1, 0.7, -0.7, 0.1);
+    config.imu_poses->propagation.T_base_imu.translation = {-0.81, 0.0, 2.0 / 3.0};
+    config.imu_poses->slew.jump_rad = 1.0 / 3.0;
+    auto process = PublisherProcess::create(config);
+    REQUIRE(process.ok());
+    REQUIRE((*process)->start().ok());
+    const std::string arguments = fake.output("arguments");
+    CHECK_THAT(arguments, Contains("--imu-rate ") && Contains("--imu-turn-jump=0.33333333333333331"));
+    CHECK_THAT(arguments, Contains("--imu-orientation=0.69999999999999996,-0.69999999999999996,0."
+                                   "10000000000000001,0.10000000000000001"));
+    CHECK_THAT(arguments, Contains("--imu-position=-0.81000000000000005,0,0.66666666666666663"));
+    CHECK((*process)->publish_sample({}));
+    CHECK((*process)->samples().size() == 1);
+  }
+  SECTION("not wanted") {
+    auto process = PublisherProcess::create(config);
+    REQUIRE(process.ok());
+    REQUIRE((*process)->start().ok());
+    CHECK(fake.output("arguments").find("--imu-rate ") == std::string::npos);
+    CHECK_FALSE((*process)->publish_sample({}));
+    CHECK((*process)->samples().written() == 0);
+  }
+}
+
+TEST_CASE("samples that find the ring full are counted and never block") {
+  PublisherProcessConfig config = config_for("/bin/true");
+  config.imu_poses.emplace();
+  config.sample_ring_capacity = 16;
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  int accepted = 0;
+  for (int i = 0; i < 50; ++i) accepted += (*process)->publish_sample({}) ? 1 : 0;
+  CHECK(accepted == 16);
+  CHECK((*process)->samples().dropped() == 34);
 }
 
 TEST_CASE("a publisher that does not end when asked is killed") {

@@ -141,7 +141,7 @@ Result<LoopPlan> plan_laps(std::span<const SensorDrive> drives, Duration length)
     if (!span) return span.error();
     spans.push_back(*span);
   }
-  if (spans.empty()) return Error{"there is no drive to play"};
+  if (spans.empty()) return Error{"there is no drive to go round on: name one"};
   LoopPlan plan;
   Time next = spans.front().first;
   plan.end = next + length;

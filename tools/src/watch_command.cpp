@@ -1,8 +1,11 @@
 #include "nilio/core/time.hpp"
 #include "nilio/dds/odometry_subscriber.hpp"
+#include "nilio/dds/reports.hpp"
 #include "nilio/ipc/histogram.hpp"
 
 #include "commands.hpp"
+#include "packet_to_pose.hpp"
+#include "watch_report.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,6 +17,7 @@
 #include <cstdio>
 #include <cstring>
 #include <deque>
+#include <fstream>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -24,6 +28,7 @@
 #include <vector>
 
 #include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
 
 namespace nilio::tools {
 namespace {
@@ -31,7 +36,6 @@ namespace {
 using core::Duration;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kLongestMessage = 240;
 constexpr double kDegPerRad = 57.295779513082321;
 constexpr Duration kPollPeriod{50'000'000};
 constexpr std::chrono::milliseconds kTerminalPeriod{100};
@@ -43,6 +47,7 @@ struct WatchOptions {
   std::uint64_t count = 0;
   double timeout_s = 0.0;
   std::string tum_path;
+  std::string json_path;
 };
 
 bool is_finite(const dds::Odometry& message) {
@@ -56,14 +61,6 @@ double yaw_deg(const std::array<double, 4>& q) {
 }
 
 double norm(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
-
-// Names come from the network: nothing of them may steer the terminal.
-std::string printable(const std::string& name, std::size_t longest = 32) {
-  std::string text = name.substr(0, longest);
-  std::replace_if(
-      text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-  return text;
-}
 
 // Poses as lines of "time x y z qx qy qz qw" (TUM trajectory format).
 class TumFile {
@@ -112,6 +109,7 @@ class WatchStatistics {
     const Duration delay = sample.received - sample.written;
     if (delay.ns < 0) ++from_the_future_;
     latency_->record(delay.ns);
+    packet_to_pose_.add_pose(sample.message.stamp, sample.received_ns);
     if (!is_finite(sample.message)) {
       ++not_finite_;
       return;
@@ -123,6 +121,8 @@ class WatchStatistics {
     }
     latest_ = sample.message;
   }
+
+  void add(const dds::ScanReport& report) { packet_to_pose_.add_report(report); }
 
   // Of the last two seconds.
   [[nodiscard]] double rate_hz() const {
@@ -163,9 +163,13 @@ class WatchStatistics {
       std::printf("publishers      %llu: started again, or several at once\n",
                   static_cast<unsigned long long>(counts.writers_seen));
     std::printf("path length     %.3f m\n", path_m_);
-    const auto latency = ipc::summarize("dds", *latency_);
-    std::printf("write to here   p50 %.0f  p90 %.0f  p99 %.0f  p99.9 %.0f  max %.0f us\n", latency.p50_us,
-                latency.p90_us, latency.p99_us, latency.p99_9_us, latency.max_us);
+    print_latency("write to here", ipc::summarize("write_to_here", *latency_));
+    const auto from_packet = ipc::summarize("packet_to_here", packet_to_pose_.histogram());
+    if (from_packet.count > 0) {
+      print_latency("packet to here", from_packet);
+    } else if (packet_to_pose_.of_other_machines() > 0) {
+      std::printf("packet to here  not known: niliod runs on another machine, whose clock is its own\n");
+    }
     if (from_the_future_ > 0)
       std::printf("                %llu came before they were written: the machines' clocks differ\n",
                   static_cast<unsigned long long>(from_the_future_));
@@ -174,9 +178,27 @@ class WatchStatistics {
                   static_cast<unsigned long long>(not_finite_));
   }
 
+  [[nodiscard]] nlohmann::json json(const dds::SubscriberCounts& counts) const {
+    nlohmann::json json = {{"poses", poses_},
+                           {"seconds", std::chrono::duration<double>(last_ - first_).count()},
+                           {"lost", counts.lost},
+                           {"queue_dropped", counts.queue_dropped},
+                           {"publishers", counts.writers_seen},
+                           {"path_length_m", path_m_},
+                           {"not_finite", not_finite_}};
+    json["latency"] = ipc::latency_json({ipc::summarize("write_to_here", *latency_),
+                                         ipc::summarize("packet_to_here", packet_to_pose_.histogram())});
+    return json;
+  }
+
   [[nodiscard]] std::uint64_t poses() const { return poses_; }
 
  private:
+  static void print_latency(const char* name, const ipc::LatencySummary& latency) {
+    std::printf("%-15s p50 %.0f  p90 %.0f  p99 %.0f  p99.9 %.0f  max %.0f us\n", name, latency.p50_us,
+                latency.p90_us, latency.p99_us, latency.p99_9_us, latency.max_us);
+  }
+
   std::uint64_t poses_ = 0;
   std::uint64_t not_finite_ = 0;
   std::uint64_t from_the_future_ = 0;
@@ -186,33 +208,8 @@ class WatchStatistics {
   Clock::time_point last_;
   std::deque<Clock::time_point> arrivals_;
   std::unique_ptr<ipc::Histogram> latency_ = std::make_unique<ipc::Histogram>();
+  PacketToPose packet_to_pose_{dds::read_host_id()};
 };
-
-void print_report(const dds::LatencyReport& report) {
-  std::printf(
-      "\nthe publisher's last report: %llu poses published, %llu writes failed, %llu dropped before it, at "
-      "most %llu "
-      "waited\n",
-      static_cast<unsigned long long>(report.poses_published),
-      static_cast<unsigned long long>(report.failed_writes),
-      static_cast<unsigned long long>(report.ring_dropped),
-      static_cast<unsigned long long>(report.ring_high_water));
-  std::printf("%-24s %10s %11s %11s %11s\n", "stage [us]", "count", "p50", "p99", "max");
-  for (const dds::StageLatency& stage : report.stages) {
-    std::printf("%-24s %10llu %11.1f %11.1f %11.1f\n", printable(stage.name).c_str(),
-                static_cast<unsigned long long>(stage.count), stage.p50_us, stage.p99_us, stage.max_us);
-  }
-}
-
-void print_diagnostics(const dds::DiagnosticArray& diagnostics) {
-  constexpr std::array levels = {"ok", "warning", "error", "stale"};
-  std::printf("\n");
-  for (const dds::DiagnosticStatus& status : diagnostics.statuses) {
-    const std::size_t level = std::min(static_cast<std::size_t>(status.level), levels.size() - 1);
-    std::printf("%-24s %-8s %s\n", printable(status.name).c_str(), levels[level],
-                printable(status.message, kLongestMessage).c_str());
-  }
-}
 
 // The one line that changes on a terminal; a line each second elsewhere.
 class StatusLine {
@@ -269,6 +266,7 @@ void receive(const WatchOptions& options, int signals, dds::OdometrySubscriber& 
                Clock::now() - last_sample > std::chrono::duration<double>(options.timeout_s)) {
       break;
     }
+    for (const dds::ScanReport& report : subscriber.scan_reports()) statistics.add(report);
     status_line.show([&] { return statistics.status_line(subscriber.counts()); });
   }
   status_line.finish();
@@ -276,7 +274,8 @@ void receive(const WatchOptions& options, int signals, dds::OdometrySubscriber& 
 
 int explain_silence(const WatchOptions& options, int publishers) {
   std::string topic = "rt/odom";
-  if (const auto names = dds::topic_names(options.subscriber.topic_prefix)) topic = names.value().odometry;
+  if (const auto names = dds::topic_names(options.subscriber.topic_prefix))
+    topic = options.subscriber.imu_rate ? names->imu_odometry : names->odometry;
   std::fprintf(
       stderr,
       "nilio watch: no pose received on %s, domain %u, %d publisher(s) found.\nCheck: is niliod running and "
@@ -286,6 +285,14 @@ int explain_silence(const WatchOptions& options, int publishers) {
       topic.c_str(), options.subscriber.participant.domain, publishers,
       7400 + 250 * options.subscriber.participant.domain, 7649 + 250 * options.subscriber.participant.domain);
   return 1;
+}
+
+bool write_json(const std::string& path, const nlohmann::json& json) {
+  std::ofstream file(path);
+  file << json.dump(2) << '\n';
+  if (file.flush()) return true;
+  std::fprintf(stderr, "nilio watch: cannot write %s: %s\n", path.c_str(), std::strerror(errno));
+  return false;
 }
 
 int run_watch(const WatchOptions& options) {
@@ -308,14 +315,21 @@ int run_watch(const WatchOptions& options) {
   const dds::SubscriberCounts counts = (*subscriber)->counts();
   if (statistics.poses() == 0) return explain_silence(options, counts.publishers);
   statistics.print_summary(counts);
-  if (const auto report = (*subscriber)->latency_report()) print_report(*report);
+  const auto report = (*subscriber)->latency_report();
+  const auto imu_statuses = (*subscriber)->imu_statuses();
+  if (report) print_report(*report);
+  if (!imu_statuses.empty()) print_imu_status(imu_statuses.back());
   if (const auto diagnostics = (*subscriber)->diagnostics()) print_diagnostics(*diagnostics);
   if (!tum.close()) {
     std::fprintf(stderr, "nilio watch: not all poses could be written to %s (disk full?)\n",
                  options.tum_path.c_str());
     return 1;
   }
-  return 0;
+  if (options.json_path.empty()) return 0;
+  nlohmann::json json = statistics.json(counts);
+  if (report) json["publisher"] = report_json(*report);
+  if (!imu_statuses.empty()) json["imu_rate"] = imu_status_json(imu_statuses.back());
+  return write_json(options.json_path, json) ? 0 : 1;
 }
 
 }  // namespace
@@ -337,6 +351,9 @@ void add_watch_command(CLI::App& app, int& status) {
                    "End after so many seconds without a pose (default: never)")
       ->check(CLI::NonNegativeNumber);
   command->add_option("--tum", options->tum_path, "Write the poses to this file (time x y z qx qy qz qw)");
+  command->add_option("--json", options->json_path, "Write the figures to this file at the end");
+  command->add_flag("--imu-rate", options->subscriber.imu_rate,
+                    "Watch the poses at IMU rate instead of those of the scans");
   command->callback([options, &status] { status = run_watch(*options); });
 }
 

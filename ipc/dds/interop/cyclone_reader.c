@@ -2,10 +2,10 @@
 // and prints each field of what it receives on one line, floating-point numbers in hexadecimal so that
 // nothing is lost.
 //
-//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S
+//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu]
 //
 // Ends after COUNT poses and transforms and one array of diagnostics (status 0) or after TIMEOUT_S (status
-// 1).
+// 1). With "imu": after COUNT poses at IMU rate, one status of them and one report of a scan.
 
 #include "dds/dds.h"
 #include "nilio.h"
@@ -14,6 +14,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static void print_numbers(const double* numbers, size_t count) {
   for (size_t i = 0; i < count; ++i) printf(" %a", numbers[i]);
@@ -68,6 +69,32 @@ static int print_diagnostics(const void* sample) {
   return 1;
 }
 
+static int print_status(const void* sample) {
+  const nilio_msg_dds__ImuPoseStatus_* status = sample;
+  printf("status %" PRId32 " %" PRIu32 " %" PRId32 " %" PRIu32 " %" PRIu64 " %a %a %d %d %" PRIu64 " %" PRIu64
+         " %" PRIu64 " %" PRIu64 "\n",
+         status->stamp.sec, status->stamp.nanosec, status->scan_stamp.sec, status->scan_stamp.nanosec,
+         status->scan_sequence, status->correction_m, status->correction_rad, (int)status->jumped,
+         (int)status->follows_gyro, status->jumps, status->published, status->thinned, status->withheld);
+  return 1;
+}
+
+static int print_report(const void* sample) {
+  const nilio_msg_dds__ScanReport_* report = sample;
+  printf("report %" PRIu64 " [%s] [%s] [%s]", report->scan_sequence, report->state, report->stop_reason,
+         report->host_id);
+  for (uint32_t i = 0; i < report->stages._length; ++i)
+    printf(" [%s=%" PRId64 "]", report->stages._buffer[i].name, report->stages._buffer[i].monotonic_ns);
+  printf(" %d %d %u %g %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32
+         " %" PRIu32 " %" PRIu64 " [%s] %d %" PRId64 "\n",
+         (int)report->imu_used, (int)report->predicted, (unsigned)report->degenerate_axes,
+         (double)report->coverage_deg, report->points, report->points_used, report->correspondences,
+         report->coarse_iterations, report->fine_iterations, report->map_voxels, report->lost_packets,
+         report->missing_firings, report->superseded, report->budget_rung, (int)report->guarded,
+         report->overshoot_ns);
+  return 1;
+}
+
 // Prints what has arrived; returns how many samples.
 static int drain(dds_entity_t reader, int (*print)(const void*)) {
   int printed = 0;
@@ -81,9 +108,9 @@ static int drain(dds_entity_t reader, int (*print)(const void*)) {
 }
 
 static dds_entity_t create_reader(dds_entity_t participant, const dds_topic_descriptor_t* type,
-                                  const char* name) {
+                                  const char* name, dds_reliability_kind_t reliability) {
   dds_qos_t* qos = dds_create_qos();
-  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+  dds_qset_reliability(qos, reliability, DDS_SECS(1));
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1000);
   const dds_entity_t topic = dds_create_topic(participant, type, name, NULL, NULL);
   const dds_entity_t reader = dds_create_reader(participant, topic, qos, NULL);
@@ -96,38 +123,67 @@ static bool is_matched(dds_entity_t reader) {
   return dds_get_subscription_matched_status(reader, &status) == DDS_RETCODE_OK && status.current_count > 0;
 }
 
+// A topic to read: how many of its messages are wanted, and how they are printed.
+typedef struct {
+  const char* name;
+  const dds_topic_descriptor_t* type;
+  dds_reliability_kind_t reliability;
+  int (*print)(const void*);
+  int wanted;
+  int received;
+  dds_entity_t reader;
+} topic_t;
+
+static bool all_matched(const topic_t* topics, size_t count) {
+  for (size_t i = 0; i < count; ++i) {
+    if (!is_matched(topics[i].reader)) return false;
+  }
+  return true;
+}
+
+static bool all_received(const topic_t* topics, size_t count) {
+  for (size_t i = 0; i < count; ++i) {
+    if (topics[i].received < topics[i].wanted) return false;
+  }
+  return true;
+}
+
 int main(int argc, char** argv) {
-  if (argc != 4) {
-    fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S\n", argv[0]);
+  const bool imu = argc == 5 && strcmp(argv[4], "imu") == 0;
+  if (argc != 4 && !imu) {
+    fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S [imu]\n", argv[0]);
     return 2;
   }
   const int wanted = atoi(argv[2]);
   const dds_time_t deadline = dds_time() + DDS_SECS(atoi(argv[3]));
+  const dds_reliability_kind_t reliable = DDS_RELIABILITY_RELIABLE;
+  topic_t scans[] = {{"rt/odom", &nav_msgs_msg_dds__Odometry__desc, reliable, print_odometry, wanted, 0, 0},
+                     {"rt/tf", &tf2_msgs_msg_dds__TFMessage__desc, reliable, print_transforms, wanted, 0, 0},
+                     {"rt/diagnostics", &diagnostic_msgs_msg_dds__DiagnosticArray__desc, reliable,
+                      print_diagnostics, 1, 0, 0}};
+  topic_t imu_rate[] = {
+      {"rt/nilio/odometry_imu", &nav_msgs_msg_dds__Odometry__desc, DDS_RELIABILITY_BEST_EFFORT,
+       print_odometry, wanted, 0, 0},
+      {"rt/nilio/odometry_imu_status", &nilio_msg_dds__ImuPoseStatus__desc, reliable, print_status, 1, 0, 0},
+      {"rt/nilio/scan_report", &nilio_msg_dds__ScanReport__desc, reliable, print_report, 1, 0, 0}};
+  topic_t* const topics = imu ? imu_rate : scans;
+  const size_t count = 3;
   const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
-  const dds_entity_t odometry = create_reader(participant, &nav_msgs_msg_dds__Odometry__desc, "rt/odom");
-  const dds_entity_t transforms = create_reader(participant, &tf2_msgs_msg_dds__TFMessage__desc, "rt/tf");
-  const dds_entity_t diagnostics =
-      create_reader(participant, &diagnostic_msgs_msg_dds__DiagnosticArray__desc, "rt/diagnostics");
-  if (participant < 0 || odometry < 0 || transforms < 0 || diagnostics < 0) {
-    fprintf(stderr, "CycloneDDS cannot create a reader on domain %s\n", argv[1]);
-    return 2;
+  for (size_t i = 0; i < count; ++i) {
+    topics[i].reader = create_reader(participant, topics[i].type, topics[i].name, topics[i].reliability);
+    if (participant < 0 || topics[i].reader < 0) {
+      fprintf(stderr, "CycloneDDS cannot create a reader on domain %s\n", argv[1]);
+      return 2;
+    }
   }
-  while (!(is_matched(odometry) && is_matched(transforms) && is_matched(diagnostics)) &&
-         dds_time() < deadline)
-    dds_sleepfor(DDS_MSECS(5));
+  while (!all_matched(topics, count) && dds_time() < deadline) dds_sleepfor(DDS_MSECS(5));
   printf("ready\n");
   fflush(stdout);
-  int odometries = 0;
-  int transform_messages = 0;
-  int diagnostic_messages = 0;
-  while ((odometries < wanted || transform_messages < wanted || diagnostic_messages < 1) &&
-         dds_time() < deadline) {
-    odometries += drain(odometry, print_odometry);
-    transform_messages += drain(transforms, print_transforms);
-    diagnostic_messages += drain(diagnostics, print_diagnostics);
+  while (!all_received(topics, count) && dds_time() < deadline) {
+    for (size_t i = 0; i < count; ++i) topics[i].received += drain(topics[i].reader, topics[i].print);
     fflush(stdout);
     dds_sleepfor(DDS_MSECS(5));
   }
   dds_delete(participant);
-  return odometries >= wanted && transform_messages >= wanted && diagnostic_messages >= 1 ? 0 : 1;
+  return all_received(topics, count) ? 0 : 1;
 }

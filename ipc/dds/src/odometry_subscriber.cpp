@@ -4,10 +4,12 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <ctime>
 #include <deque>
 #include <map>
 #include <mutex>
 #include <utility>
+#include <vector>
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
@@ -22,11 +24,18 @@ namespace {
 namespace fastdds = eprosima::fastdds::dds;
 
 constexpr int kReaderDepth = 100;
+constexpr std::size_t kMostKept = 1024;   // reports that nobody has asked for
 constexpr std::size_t kMaxWriters = 256;  // whose sequence numbers are remembered
 
 core::Time now() {
   const auto since_epoch = std::chrono::system_clock::now().time_since_epoch();
   return {std::chrono::duration_cast<std::chrono::nanoseconds>(since_epoch).count()};
+}
+
+std::int64_t monotonic_ns() {
+  timespec time{};
+  clock_gettime(CLOCK_MONOTONIC, &time);
+  return static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
 }
 
 class OdometryQueue : public fastdds::DataReaderListener {
@@ -39,6 +48,7 @@ class OdometryQueue : public fastdds::DataReaderListener {
     while (reader->take_next_sample(&sample.message, &info) == ReturnCode_t::RETCODE_OK) {
       if (!info.valid_data) continue;
       sample.received = now();
+      sample.received_ns = monotonic_ns();
       sample.written = {info.source_timestamp.to_ns()};
       push(sample, info.sample_identity);
     }
@@ -121,16 +131,42 @@ class Latest : public fastdds::DataReaderListener {
   std::optional<Message> message_;
 };
 
+/// Keeps the messages of a topic until they are asked for.
+template <class Message>
+class Kept : public fastdds::DataReaderListener {
+ public:
+  void on_data_available(fastdds::DataReader* reader) override {
+    Message message;
+    fastdds::SampleInfo info;
+    while (reader->take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
+      if (!info.valid_data) continue;
+      const std::lock_guard lock(mutex_);
+      if (messages_.size() >= kMostKept) messages_.erase(messages_.begin());
+      messages_.push_back(message);
+    }
+  }
+
+  std::vector<Message> take() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(messages_, {});
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<Message> messages_;
+};
+
 fastdds::DataReader* create_reader(fastdds::DomainParticipant& participant, fastdds::Subscriber& subscriber,
                                    const std::string& topic_name, fastdds::TopicDataType* type,
-                                   fastdds::DataReaderListener& listener) {
+                                   fastdds::DataReaderListener& listener, bool reliable = true) {
   const fastdds::TypeSupport support(type);  // owns the type
   if (support.register_type(&participant) != ReturnCode_t::RETCODE_OK) return nullptr;
   fastdds::Topic* const topic =
       participant.create_topic(topic_name, support.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
   if (topic == nullptr) return nullptr;
   fastdds::DataReaderQos qos;
-  qos.reliability().kind = fastdds::RELIABLE_RELIABILITY_QOS;
+  qos.reliability().kind =
+      reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
   qos.durability().kind = fastdds::VOLATILE_DURABILITY_QOS;
   qos.history().kind = fastdds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = kReaderDepth;
@@ -145,9 +181,10 @@ fastdds::DataReader* create_reader(fastdds::DomainParticipant& participant, fast
 struct OdometrySubscriber::Entities {
   explicit Entities(std::size_t capacity) : queue(capacity) {}
   ~Entities() {
-    if (odometry_reader != nullptr) odometry_reader->set_listener(nullptr);
-    if (latency_reader != nullptr) latency_reader->set_listener(nullptr);
-    if (diagnostics_reader != nullptr) diagnostics_reader->set_listener(nullptr);
+    for (fastdds::DataReader* reader :
+         {odometry_reader, latency_reader, diagnostics_reader, scan_report_reader, imu_status_reader}) {
+      if (reader != nullptr) reader->set_listener(nullptr);
+    }
   }
   Entities(const Entities&) = delete;
   Entities& operator=(const Entities&) = delete;
@@ -155,10 +192,14 @@ struct OdometrySubscriber::Entities {
   OdometryQueue queue;
   Latest<LatencyReport> report;
   Latest<DiagnosticArray> diagnostics;
+  Kept<ScanReport> scan_reports;
+  Kept<ImuPoseStatus> imu_statuses;
   std::unique_ptr<Participant> participant;
   fastdds::DataReader* odometry_reader = nullptr;
   fastdds::DataReader* latency_reader = nullptr;
   fastdds::DataReader* diagnostics_reader = nullptr;
+  fastdds::DataReader* scan_report_reader = nullptr;
+  fastdds::DataReader* imu_status_reader = nullptr;
 };
 
 OdometrySubscriber::OdometrySubscriber(std::unique_ptr<Entities> entities) : entities_(std::move(entities)) {}
@@ -177,16 +218,24 @@ core::Result<std::unique_ptr<OdometrySubscriber>> OdometrySubscriber::create(
   fastdds::Subscriber* const subscriber =
       domain_participant.create_subscriber(fastdds::SUBSCRIBER_QOS_DEFAULT);
   if (subscriber == nullptr) return core::Error{"Fast DDS cannot create a subscriber (out of memory?)"};
-  entities->odometry_reader =
-      create_reader(domain_participant, *subscriber, names->odometry, new OdometryType, entities->queue);
-  entities->latency_reader =
-      create_reader(domain_participant, *subscriber, names->latency, new LatencyReportType, entities->report);
-  entities->diagnostics_reader = create_reader(domain_participant, *subscriber, names->diagnostics,
-                                               new DiagnosticArrayType, entities->diagnostics);
-  if (entities->odometry_reader == nullptr || entities->latency_reader == nullptr ||
-      entities->diagnostics_reader == nullptr)
-    return core::Error{"Fast DDS cannot create the readers for " + names->odometry + ", " + names->latency +
-                       ", " + names->diagnostics + " (out of memory or sockets?)"};
+  const std::string& odometry = config.imu_rate ? names->imu_odometry : names->odometry;
+  const auto create = [&](const std::string& topic, fastdds::TopicDataType* type,
+                          fastdds::DataReaderListener& listener, bool reliable = true) {
+    return create_reader(domain_participant, *subscriber, topic, type, listener, reliable);
+  };
+  Entities& e = *entities;
+  e.odometry_reader = create(odometry, new OdometryType, e.queue, !config.imu_rate);
+  e.latency_reader = create(names->latency, new LatencyReportType, e.report);
+  e.diagnostics_reader = create(names->diagnostics, new DiagnosticArrayType, e.diagnostics);
+  e.scan_report_reader = create(names->scan_report, new ScanReportType, e.scan_reports);
+  e.imu_status_reader = create(names->imu_status, new ImuPoseStatusType, e.imu_statuses);
+  for (const fastdds::DataReader* reader : {e.odometry_reader, e.latency_reader, e.diagnostics_reader,
+                                            e.scan_report_reader, e.imu_status_reader}) {
+    if (reader == nullptr)
+      return core::Error{"Fast DDS cannot create the readers for " + odometry + ", " + names->latency + ", " +
+                         names->diagnostics + ", " + names->scan_report + ", " + names->imu_status +
+                         " (out of memory or sockets?)"};
+  }
   return std::unique_ptr<OdometrySubscriber>(new OdometrySubscriber(std::move(entities)));
 }
 
@@ -199,6 +248,10 @@ std::optional<LatencyReport> OdometrySubscriber::latency_report() const { return
 std::optional<DiagnosticArray> OdometrySubscriber::diagnostics() const {
   return entities_->diagnostics.get();
 }
+
+std::vector<ScanReport> OdometrySubscriber::scan_reports() { return entities_->scan_reports.take(); }
+
+std::vector<ImuPoseStatus> OdometrySubscriber::imu_statuses() { return entities_->imu_statuses.take(); }
 
 SubscriberCounts OdometrySubscriber::counts() const { return entities_->queue.counts(); }
 

@@ -73,6 +73,8 @@ std::shared_ptr<FilteredTransportDescriptor> make_transport(const ParticipantCon
   udp->interfaceWhiteList = whitelist;
   udp->sendBufferSize = config.socket_buffer_bytes;
   udp->receiveBufferSize = config.socket_buffer_bytes;
+  // A full socket buffer costs a datagram, which reliable readers ask for again, not the writer's time.
+  udp->non_blocking_send = true;
   udp->maxMessageSize = kMaxMessageBytes;
   udp->maxInitialPeersRange = kParticipantsPerPeer;
   return std::make_shared<FilteredTransportDescriptor>(udp);
@@ -153,7 +155,13 @@ core::Result<TopicNames> topic_names(const std::string& prefix) {
     path += c;
   }
   if (path.back() != '/') path += '/';
-  return TopicNames{path + "odom", "rt/tf", path + "nilio/latency", "rt/diagnostics"};
+  return TopicNames{path + "odom",
+                    "rt/tf",
+                    path + "nilio/latency",
+                    path + "nilio/scan_report",
+                    path + "nilio/odometry_imu",
+                    path + "nilio/odometry_imu_status",
+                    "rt/diagnostics"};
 }
 
 core::Result<std::unique_ptr<Participant>> Participant::create(const ParticipantConfig& config) {

@@ -19,9 +19,12 @@ constexpr std::size_t kEncapsulationBytes = 4;
 // one reallocation.
 constexpr std::size_t kTypicalName = 64;
 constexpr std::size_t kTypicalStages = 16;
+constexpr std::size_t kTypicalBuckets = 32;
 // With empty names.
 constexpr std::size_t kSmallestTransform = 8 + 2 * 4 + 7 * 8;
-constexpr std::size_t kSmallestStage = 4 + 4 * 8;
+constexpr std::size_t kSmallestBucket = 3 * 8;
+constexpr std::size_t kSmallestStage = 4 + 6 * 8 + 4;
+constexpr std::size_t kSmallestStamp = 4 + 8;
 constexpr std::size_t kSmallestStatus = 1 + 4 * 4;
 constexpr std::size_t kSmallestKeyValue = 2 * 4;
 constexpr std::size_t kTypicalStatuses = 2;
@@ -31,10 +34,13 @@ constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 // Counts the bytes that the same calls on a Cdr would write, alignment included.
 class SizeCounter {
  public:
+  SizeCounter& operator<<(bool) { return add(1, 1); }
   SizeCounter& operator<<(std::uint8_t) { return add(1, 1); }
   SizeCounter& operator<<(std::int32_t) { return add(4, 4); }
   SizeCounter& operator<<(std::uint32_t) { return add(4, 4); }
+  SizeCounter& operator<<(std::int64_t) { return add(8, 8); }
   SizeCounter& operator<<(std::uint64_t) { return add(8, 8); }
+  SizeCounter& operator<<(float) { return add(4, 4); }
   SizeCounter& operator<<(double) { return add(8, 8); }
   SizeCounter& operator<<(const std::string& text) { return add(4, 4).add(1, text.size() + 1); }
   template <std::size_t N>
@@ -79,9 +85,35 @@ template <class Out>
 void put(Out& out, const LatencyReport& message) {
   put(out, message.stamp);
   out << static_cast<std::uint32_t>(message.stages.size());
-  for (const StageLatency& stage : message.stages)
-    out << stage.name << stage.count << stage.p50_us << stage.p99_us << stage.max_us;
-  out << message.poses_published << message.failed_writes << message.ring_dropped << message.ring_high_water;
+  for (const StageLatency& stage : message.stages) {
+    out << stage.name << stage.count << stage.p50_us << stage.p90_us << stage.p99_us << stage.p99_9_us
+        << stage.max_us << static_cast<std::uint32_t>(stage.buckets.size());
+    for (const LatencyBucket& bucket : stage.buckets) out << bucket.from_us << bucket.to_us << bucket.count;
+  }
+  out << message.poses_published << message.failed_writes << message.ring_dropped << message.ring_high_water
+      << message.imu_poses_published << message.imu_ring_dropped << message.imu_ring_high_water;
+}
+
+template <class Out>
+void put(Out& out, const ScanReport& message) {
+  put(out, message.stamp);
+  put(out, message.scan_start);
+  out << message.sequence << message.state << message.stop_reason;
+  put(out, message.handed_over);
+  out << message.host_id << static_cast<std::uint32_t>(message.stages.size());
+  for (const StageStamp& stage : message.stages) out << stage.name << stage.monotonic_ns;
+  out << message.imu_used << message.predicted << message.degenerate_axes << message.coverage_deg
+      << message.points << message.points_used << message.correspondences << message.coarse_iterations
+      << message.fine_iterations << message.map_voxels << message.lost_packets << message.missing_firings
+      << message.superseded << message.budget_rung << message.guarded << message.overshoot_ns;
+}
+
+template <class Out>
+void put(Out& out, const ImuPoseStatus& message) {
+  put(out, message.stamp);
+  put(out, message.scan_stamp);
+  out << message.scan_sequence << message.correction_m << message.correction_rad << message.jumped
+      << message.follows_gyro << message.jumps << message.published << message.thinned << message.withheld;
 }
 
 template <class Out>
@@ -136,10 +168,36 @@ void get(Input& in, TransformMessage& message) {
 void get(Input& in, LatencyReport& message) {
   get(in, message.stamp);
   message.stages.resize(get_length(in, kSmallestStage));
-  for (StageLatency& stage : message.stages)
-    in.cdr >> stage.name >> stage.count >> stage.p50_us >> stage.p99_us >> stage.max_us;
+  for (StageLatency& stage : message.stages) {
+    in.cdr >> stage.name >> stage.count >> stage.p50_us >> stage.p90_us >> stage.p99_us >> stage.p99_9_us >>
+        stage.max_us;
+    stage.buckets.resize(get_length(in, kSmallestBucket));
+    for (LatencyBucket& bucket : stage.buckets) in.cdr >> bucket.from_us >> bucket.to_us >> bucket.count;
+  }
   in.cdr >> message.poses_published >> message.failed_writes >> message.ring_dropped >>
-      message.ring_high_water;
+      message.ring_high_water >> message.imu_poses_published >> message.imu_ring_dropped >>
+      message.imu_ring_high_water;
+}
+
+void get(Input& in, ScanReport& message) {
+  get(in, message.stamp);
+  get(in, message.scan_start);
+  in.cdr >> message.sequence >> message.state >> message.stop_reason;
+  get(in, message.handed_over);
+  in.cdr >> message.host_id;
+  message.stages.resize(get_length(in, kSmallestStamp));
+  for (StageStamp& stage : message.stages) in.cdr >> stage.name >> stage.monotonic_ns;
+  in.cdr >> message.imu_used >> message.predicted >> message.degenerate_axes >> message.coverage_deg >>
+      message.points >> message.points_used >> message.correspondences >> message.coarse_iterations >>
+      message.fine_iterations >> message.map_voxels >> message.lost_packets >> message.missing_firings >>
+      message.superseded >> message.budget_rung >> message.guarded >> message.overshoot_ns;
+}
+
+void get(Input& in, ImuPoseStatus& message) {
+  get(in, message.stamp);
+  get(in, message.scan_stamp);
+  in.cdr >> message.scan_sequence >> message.correction_m >> message.correction_rad >> message.jumped >>
+      message.follows_gyro >> message.jumps >> message.published >> message.thinned >> message.withheld;
 }
 
 void get(Input& in, DiagnosticArray& message) {
@@ -165,7 +223,8 @@ std::uint32_t serialized_bytes(const Message& message) {
 const char* ros_name(const Odometry&) { return "nav_msgs::msg::dds_::Odometry_"; }
 const char* ros_name(const TransformMessage&) { return "tf2_msgs::msg::dds_::TFMessage_"; }
 const char* ros_name(const LatencyReport&) { return "nilio::msg::dds_::LatencyReport_"; }
-
+const char* ros_name(const ScanReport&) { return "nilio::msg::dds_::ScanReport_"; }
+const char* ros_name(const ImuPoseStatus&) { return "nilio::msg::dds_::ImuPoseStatus_"; }
 const char* ros_name(const DiagnosticArray&) { return "diagnostic_msgs::msg::dds_::DiagnosticArray_"; }
 
 // A message of usual size, for allocating beforehand.
@@ -180,8 +239,18 @@ void make_typical(TransformMessage& message) {
 }
 void make_typical(LatencyReport& message) {
   message.stages.resize(kTypicalStages);
-  for (StageLatency& stage : message.stages) stage.name.assign(kTypicalName, 'x');
+  for (StageLatency& stage : message.stages) {
+    stage.name.assign(kTypicalName, 'x');
+    stage.buckets.resize(kTypicalBuckets);
+  }
 }
+void make_typical(ScanReport& message) {
+  for (std::string* text : {&message.state, &message.stop_reason, &message.host_id, &message.budget_rung})
+    text->assign(kTypicalName, 'x');
+  message.stages.resize(kTypicalStages);
+  for (StageStamp& stage : message.stages) stage.name.assign(kTypicalName, 'x');
+}
+void make_typical(ImuPoseStatus&) {}
 
 void make_typical(DiagnosticArray& message) {
   message.statuses.resize(kTypicalStatuses);
@@ -245,5 +314,7 @@ template class MessageType<Odometry>;
 template class MessageType<TransformMessage>;
 template class MessageType<LatencyReport>;
 template class MessageType<DiagnosticArray>;
+template class MessageType<ScanReport>;
+template class MessageType<ImuPoseStatus>;
 
 }  // namespace nilio::dds

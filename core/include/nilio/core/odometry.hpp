@@ -11,6 +11,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -84,6 +85,9 @@ struct OdometryResult {
   /// Mean rate with which the scan is deskewed, rad/s in base_link; 0 when it is not.
   Vector3 deskew_rate = Vector3::Zero();
   Matrix6 twist_covariance = Matrix6::Zero();
+  /// What is subtracted from the gyro's rates, rad/s in base_link, and from the IMU's stamps.
+  Vector3 gyro_bias = Vector3::Zero();
+  Duration imu_time_shift;
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
   bool imu_used = false;
@@ -121,6 +125,11 @@ class Odometry {
   Odometry(const Odometry&) = delete;
   Odometry& operator=(const Odometry&) = delete;
   ~Odometry();
+
+  /// Wakes the arena's threads and calls `on_thread`, which must not throw, once in each, all at the same
+  /// time; waits a second for those that do not come. Says how many did. To be called before the first scan
+  /// by the thread that will register them: the others are started by it and inherit its scheduling.
+  int warm_up(const std::function<void()>& on_thread);
 
   /// Samples in order of time, before the scans they cover. False when the sample was refused (time goes
   /// back, not finite).

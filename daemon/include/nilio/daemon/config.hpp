@@ -110,6 +110,16 @@ struct OdometrySection {
   double budget_ms = 50.0;
 };
 
+/// How poses at IMU rate follow the corrections that scans bring.
+struct ImuPoseSection {
+  double max_slew_m_s = 1.0;
+  double max_slew_deg_s = 10.0;
+  double settle_ms = 100.0;
+  double jump_m = 1.0;
+  double jump_deg = 5.0;
+  double max_age_s = 5.0;
+};
+
 struct PublisherSection {
   bool enabled = true;
   int domain = 0;
@@ -118,6 +128,9 @@ struct PublisherSection {
   std::string base_frame = "base_link";
   std::string topic_prefix;
   double wait_for_subscribers_s = 0.0;
+  bool imu_rate = true;
+  double imu_rate_max_hz = 0.0;
+  ImuPoseSection imu_pose;
 };
 
 struct RealtimeSection {
@@ -125,6 +138,10 @@ struct RealtimeSection {
   int lidar_priority = 60;
   int imu_priority = 55;
   int odometry_priority = 40;
+  /// Processors of the threads, as parse_cpu_list() takes them; empty = any.
+  std::string lidar_cpus;
+  std::string imu_cpus;
+  std::string odometry_cpus;
   bool lock_memory = true;
   bool strict = false;
 };

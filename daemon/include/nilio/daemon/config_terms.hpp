@@ -4,6 +4,7 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/daemon/config.hpp"
 #include "nilio/drivers/velodyne_decoder.hpp"
+#include "nilio/ipc/imu_pose_stream.hpp"
 
 namespace nilio::daemon {
 
@@ -11,6 +12,7 @@ namespace nilio::daemon {
 core::SE3 to_transform(const ExtrinsicConfig& extrinsic);
 float elevation_correction_rad(const LidarConfig& lidar);
 core::OdometryConfig odometry_config(const Config& config);
+ipc::ImuPoseConfig imu_pose_config(const Config& config);
 /// `live`: the rules of a live run hold.
 core::BudgetConfig budget_config(const OdometrySection& odometry, bool live);
 drivers::ScanAssemblerConfig assembler_config(const LidarConfig& lidar);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/daemon/thread_plan.hpp"
 #include "nilio/ipc/pose_record.hpp"
 
 #include <atomic>
@@ -32,7 +33,7 @@ class DeadlineGuard {
   [[nodiscard]] const ipc::PoseRecord& published() const { return prediction_; }
 
   /// Body of the guard's thread; returns after stop().
-  void run();
+  void run(ThreadHook hook = nullptr);
   /// From any thread.
   void stop();
 

@@ -18,9 +18,11 @@
 
 namespace nilio::daemon {
 
-/// One LiDAR's way from its ring of packets into its scan assembler. While the sensor is not known, packets
-/// are kept back; once it is, they come first, so that none is lost. Packets that do not fit the
-/// configuration are refused and counted, which is said once for each reason. Belongs to the odometry thread.
+/// One LiDAR's way from its ring of packets into its scan assembler. While the sensor is not known, another
+/// thread searches for it, which keeps packets back; once it is known, they come first, so that none is lost.
+/// Packets that do not fit the configuration are refused and counted, which is said once for each reason.
+/// What is not said to be the searching thread's belongs to the odometry thread, which does not allocate
+/// here.
 class LidarChannel {
  public:
   /// `section` names the sensor ("lidar", "lidar2"). `sensor` is nothing when the packets have to tell it.
@@ -41,21 +43,34 @@ class LidarChannel {
 
   /// Nothing more will come into the ring. To be asked before front(): what was committed before the end was
   /// announced is then seen.
-  [[nodiscard]] bool ended() const { return receive_state_.ended.load(std::memory_order_acquire); }
-  /// After the end: decides by the packets kept back which sensor it is. True when that is new.
-  bool settle();
+  [[nodiscard]] bool ended() const {
+    return receive_state_.ended.load(std::memory_order_acquire) && !is_searching();
+  }
+
+  /// By the searching thread, again and again while wants_search(): looks at the packets in the ring, whose
+  /// consumer it is until the sensor is known. At the end of the input what there was has to do. Later it
+  /// gives back the memory of the packets that were kept back.
+  void search();
+  [[nodiscard]] bool wants_search() const {
+    return is_searching() || !is_released_.load(std::memory_order_relaxed);
+  }
+  /// The sensor may still become known. From any thread.
+  [[nodiscard]] bool is_searching() const {
+    return phase_.load(std::memory_order_acquire) == Phase::kSearching;
+  }
 
   [[nodiscard]] const std::string& section() const { return section_; }
-  [[nodiscard]] bool is_known() const { return assembler_.has_value(); }
+  [[nodiscard]] bool is_known() const { return phase_.load(std::memory_order_acquire) == Phase::kKnown; }
   /// Of the packet decoded last.
   [[nodiscard]] core::Time last_stamp() const { return last_stamp_; }
   /// Taken off the ring so far, whether they were of use or not.
-  [[nodiscard]] std::uint64_t packets_taken() const { return packets_taken_; }
+  [[nodiscard]] std::uint64_t packets_taken() const { return packets_taken_.load(std::memory_order_relaxed); }
   /// Not decoded yet.
-  [[nodiscard]] std::size_t packets_waiting() const { return backlog_.size() - next_ + ring_.size(); }
+  [[nodiscard]] std::size_t packets_waiting() const {
+    return (is_known() && !has_caught_up() ? backlog_.size() - next_ : 0) + ring_.size();
+  }
 
-  /// Packets that were refused are counted, too. Only while the odometry thread does not run, as the two
-  /// below.
+  /// Packets that were refused are counted, too. Only while neither thread runs, as the two below.
   [[nodiscard]] drivers::ScanAssemblerStats stats() const;
   /// Null while the sensor is not known.
   [[nodiscard]] const drivers::ScanAssembler* assembler() const {
@@ -68,6 +83,12 @@ class LidarChannel {
   [[nodiscard]] bool has_mixed_senders() const { return mixed_senders_.load(std::memory_order_relaxed); }
 
  private:
+  /// Whose the finder, the backlog and the ring's reading side are: the searching thread's, or the
+  /// odometry's.
+  enum class Phase : std::uint8_t { kSearching, kKnown, kNeverKnown };
+
+  /// The packets that were kept back are decoded: nobody looks at them any more.
+  [[nodiscard]] bool has_caught_up() const { return caught_up_.load(std::memory_order_acquire); }
   const drivers::Packet* next_kept_back();
   void look(const drivers::Packet& packet);
   void judge(SensorFinder::State state);
@@ -82,23 +103,23 @@ class LidarChannel {
   const ReceiveState& receive_state_;
   FeedLog& log_;
 
+  std::atomic<Phase> phase_;
   std::optional<drivers::ScanAssembler> assembler_;
   std::optional<SensorFinder> finder_;
   /// Packets kept back, of which those before `next_` are decoded.
   std::vector<drivers::Packet> backlog_;
   std::size_t next_ = 0;
+  std::atomic<bool> caught_up_{false};
+  std::atomic<bool> is_released_;
   /// Counts of packets that were refused.
   drivers::ScanAssemblerStats refused_;
   std::vector<std::string> problems_said_;
   core::Time last_stamp_;
-  std::uint64_t packets_taken_ = 0;
+  std::atomic<std::uint64_t> packets_taken_{0};
   std::uint64_t scans_taken_ = 0;
   std::uint32_t sender_ = 0;
   bool status_reported_ = false;
   std::atomic<bool> mixed_senders_{false};
 };
-
-/// "VLP-16: single return, 600.1 rpm, ..." for the log.
-std::string describe_status(const drivers::ScanAssembler& assembler);
 
 }  // namespace nilio::daemon

@@ -65,6 +65,8 @@ class MergedScanFeed : public ScanFeed {
     Other other;
     /// Added to the ranks of its beams, so that no two LiDARs' are the same.
     std::uint16_t first_ring = 0;
+    /// What its assembler hands out.
+    core::Scan part;
     std::vector<TimedPoint> pending;
     MergeCounters counters;
     /// Of the last points it gave.
@@ -87,7 +89,8 @@ class MergedScanFeed : public ScanFeed {
   bool decode(Lane& lane, core::Time until, core::Scan& scan);
   void take_points(Lane& lane, core::Scan& scan);
   std::size_t move_points(Lane& lane, const Interval& interval, core::Scan& scan);
-  void report(Lane& lane, Gathered gathered, bool has_packets);
+  void report(const Lane& lane, FeedEvent::Kind kind, double offset_s = 0.0);
+  void report_presence(Lane& lane, Gathered gathered, bool has_packets);
   void report_step(Lane& lane, std::size_t moved, bool has_packets, core::Time end);
 
   PacketScanFeed& first_;
@@ -95,8 +98,6 @@ class MergedScanFeed : public ScanFeed {
   Options options_;
   ipc::WakeEvent& data_event_;
   FeedLog& log_;
-  /// What the others' assemblers hand out.
-  core::Scan part_;
   std::optional<core::Time> previous_end_;
 };
 

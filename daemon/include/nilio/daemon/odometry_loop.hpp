@@ -5,6 +5,7 @@
 #include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/receive.hpp"
 #include "nilio/daemon/scan_feed.hpp"
+#include "nilio/daemon/thread_plan.hpp"
 #include "nilio/ipc/pose_record.hpp"
 #include "nilio/ipc/publisher_process.hpp"
 #include "nilio/ipc/ring.hpp"
@@ -63,6 +64,7 @@ struct OdometryLoopConfig {
   core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
   /// Of an earlier run, to be repeated: they decide in place of clocks, and the run ends with them.
   const std::vector<ScanDecision>* decisions = nullptr;
+  ThreadHook hook = nullptr;
 };
 
 /// The odometry thread's work: take a complete scan, wait for the IMU samples that cover it, register, hand
@@ -74,6 +76,8 @@ class OdometryLoop {
                ipc::WakeEvent& data_event, const ReceiveState* imu_state, const OdometryOutputs& outputs,
                const OdometryLoopConfig& config);
 
+  /// core::Odometry::warm_up().
+  int warm_up(const std::function<void()>& on_thread) { return odometry_.warm_up(on_thread); }
   /// Until the feed is at its end or `stop`.
   void run(const std::atomic<bool>& stop, OdometryCounters& counters);
 
@@ -86,8 +90,10 @@ class OdometryLoop {
   void take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop, OdometryCounters& counters);
   void register_and_hand_over(const core::Scan& scan, const ScanDecision* decision,
                               const std::atomic<bool>& stop, OdometryCounters& counters);
-  [[nodiscard]] ipc::PoseRecord complete_record(const core::OdometryResult& result, const core::Scan& scan);
-  void arm_guard(const core::OdometryResult& prediction, const core::Scan& scan);
+  [[nodiscard]] ipc::PoseRecord complete_record(const core::OdometryResult& result, const core::Scan& scan,
+                                                const OdometryCounters& counters);
+  void arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
+                 const OdometryCounters& counters);
   [[nodiscard]] bool hand_over(ipc::PoseRecord& record);
   void push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop);
   void push_decision(const core::Scan& scan, bool superseded, bool guarded);

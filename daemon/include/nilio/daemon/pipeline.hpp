@@ -7,6 +7,7 @@
 #include "nilio/daemon/lidar_channel.hpp"
 #include "nilio/daemon/merged_scan_feed.hpp"
 #include "nilio/daemon/odometry_loop.hpp"
+#include "nilio/daemon/plan_thread.hpp"
 #include "nilio/daemon/receive.hpp"
 #include "nilio/daemon/thread_plan.hpp"
 #include "nilio/ipc/publisher_process.hpp"
@@ -15,7 +16,6 @@
 #include <functional>
 #include <memory>
 #include <string>
-#include <thread>
 #include <vector>
 
 namespace nilio::daemon {
@@ -30,6 +30,7 @@ struct PipelineOptions {
   /// Stamps the odometry's stages.
   core::Odometry::ClockFunction clock = monotonic_ns;
   ScanObserver observer;
+  ThreadHook thread_hook = nullptr;
 };
 
 /// What one LiDAR has of its own in a run.
@@ -56,8 +57,9 @@ class Pipeline {
   Pipeline(const Pipeline&) = delete;
   Pipeline& operator=(const Pipeline&) = delete;
 
-  /// Starts the threads and returns what each was granted. In strict mode a refusal is an error and nothing
-  /// runs.
+  /// Starts the threads and returns what each was granted, when all are ready for their first data: the
+  /// odometry's workers run, and what memory there will be is touched. In strict mode a refusal is an error
+  /// and nothing runs.
   core::Result<std::vector<PlanOutcome>> start();
   void request_stop();
   void join();
@@ -66,7 +68,7 @@ class Pipeline {
 
   [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
-  /// Lines for the log that the odometry thread says; to be taken by the owner.
+  /// Lines for the log that the threads say; to be taken by the owner.
   [[nodiscard]] FeedLog& feed_log() { return feed_log_; }
   [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
   /// Under live rules: one for each complete scan.
@@ -95,12 +97,19 @@ class Pipeline {
 
  private:
   Pipeline(const Config& config, Input input, const PipelineOptions& options,
-           ipc::PublisherProcess* publisher, ipc::WakeEvent data_event, ipc::WakeEvent output_event);
+           ipc::PublisherProcess* publisher, ThreadPlan plan, ipc::WakeEvent data_event,
+           ipc::WakeEvent output_event);
   void make_feed();
   void make_merged_feed();
-  void run_thread(ThreadRole role, std::function<void()> body, std::vector<PlanOutcome>& outcomes);
   [[nodiscard]] OdometryLoopConfig loop_config() const;
-  void odometry_body();
+  /// What a thread prepares after it has its policy, before start() returns; says what came of it.
+  using Preparation = std::function<std::vector<PlanOutcome>()>;
+  void run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
+                  std::vector<PlanOutcome>& outcomes);
+  void start_odometry(std::vector<PlanOutcome>& outcomes);
+  void start_search();
+  [[nodiscard]] std::unique_ptr<OdometryLoop> make_loop();
+  std::vector<PlanOutcome> warm_up(OdometryLoop& loop);
 
   Config config_;
   Input input_;
@@ -129,7 +138,7 @@ class Pipeline {
   std::unique_ptr<DeadlineGuard> guard_;
   std::atomic<bool> stop_{false};
   std::atomic<bool> finished_{false};
-  std::vector<std::thread> threads_;
+  std::vector<PlanThread> threads_;
 };
 
 }  // namespace nilio::daemon

@@ -2,8 +2,10 @@
 
 #include "nilio/core/scan.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/daemon/thread_plan.hpp"
 #include "nilio/drivers/imu_decoder.hpp"
 #include "nilio/drivers/source.hpp"
+#include "nilio/ipc/publisher_process.hpp"
 #include "nilio/ipc/ring.hpp"
 #include "nilio/ipc/wake_event.hpp"
 
@@ -29,6 +31,7 @@ struct ReceivePolicy {
   /// (live).
   bool wait_when_full = false;
   std::optional<Pace> pace;
+  ThreadHook hook = nullptr;
 };
 
 /// What a receive thread and the others share. The flags go from false to true once.
@@ -44,8 +47,10 @@ struct ReceiveState {
 void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& ring,
                      ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state);
 
-/// Body of the IMU receive thread: frames to samples.
+/// Body of the IMU receive thread: frames to samples, for the odometry and, unless null, for the publisher's
+/// poses at IMU rate, who gets them at once and never holds this thread up.
 void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
-                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state);
+                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+                 ipc::PublisherProcess* publisher = nullptr);
 
 }  // namespace nilio::daemon

@@ -20,7 +20,7 @@ namespace nilio::daemon {
 std::string tum_line(const ipc::PoseRecord& record);
 
 /// Files of one run, written by the supervisor: trajectory.tum and trajectory.kitti grow pose by pose,
-/// latency.json, config.yaml and map.ply are written at their time. One thread.
+/// latency.json, latency/<stage>.hgrm, config.yaml and map.ply are written at their time. One thread.
 class RunOutput {
  public:
   struct Options {
@@ -42,13 +42,14 @@ class RunOutput {
   core::Result<std::monostate> open_decisions(const std::string& header);
   void add(const ScanDecision& decision);
   /// Writes what is written at the end and tells about the first write that failed, such as a full disk.
-  core::Result<std::monostate> finish(const std::string& latency_json);
+  core::Result<std::monostate> finish(const std::string& latency_json, const ipc::LatencyHistograms& latency);
 
   [[nodiscard]] double path_length_m() const { return path_length_m_; }
   [[nodiscard]] std::uint64_t poses() const { return poses_; }
 
  private:
   explicit RunOutput(const Options& options) : options_(options) {}
+  core::Result<std::monostate> write_distributions(const ipc::LatencyHistograms& latency) const;
   core::Result<std::monostate> write_map() const;
 
   Options options_;

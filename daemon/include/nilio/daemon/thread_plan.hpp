@@ -1,35 +1,82 @@
 #pragma once
 
+#include "nilio/core/result.hpp"
 #include "nilio/daemon/config.hpp"
+#include "nilio/daemon/cpu_list.hpp"
 
+#include <array>
+#include <cstddef>
 #include <string>
+#include <sys/types.h>
 #include <vector>
 
 namespace nilio::daemon {
 
 enum class ThreadRole { kLidarReceive, kImuReceive, kDeadlineGuard, kOdometry };
+inline constexpr std::size_t kThreadRoles = 4;
+
+/// Where a real-time thread is in its life.
+enum class ThreadPhase {
+  kStarted,  ///< has its policy; nothing is prepared yet
+  kSteady,   ///< all is prepared; the next thing is the first packet, sample or scan
+  kEnding,   ///< the last one is done
+};
+/// Told by each real-time thread itself, for tests that watch what it does; null = nobody asks.
+using ThreadHook = void (*)(ThreadRole role, ThreadPhase phase);
 
 /// How the threads shall run, from the configuration and the kind of run.
 struct ThreadPlan {
+  struct Role {
+    int priority = 0;
+    CpuList cpus;  ///< empty = any
+  };
+
   bool fifo = false;
   bool lock_memory = false;
   bool strict = false;
-  int lidar_priority = 0;
-  int imu_priority = 0;
-  int odometry_priority = 0;
+  /// Threads that the odometry computes with.
+  int odometry_threads = 1;
+  std::array<Role, kThreadRoles> roles;
+
+  [[nodiscard]] const Role& of(ThreadRole role) const { return roles[static_cast<std::size_t>(role)]; }
 };
-ThreadPlan make_thread_plan(const RealtimeSection& config, bool live);
+/// Fails on a list of processors that is none, naming the key.
+core::Result<ThreadPlan> make_thread_plan(const Config& config, bool live);
 
 /// What one request to the kernel came to.
 struct PlanOutcome {
   bool granted = true;
-  std::string text;  ///< "odometry: FIFO 40", or what was refused, why, and what to do
+  std::string text;  ///< "nilio-odometry: FIFO 40 on processor 1", or what was refused, why, and what to do
+  /// Granted, but to be warned of.
+  bool warns = false;
 };
 
-/// Names the calling thread and gives it its policy. To be called first in the thread, before it starts
-/// others.
+/// How the kernel runs a thread.
+struct ThreadScheduling {
+  int policy = 0;  ///< SCHED_FIFO, SCHED_OTHER ...
+  int priority = 0;
+  CpuList cpus;
+  friend bool operator==(const ThreadScheduling&, const ThreadScheduling&) = default;
+};
+/// Asks the kernel; `thread` = 0 is the calling one.
+ThreadScheduling scheduling_of(pid_t thread);
+
+/// Has the calling thread run like that; what came of it, scheduling_of() tells.
+void run_as(const ThreadScheduling& scheduling);
+
+/// Stack of every thread that a plan is made for, and of the odometry's workers: more than any has used, and
+/// little enough to lock.
+inline constexpr std::size_t kThreadStackBytes = std::size_t{1} << 20U;
+/// Touches the pages of the stack that the thread will use.
+void touch_stack();
+
+/// Names the calling thread, gives it its policy and processors, touches its stack, and says what the kernel
+/// then says it has. To be called first in the thread, before it starts others, which inherit both.
 PlanOutcome apply_to_this_thread(const ThreadPlan& plan, ThreadRole role);
-/// Locks all present and future memory of the process.
-PlanOutcome lock_process_memory(const ThreadPlan& plan);
+/// Whether `workers`, threads that the odometry thread has started, run as it does.
+PlanOutcome judge_workers(const ThreadPlan& plan, const std::vector<pid_t>& workers);
+/// What the kernel leaves to all threads that are not FIFO: its throttling, and whether the odometry may take
+/// all processors that the calling thread, the supervisor, has.
+PlanOutcome judge_throttling(const ThreadPlan& plan);
 
 }  // namespace nilio::daemon

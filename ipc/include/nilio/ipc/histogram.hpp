@@ -16,6 +16,13 @@
 
 namespace nilio::ipc {
 
+/// Values from `from_ns` on, below `to_ns`; those beyond the range of a histogram are in its last bucket.
+struct HistogramBucket {
+  std::int64_t from_ns = 0;
+  std::int64_t to_ns = 0;
+  std::uint64_t count = 0;
+};
+
 /// What a Histogram held at one moment. Values in nanoseconds. All results are 0 while empty.
 class HistogramSnapshot {
  public:
@@ -25,9 +32,16 @@ class HistogramSnapshot {
   [[nodiscard]] double mean() const { return mean_; }
   /// The smallest recorded value that `percent` (0..100) of all values do not exceed, within 0.4 %.
   [[nodiscard]] std::int64_t percentile(double percent) const;
+  /// Standard deviation.
+  [[nodiscard]] double deviation() const;
+  /// Those that are not empty, in order.
+  [[nodiscard]] std::vector<HistogramBucket> buckets() const { return grouped(1); }
+  /// The same eight to the octave, for drawing.
+  [[nodiscard]] std::vector<HistogramBucket> coarse_buckets() const;
 
  private:
   friend class Histogram;
+  [[nodiscard]] std::vector<HistogramBucket> grouped(std::size_t group) const;
   std::vector<std::uint64_t> counts_;
   std::uint64_t count_ = 0;
   std::int64_t min_ = 0;
@@ -56,6 +70,7 @@ class Histogram {
  private:
   friend class HistogramSnapshot;
   static std::size_t bucket_of(std::int64_t ns) noexcept;
+  static std::int64_t begin_of(std::size_t bucket) noexcept;
   static std::int64_t middle_of(std::size_t bucket) noexcept;
 
   std::array<std::atomic<std::uint64_t>, kBuckets> counts_{};
@@ -93,7 +108,12 @@ struct LatencySummary {
   double max_us = 0.0;
   double mean_us = 0.0;
 };
+LatencySummary summarize(std::string_view name, const HistogramSnapshot& snapshot);
 LatencySummary summarize(std::string_view name, const Histogram& histogram);
+
+/// The percentile distribution that HdrHistogram's tools plot (.hgrm): a line for each of five steps per
+/// halving of the distance to 100 %, values in milliseconds.
+std::string percentile_distribution(const HistogramSnapshot& snapshot);
 
 /// Where the time of the scans goes since the start, one histogram per stage. One thread records, any thread
 /// reads.

@@ -44,6 +44,9 @@ struct PoseRecord {
   std::array<double, 3> deskew_rate{};
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
+  /// What is subtracted from the gyro's rates, rad/s in base_link, and from the IMU's stamps.
+  std::array<double, 3> gyro_bias{};
+  std::int64_t imu_time_shift_ns = 0;
   bool imu_used = false;
   core::ClockSource clock_source = core::ClockSource::kHost;
   bool after_time_jump = false;
@@ -65,6 +68,7 @@ struct PoseRecord {
   std::uint32_t lost_packets = 0;
   std::uint32_t missing_firings = 0;
   float coverage_deg = 0.0F;
+  std::uint64_t superseded = 0;  ///< scans left out for newer ones since the start
   /// CLOCK_MONOTONIC, ns; 0 = unknown.
   std::array<std::int64_t, kStageCount> stage_ns{};
   /// CLOCK_REALTIME at hand-over, ns.

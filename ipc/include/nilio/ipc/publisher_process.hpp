@@ -2,6 +2,8 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/ipc/imu_pose_stream.hpp"
+#include "nilio/ipc/imu_record.hpp"
 #include "nilio/ipc/pose_record.hpp"
 #include "nilio/ipc/ring.hpp"
 #include "nilio/ipc/wake_event.hpp"
@@ -26,7 +28,10 @@ struct PublisherProcessConfig {
   std::string base_frame = "base_link";
   std::string topic_prefix;          ///< before the topic names, e.g. "vehicle_1" for rt/vehicle_1/odom
   std::size_t ring_capacity = 1024;  ///< poses that survive while the publisher is away
-  int nice = -5;                     ///< of the process; without the privilege it stays at 0 and says so
+  /// Set: poses at IMU rate are published, too.
+  std::optional<ImuPoseConfig> imu_poses;
+  std::size_t sample_ring_capacity = 4096;  ///< IMU samples that survive while the publisher is away
+  int nice = -5;  ///< of the process; without the privilege it stays at 0 and says so
   core::Duration wait_for_subscribers{
       0};  ///< how long the first start waits for a subscriber before it reads the ring
   core::Duration initial_back_off =
@@ -43,7 +48,7 @@ struct PublisherEvent {
     kStarted,      ///< started again after a death
     kStartFailed,  ///< the start failed; tried again after `back_off`
     kDied,         ///< ended by itself or was killed; started again after `back_off`
-    kHung,         ///< poses wait but it reads none: killed, kDied follows
+    kHung,         ///< poses or samples wait but it reads none: killed, kDied follows
     kStopped       ///< ended as stop() wanted
   };
   Kind kind = Kind::kDied;
@@ -56,10 +61,25 @@ struct PublisherEvent {
   std::string message;          ///< all of it in one line, for the log
 };
 
-/// Starts, watches and restarts `nilio-publisher`, and owns the ring in shared memory that feeds it.
+/// The rings in shared memory that feed `nilio-publisher`, each with one producer here and one consumer
+/// there.
+struct PublisherRings {
+  Ring<PoseRecord> poses;
+  WakeEvent wake;
+  /// The same poses once more and the samples, for the thread that publishes at IMU rate, so that neither
+  /// waits for the other.
+  Ring<PoseRecord> imu_poses;
+  Ring<ImuRecord> samples;
+  WakeEvent imu_wake;
+
+  static core::Result<PublisherRings> create(std::size_t poses, std::size_t samples);
+};
+
+/// Starts, watches and restarts `nilio-publisher`, and owns the rings in shared memory that feed it.
 ///
-/// publish() belongs to one thread, the odometry thread; all else to one other thread, the supervisor, which
-/// must live as long as the process because the kernel ends the publisher with the thread that started it.
+/// publish() belongs to one thread, the odometry thread, publish_sample() to one, the IMU's; all else to one
+/// other thread, the supervisor, which must live as long as the process because the kernel ends the publisher
+/// with the thread that started it.
 class PublisherProcess {
  public:
   /// Makes the ring and the wake event; nothing runs yet.
@@ -81,9 +101,13 @@ class PublisherProcess {
   /// Wait-free apart from one write to an eventfd. False, and one more ring().dropped(), when the ring is
   /// full.
   bool publish(const PoseRecord& record) noexcept;
-  [[nodiscard]] const Ring<PoseRecord>& ring() const { return ring_; }
-  [[nodiscard]] Ring<PoseRecord>& ring() { return ring_; }
-  [[nodiscard]] WakeEvent& wake_event() { return wake_event_; }
+  /// The same for a sample of the IMU, which counts in samples().dropped(). Without imu_poses in the
+  /// configuration nothing is done.
+  bool publish_sample(const ImuRecord& record) noexcept;
+  [[nodiscard]] const Ring<PoseRecord>& ring() const { return rings_.poses; }
+  [[nodiscard]] Ring<PoseRecord>& ring() { return rings_.poses; }
+  [[nodiscard]] const Ring<ImuRecord>& samples() const { return rings_.samples; }
+  [[nodiscard]] WakeEvent& wake_event() { return rings_.wake; }
   [[nodiscard]] bool running() const { return pid_ > 0; }
   [[nodiscard]] pid_t pid() const { return pid_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
@@ -91,26 +115,31 @@ class PublisherProcess {
  private:
   using Clock = std::chrono::steady_clock;
 
-  PublisherProcess(PublisherProcessConfig config, Ring<PoseRecord> ring, WakeEvent wake_event);
+  PublisherProcess(PublisherProcessConfig config, PublisherRings rings);
   core::Result<pid_t> spawn(core::Duration wait_for_subscribers);
   [[nodiscard]] std::vector<std::string> arguments(core::Duration wait_for_subscribers) const;
   std::optional<PublisherEvent> poll_running();
   std::optional<PublisherEvent> poll_stopped();
   [[nodiscard]] PublisherEvent ended(PublisherEvent::Kind kind, int wait_status);
   void schedule_restart(PublisherEvent& event);
+  // Whether something waits in a ring and nothing is taken.
+  struct Progress {
+    std::uint64_t consumed = 0;
+    Clock::time_point at;
+  };
+  void reset_progress(Clock::time_point at);
   [[nodiscard]] bool is_hung();
 
   PublisherProcessConfig config_;
-  Ring<PoseRecord> ring_;
-  WakeEvent wake_event_;
+  PublisherRings rings_;
   pid_t pid_ = -1;
   bool wanted_ = false;
   std::uint64_t restarts_ = 0;
   core::Duration back_off_;
   Clock::time_point started_at_;
   Clock::time_point restart_at_;
-  std::uint64_t last_consumed_ = 0;
-  Clock::time_point last_progress_;
+  Progress pose_progress_;
+  Progress sample_progress_;
 };
 
 }  // namespace nilio::ipc

@@ -42,13 +42,25 @@ struct TransformMessage {
   friend bool operator==(const TransformMessage&, const TransformMessage&) = default;
 };
 
+/// Values from `from_us` on, below `to_us`.
+struct LatencyBucket {
+  double from_us = 0.0;
+  double to_us = 0.0;
+  std::uint64_t count = 0;
+
+  friend bool operator==(const LatencyBucket&, const LatencyBucket&) = default;
+};
+
 /// Time spent in one stage, in microseconds, since the publisher process started.
 struct StageLatency {
   std::string name;
   std::uint64_t count = 0;
   double p50_us = 0.0;
+  double p90_us = 0.0;
   double p99_us = 0.0;
+  double p99_9_us = 0.0;
   double max_us = 0.0;
+  std::vector<LatencyBucket> buckets;  ///< those that are not empty, in order
 
   friend bool operator==(const StageLatency&, const StageLatency&) = default;
 };
@@ -61,8 +73,66 @@ struct LatencyReport {
   std::uint64_t failed_writes = 0;
   std::uint64_t ring_dropped = 0;
   std::uint64_t ring_high_water = 0;
+  std::uint64_t imu_poses_published = 0;
+  std::uint64_t imu_ring_dropped = 0;
+  std::uint64_t imu_ring_high_water = 0;
 
   friend bool operator==(const LatencyReport&, const LatencyReport&) = default;
+};
+
+/// A moment of a scan's way, CLOCK_MONOTONIC of the machine that ScanReport::host_id names; 0 = unknown.
+struct StageStamp {
+  std::string name;
+  std::int64_t monotonic_ns = 0;
+
+  friend bool operator==(const StageStamp&, const StageStamp&) = default;
+};
+
+/// nilio/ScanReport: what became of one scan, and when.
+struct ScanReport {
+  core::Time stamp;       ///< last firing: that of the odometry message
+  core::Time scan_start;  ///< first firing
+  std::uint64_t sequence = 0;
+  std::string state;
+  std::string stop_reason;
+  core::Time handed_over;  ///< CLOCK_REALTIME of the "handed_over" stage, to relate the clocks
+  std::string host_id;     ///< the kernel's boot id
+  std::vector<StageStamp> stages;
+  bool imu_used = false;
+  bool predicted = false;
+  std::uint8_t degenerate_axes = 0;
+  float coverage_deg = 0.0F;
+  std::uint32_t points = 0;
+  std::uint32_t points_used = 0;
+  std::uint32_t correspondences = 0;
+  std::uint32_t coarse_iterations = 0;
+  std::uint32_t fine_iterations = 0;
+  std::uint32_t map_voxels = 0;
+  std::uint32_t lost_packets = 0;
+  std::uint32_t missing_firings = 0;
+  std::uint64_t superseded = 0;
+  std::string budget_rung;        ///< what was left out for time: "full", "fewer_points", ...
+  bool guarded = false;           ///< registration was late, and the prediction was handed over
+  std::int64_t overshoot_ns = 0;  ///< past the deadline, negative before it; 0 where there was none
+
+  friend bool operator==(const ScanReport&, const ScanReport&) = default;
+};
+
+/// nilio/ImuPoseStatus: how the poses at IMU rate go on from a new scan pose.
+struct ImuPoseStatus {
+  core::Time stamp;       ///< the poses after this time are propagated from this scan
+  core::Time scan_stamp;  ///< of its odometry message
+  std::uint64_t scan_sequence = 0;
+  double correction_m = 0.0;    ///< how far the published pose was from the new one
+  double correction_rad = 0.0;  ///< the same of its rotation
+  bool jumped = false;          ///< the next pose is the new one; else it is approached
+  bool follows_gyro = false;
+  std::uint64_t jumps = 0;      ///< this and the following: since the publisher process started
+  std::uint64_t published = 0;  ///< poses
+  std::uint64_t thinned = 0;    ///< samples left out for the rate
+  std::uint64_t withheld = 0;   ///< samples without a pose to go on from
+
+  friend bool operator==(const ImuPoseStatus&, const ImuPoseStatus&) = default;
 };
 
 /// diagnostic_msgs/KeyValue.

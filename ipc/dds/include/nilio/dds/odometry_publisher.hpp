@@ -21,8 +21,8 @@ struct OdometryPublisherConfig {
 /// The odometry of a record in ROS's words; the frames are left as they are.
 void fill_odometry(const ipc::PoseRecord& record, Odometry& odometry);
 
-/// Speaks DDS for nilio: odometry, its transform, the latency report, and diagnostics; reliable, volatile, so
-/// that both reliable (rviz2) and best-effort subscribers match. A subscriber that does not read never blocks
+/// Speaks DDS for nilio: odometry, its transform, the reports, and diagnostics; reliable, volatile, so that
+/// both reliable (rviz2) and best-effort subscribers match. A subscriber that does not read never blocks
 /// it: the oldest of the last ten samples is overwritten. For one thread.
 class OdometryPublisher {
  public:
@@ -37,6 +37,7 @@ class OdometryPublisher {
   bool publish_odometry(const ipc::PoseRecord& record);
   bool publish_transform(const ipc::PoseRecord& record);
   bool publish_latency(const LatencyReport& report);
+  bool publish_scan_report(const ScanReport& report);
   bool publish_diagnostics(const DiagnosticArray& diagnostics);
 
   /// Subscribers that odometry or, if more, the transform has found.

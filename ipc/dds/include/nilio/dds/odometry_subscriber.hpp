@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace nilio::dds {
 
@@ -17,12 +18,14 @@ struct OdometrySubscriberConfig {
   ParticipantConfig participant;
   std::string topic_prefix;
   std::size_t queue_capacity = 4096;  ///< samples that wait for next()
+  bool imu_rate = false;              ///< poses at IMU rate instead of those of the scans
 };
 
 struct ReceivedOdometry {
   Odometry message;
-  core::Time written;   ///< source timestamp of the writer, its clock
-  core::Time received;  ///< this machine's clock, right after deserialisation
+  core::Time written;            ///< source timestamp of the writer, its clock
+  core::Time received;           ///< this machine's clock, right after deserialisation
+  std::int64_t received_ns = 0;  ///< the same moment on CLOCK_MONOTONIC
 };
 
 struct SubscriberCounts {
@@ -33,8 +36,8 @@ struct SubscriberCounts {
   int publishers = 0;               ///< matched at the moment
 };
 
-/// Receives odometry, latency reports and diagnostics. The DDS threads only copy into queues; next() may be
-/// called by one thread. Numbers in a message may be anything, also not finite: it comes from the network.
+/// Receives odometry, reports and diagnostics. The DDS threads only copy into queues; next() may be called by
+/// one thread. Numbers in a message may be anything, also not finite: it comes from the network.
 class OdometrySubscriber {
  public:
   static core::Result<std::unique_ptr<OdometrySubscriber>> create(const OdometrySubscriberConfig& config);
@@ -44,6 +47,10 @@ class OdometrySubscriber {
 
   /// The oldest message not yet taken; waits up to `timeout` for one.
   std::optional<ReceivedOdometry> next(core::Duration timeout);
+  /// Reports of scans that have come since the last call, in order; the oldest make room.
+  std::vector<ScanReport> scan_reports();
+  /// The same of the poses at IMU rate.
+  std::vector<ImuPoseStatus> imu_statuses();
   /// The latest report, if any has come.
   [[nodiscard]] std::optional<LatencyReport> latency_report() const;
   /// The latest diagnostics, if any have come: nilio's or another program's.

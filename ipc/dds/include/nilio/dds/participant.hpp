@@ -16,10 +16,13 @@ namespace nilio::dds {
 
 /// Topic names as DDS has them ("rt/" before the ROS name).
 struct TopicNames {
-  std::string odometry;     ///< rt/<prefix>/odom
-  std::string transform;    ///< rt/tf: ROS knows only one
-  std::string latency;      ///< rt/<prefix>/nilio/latency
-  std::string diagnostics;  ///< rt/diagnostics: one for all, too
+  std::string odometry;      ///< rt/<prefix>/odom
+  std::string transform;     ///< rt/tf: ROS knows only one
+  std::string latency;       ///< rt/<prefix>/nilio/latency
+  std::string scan_report;   ///< rt/<prefix>/nilio/scan_report
+  std::string imu_odometry;  ///< rt/<prefix>/nilio/odometry_imu
+  std::string imu_status;    ///< rt/<prefix>/nilio/odometry_imu_status
+  std::string diagnostics;   ///< rt/diagnostics: one for all, too
 };
 /// Leading, trailing and doubled slashes of the prefix do not matter. Fails where ROS would not allow the
 /// name.

@@ -33,10 +33,14 @@ extern template class MessageType<Odometry>;
 extern template class MessageType<TransformMessage>;
 extern template class MessageType<LatencyReport>;
 extern template class MessageType<DiagnosticArray>;
+extern template class MessageType<ScanReport>;
+extern template class MessageType<ImuPoseStatus>;
 
 using OdometryType = MessageType<Odometry>;
 using TransformType = MessageType<TransformMessage>;
 using LatencyReportType = MessageType<LatencyReport>;
 using DiagnosticArrayType = MessageType<DiagnosticArray>;
+using ScanReportType = MessageType<ScanReport>;
+using ImuPoseStatusType = MessageType<ImuPoseStatus>;
 
 }  // namespace nilio::dds

@@ -1,0 +1,35 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+
+namespace nilio::core {
+
+/// Whether an accelerometer predicts a vehicle's velocity better than holding it does, and what has to be
+/// subtracted for that: gravity's counterforce together with what biases and tilts of odom add to it, in odom
+/// axes. Both are means with a fading memory of some seconds, so an accelerometer with wrong axes, unit or
+/// range is left out, and taken up again when it is mended. Not thread-safe.
+class AccelerometerJudge {
+ public:
+  /// What a span of `seconds` between two scans showed, all in odom axes, m/s.
+  struct Evidence {
+    Vector3 felt;             ///< integral of the specific force
+    Vector3 measured;         ///< change of the velocity of the place where it was felt
+    double held_error = 0.0;  ///< of holding the velocity in the vehicle's axes
+    double seconds = 0.0;
+  };
+  void learn(const Evidence& evidence);
+
+  [[nodiscard]] bool helps() const { return spans_ >= kLeastSpans && felt_square_ < held_square_; }
+  /// Specific force at constant velocity, m/s^2.
+  [[nodiscard]] const Vector3& support() const { return support_; }
+
+ private:
+  static constexpr int kLeastSpans = 20;
+
+  int spans_ = 0;
+  Vector3 support_ = Vector3::Zero();
+  double felt_square_ = 0.0;
+  double held_square_ = 0.0;
+};
+
+}  // namespace nilio::core

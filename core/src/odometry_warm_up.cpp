@@ -1,0 +1,36 @@
+#include "odometry_state.hpp"
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+#include <tbb/parallel_for.h>
+#include <tbb/partitioner.h>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr std::chrono::microseconds kPoll{100};
+constexpr int kPolls = 10'000;
+
+}  // namespace
+
+int Odometry::warm_up(const std::function<void()>& on_thread) {
+  const int wanted = state_->arena.max_concurrency();
+  std::atomic<int> arrived{0};
+  std::atomic<bool> over{false};
+  // A thread that has come stays until all have, so that each takes one call.
+  const auto come = [&](int /*index*/) {
+    if (over.load()) return;
+    on_thread();
+    arrived.fetch_add(1);
+    for (int i = 0; i < kPolls && arrived.load() < wanted && !over.load(); ++i)
+      std::this_thread::sleep_for(kPoll);
+    over.store(true);
+  };
+  state_->arena.execute([&] { tbb::parallel_for(0, wanted, come, tbb::simple_partitioner()); });
+  return arrived.load();
+}
+
+}  // namespace nilio::core

@@ -1,0 +1,17 @@
+#pragma once
+
+#include "watch.hpp"
+
+/// Between the replaced functions and the watch.
+namespace nilio::tests::interpose {
+
+/// Counts, if the calling thread is watched.
+void called(Offence offence);
+/// Of the calling thread, for the threads that it starts; -1 when it is not watched.
+int role_to_inherit();
+/// First thing in a thread that a watched one has started.
+void begin_worker(int role);
+/// Whether `symbol` is a function that interpose.cpp replaces; null is none.
+bool is_replaced(const char* symbol);
+
+}  // namespace nilio::tests::interpose

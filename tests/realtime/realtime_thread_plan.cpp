@@ -1,0 +1,175 @@
+#include "nilio/daemon/config_schema.hpp"
+#include "nilio/daemon/memory_plan.hpp"
+#include "nilio/daemon/pipeline.hpp"
+
+#include "../unit/live_run.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <sched.h>
+#include <string>
+#include <sys/types.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::daemon;
+
+namespace {
+
+/// Whether this computer lets the test have FIFO at all.
+bool may_have_fifo() {
+  const sched_param fifo{10};
+  const sched_param normal{0};
+  if (sched_setscheduler(0, SCHED_FIFO, &fifo) != 0) return false;
+  sched_setscheduler(0, SCHED_OTHER, &normal);
+  return true;
+}
+
+std::vector<pid_t> threads_named(const std::string& name) {
+  std::vector<pid_t> threads;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::ifstream file(entry.path() / "comm");
+    std::string found;
+    std::getline(file, found);
+    if (found == name) threads.push_back(static_cast<pid_t>(std::stol(entry.path().filename().string())));
+  }
+  return threads;
+}
+
+bool any_contains(const std::vector<PlanOutcome>& outcomes, bool granted, const std::string& text) {
+  return std::any_of(outcomes.begin(), outcomes.end(), [&](const PlanOutcome& outcome) {
+    return outcome.granted == granted && outcome.text.find(text) != std::string::npos;
+  });
+}
+
+struct Started {
+  std::unique_ptr<Pipeline> pipeline;
+  std::vector<PlanOutcome> outcomes;
+};
+
+Config live_config() {
+  Config config = tests::live_config({tests::free_port()});
+  config.realtime.policy = "fifo";
+  return config;
+}
+
+Started start(const Config& config) {
+  auto input = open_live(config);
+  REQUIRE(input.ok());
+  auto pipeline = Pipeline::create(config, std::move(input).value(), {}, nullptr);
+  REQUIRE(pipeline.ok());
+  auto outcomes = (*pipeline)->start();
+  REQUIRE(outcomes.ok());
+  return {std::move(pipeline).value(), std::move(outcomes).value()};
+}
+
+}  // namespace
+
+TEST_CASE("the odometry, its workers and the receive threads have the policy and the processors of the plan",
+          "[plan]") {
+  if (!may_have_fifo()) {
+    WARN("skipped: no permission for FIFO threads");
+    return;
+  }
+  const CpuList cpus = scheduling_of(0).cpus;
+  Config config = live_config();
+  config.odometry.threads = 2;
+  config.realtime.lidar_priority = 17;
+  config.realtime.odometry_priority = 13;
+  config.realtime.lidar_cpus = std::to_string(cpus.front());
+  config.realtime.odometry_cpus = std::to_string(cpus.back());
+  const Started started = start(config);
+  // Workers have the name of the thread that started them.
+  const std::vector<pid_t> odometry = threads_named("nilio-odometry");
+  const std::size_t expected = cpus.size() > 1 ? 2 : 1;
+  CHECK(odometry.size() >= expected);
+  for (const pid_t thread : odometry)
+    CHECK(scheduling_of(thread) == ThreadScheduling{SCHED_FIFO, 13, {cpus.back()}});
+  const std::vector<pid_t> receivers = threads_named("nilio-lidar");
+  REQUIRE(receivers.size() == 1);
+  CHECK(scheduling_of(receivers[0]) == ThreadScheduling{SCHED_FIFO, 17, {cpus.front()}});
+  // It names itself after the start.
+  std::vector<pid_t> searching = threads_named("nilio-search");
+  for (int i = 0; i < 5000 && searching.empty(); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    searching = threads_named("nilio-search");
+  }
+  REQUIRE(searching.size() == 1);
+  CHECK(scheduling_of(searching[0]).policy == SCHED_OTHER);
+  CHECK(any_contains(started.outcomes, true,
+                     "nilio-lidar: FIFO 17 on processor " + config.realtime.lidar_cpus));
+  CHECK(any_contains(started.outcomes, true, "FIFO threads"));
+}
+
+TEST_CASE(
+    "a processor that is not there is said, with the key to correct, and refused when the plan is strict",
+    "[plan]") {
+  Config config = live_config();
+  config.realtime.policy = "other";
+  config.realtime.odometry_cpus = "1000";
+  {
+    const Started started = start(config);
+    CHECK(any_contains(started.outcomes, false, "processor 1000 refused"));
+    CHECK(any_contains(started.outcomes, false, "correct realtime.odometry_cpus"));
+    CHECK(any_contains(started.outcomes, true, "nilio-lidar: normal scheduling"));
+  }
+  // Some are there: the kernel would leave out the others without a word.
+  config.realtime.odometry_cpus = std::to_string(scheduling_of(0).cpus.front()) + ",1000";
+  {
+    const Started started = start(config);
+    CHECK(any_contains(started.outcomes, false, "not all there, only"));
+  }
+  config.realtime.strict = true;
+  auto input = open_live(config);
+  REQUIRE(input.ok());
+  auto pipeline = Pipeline::create(config, std::move(input).value(), {}, nullptr);
+  REQUIRE(pipeline.ok());
+  const auto outcomes = (*pipeline)->start();
+  REQUIRE_FALSE(outcomes.ok());
+  CHECK(outcomes.error().message.find("realtime.strict is set and nilio-odometry") != std::string::npos);
+}
+
+TEST_CASE("a list of processors that is none is an error that names the key", "[plan]") {
+  Config config = live_config();
+  config.realtime.imu_cpus = "1-x";
+  const auto plan = make_thread_plan(config, true);
+  REQUIRE_FALSE(plan.ok());
+  CHECK(plan.error().message.find("realtime.imu_cpus: '1-x'") == 0);
+}
+
+TEST_CASE("the supervisor's lack of a processor of its own is warned of", "[plan]") {
+  Config config;
+  const CpuList cpus = scheduling_of(0).cpus;
+  config.odometry.threads = static_cast<int>(cpus.size());
+  CHECK(judge_throttling(make_thread_plan(config, true).value()).warns);
+  CHECK_FALSE(judge_throttling(make_thread_plan(config, false).value()).warns);
+  if (cpus.size() < 2) return;
+  config.realtime.odometry_cpus = std::to_string(cpus.back());
+  CHECK_FALSE(judge_throttling(make_thread_plan(config, true).value()).warns);
+}
+
+TEST_CASE("a worker that runs otherwise than the odometry is a refusal that names both", "[plan]") {
+  const ThreadPlan plan = make_thread_plan(Config{}, false).value();
+  CHECK(judge_workers(plan, {gettid()}).granted);
+  if (!may_have_fifo()) {
+    WARN("skipped: no permission for FIFO threads");
+    return;
+  }
+  std::atomic<pid_t> other{0};
+  std::atomic<bool> over{false};
+  std::thread thread([&] {
+    const sched_param fifo{11};
+    sched_setscheduler(0, SCHED_FIFO, &fifo);
+    other.store(gettid());
+    while (!over.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  });
+  while (other.load() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  const PlanOutcome outcome = judge_workers(plan, {other.load()});
+  over.store(true);
+  thread.join();
+  CHECK_FALSE(outcome.granted);
+  CHECK(outcome.text.find("has FIFO 11") != std::string::npos);
+  CHECK(outcome.text.find("instead of normal scheduling") != std::string::npos);
+}

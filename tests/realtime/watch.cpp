@@ -1,0 +1,168 @@
+#include "watch.hpp"
+
+#include "interpose.hpp"
+
+#include <atomic>
+#include <cstring>
+#include <cxxabi.h>
+#include <dlfcn.h>
+#include <execinfo.h>
+#include <memory>
+
+namespace nilio::tests {
+
+namespace {
+
+using daemon::ThreadPhase;
+using daemon::ThreadRole;
+
+constexpr std::size_t kRoles = daemon::kThreadRoles;
+constexpr int kDepth = 40;
+constexpr std::size_t kStacks = 12;
+constexpr auto kOffences = static_cast<std::size_t>(Offence::kCount);
+
+struct Stack {
+  Offence offence = Offence::kAllocation;
+  ThreadRole role = ThreadRole::kOdometry;
+  int depth = 0;
+  std::array<void*, kDepth> frames{};
+};
+
+struct ThreadMark {
+  int role = -1;
+  bool is_worker = false;
+  bool was_seen = false;
+  /// The watch itself allocates and locks.
+  bool is_noting = false;
+};
+thread_local ThreadMark mark;
+
+using Counters = std::array<std::atomic<std::uint64_t>, kOffences>;
+std::atomic<bool> is_armed{false};
+std::array<Counters, kRoles> of_role{};
+Counters of_tbb{};
+std::array<Stack, kStacks> stacks;
+std::atomic<std::size_t> stack_count{0};
+std::atomic<std::size_t> workers{0};
+
+bool is_in(const char* object, const char* library) {
+  return object != nullptr && std::strstr(object, library) != nullptr;
+}
+
+/// Whether the call came from TBB rather than from what TBB runs: by the innermost frame that is neither the
+/// C nor the C++ library's nor the watch's.
+bool is_of_tbb(const Stack& stack) {
+  for (int i = 0; i < stack.depth; ++i) {
+    Dl_info info{};
+    if (dladdr(stack.frames[static_cast<std::size_t>(i)], &info) == 0) return false;
+    if (is_in(info.dli_sname, "interposed") || is_in(info.dli_fname, "libc.so") ||
+        is_in(info.dli_fname, "libstdc++"))
+      continue;
+    // The interposing functions themselves are in this program and have the names of what they replace.
+    if (interpose::is_replaced(info.dli_sname)) continue;
+    return is_in(info.dli_fname, "libtbb");
+  }
+  return false;
+}
+
+OffenceCounts read(const Counters& counters) {
+  OffenceCounts counts{};
+  for (std::size_t i = 0; i < kOffences; ++i) counts[i] = counters[i].load();
+  return counts;
+}
+
+std::string describe(void* frame) {
+  Dl_info info{};
+  if (dladdr(frame, &info) == 0) return "?";
+  if (info.dli_sname == nullptr) return info.dli_fname;
+  int status = 0;
+  const std::unique_ptr<char, void (*)(void*)> name(
+      abi::__cxa_demangle(info.dli_sname, nullptr, nullptr, &status), std::free);
+  return std::string(status == 0 ? name.get() : info.dli_sname).substr(0, 120);
+}
+
+void note(Offence offence) {
+  Stack stack;
+  stack.offence = offence;
+  stack.role = static_cast<ThreadRole>(mark.role);
+  stack.depth = backtrace(stack.frames.data(), kDepth);
+  const auto index = static_cast<std::size_t>(offence);
+  if (is_of_tbb(stack)) {
+    ++of_tbb[index];
+    return;
+  }
+  ++of_role[static_cast<std::size_t>(mark.role)][index];
+  const std::size_t slot = stack_count.fetch_add(1);
+  if (slot < kStacks) stacks[slot] = stack;
+}
+
+}  // namespace
+
+const char* name_of(Offence offence) {
+  constexpr std::array<const char*, kOffences> kNames{"allocation", "release", "mapping",
+                                                      "lock",       "throw",   "output"};
+  return kNames[static_cast<std::size_t>(offence)];
+}
+
+void interpose::called(Offence offence) {
+  if (mark.role < 0 || mark.is_noting || !is_armed.load(std::memory_order_relaxed)) return;
+  mark.is_noting = true;
+  note(offence);
+  mark.is_noting = false;
+}
+
+int interpose::role_to_inherit() { return mark.role; }
+
+void interpose::begin_worker(int role) {
+  mark.role = role;
+  mark.is_worker = true;
+  ++workers;
+}
+
+void watch::hook(ThreadRole role, ThreadPhase phase) {
+  if (phase == ThreadPhase::kStarted) {
+    mark.role = static_cast<int>(role);
+  } else if (phase == ThreadPhase::kEnding) {
+    mark.role = -1;
+  }
+}
+
+void watch::arm(bool armed) {
+  // Loads what unwinding needs.
+  std::array<void*, 4> frames{};
+  backtrace(frames.data(), 4);
+  is_armed.store(armed);
+}
+
+void watch::reset() {
+  for (Counters& counters : of_role) {
+    for (auto& counter : counters) counter.store(0);
+  }
+  for (auto& counter : of_tbb) counter.store(0);
+  stack_count.store(0);
+  workers.store(0);
+}
+
+OffenceCounts watch::counts(ThreadRole role) { return read(of_role[static_cast<std::size_t>(role)]); }
+OffenceCounts watch::tbb_counts() { return read(of_tbb); }
+std::size_t watch::workers_seen() { return workers.load(); }
+
+std::uint64_t watch::total(const OffenceCounts& counts) {
+  std::uint64_t sum = 0;
+  for (const std::uint64_t count : counts) sum += count;
+  return sum;
+}
+
+std::string watch::report() {
+  std::string text;
+  for (std::size_t i = 0; i < std::min(stack_count.load(), kStacks); ++i) {
+    const Stack& stack = stacks[i];
+    text += std::string(name_of(stack.offence)) + " in thread role " +
+            std::to_string(static_cast<int>(stack.role)) + ":\n";
+    for (int f = 2; f < std::min(stack.depth, 16); ++f)
+      text += "    " + describe(stack.frames[static_cast<std::size_t>(f)]) + "\n";
+  }
+  return text;
+}
+
+}  // namespace nilio::tests
