@@ -78,7 +78,7 @@ TEST_CASE("a run's figures are those of its files, and a table row has them") {
   CHECK(times.rows[0][2] == "0.00 / 0.25 / 0.50");
   CHECK(times.rows[0][3] == "40 / 60");
   CHECK(times.rows[0][4] == "3.00 / 5.00");
-  CHECK(times.rows[0][8] == "12 / 345 (normal)");
+  CHECK(times.rows[0][9] == "12 / 345 (normal)");
   CHECK(realtime_trajectory_table(std::span(&cell, 1)).rows[0][3] == f.sha256);
   CHECK(latency_chart(std::span(&cell, 1)).curves.size() == 1);
   CHECK(accuracy_chart({}, std::span(&cell, 1)).curves.empty());

@@ -32,16 +32,12 @@ constexpr int kPictureHeight = 620;
 constexpr int kFirstDomain = 100;
 constexpr int kDomains = 100;
 constexpr const char* kLegend =
-    "Two numbers are 50 % / 99 %, three 50 % / 99 % / most; wake-up has 99 % / most. Past the budget: "
-    "hand-over "
-    "after last packet plus budget. To hand-over, to DDS: from the last packet of the scan, as received, to "
-    "the "
-    "pose put into the publisher's ring, and to the return of DDS write(). IMU pose: from the CAN frame to "
-    "the "
-    "return of DDS write(). Wake-up: how late a thread that sleeps to absolute times, every millisecond, is "
-    "woken meanwhile: SCHED_FIFO 80, or normal where that is not allowed. Sender late: 99 % of the packets "
-    "sent "
-    "no later than that.";
+    "Two numbers are 50 % / 99 %, three 50 % / 99 % / most; wake-up has 99 % / most. Past the budget: the "
+    "hand-over, after the last packet's arrival plus the budget. To hand-over, to DDS, to subscriber: from "
+    "that arrival to the pose put into the publisher's ring, to the return of DDS write(), and to a "
+    "subscriber of this computer. IMU pose: from the CAN frame to the return of DDS write(). Wake-up: how "
+    "late a thread that sleeps to absolute times, every millisecond, is woken meanwhile: SCHED_FIFO 80, or "
+    "normal where that is not allowed. Sender late: 99 % of the packets were sent no later than that.";
 
 struct BenchRealtimeOptions {
   std::vector<std::string> drives;

@@ -33,11 +33,11 @@ constexpr double kStandingLapS = 120.0;
 constexpr Duration kSimulationLimit = Duration::from_seconds(1800.0);
 constexpr const char* kLegend =
     "niliod's pipeline in this process and nilio-publisher beside it, as fast as they go. The drives are "
-    "played "
-    "forwards one after the other, again and again, with all stamps moved on: at each seam the vehicle is "
-    "somewhere else within 0.1 s, which odometry has to lose and find its way in. Memory: anonymous pages, "
-    "counted one by one at every second of recorded time; the slope is per recorded minute, by least squares "
-    "after the warm-up; its standard error takes into account that neighbouring samples are alike.";
+    "played forwards one after the other, again and again, with all stamps moved on: at each seam the "
+    "vehicle is somewhere else within 0.1 s, which odometry has to lose and find its way in. Memory: "
+    "anonymous pages, counted one by one at every second of recorded time; the slope is per recorded "
+    "minute, by least squares after the warm-up; its standard error takes into account that neighbouring "
+    "samples are alike.";
 
 struct BenchSoakOptions {
   std::vector<std::string> drives;

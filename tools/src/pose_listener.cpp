@@ -1,6 +1,7 @@
 #include "pose_listener.hpp"
 
 #include "nilio/daemon/receive.hpp"
+#include "nilio/dds/reports.hpp"
 
 #include <utility>
 
@@ -23,17 +24,19 @@ core::Result<std::unique_ptr<PoseListener>> PoseListener::start(std::uint32_t do
 }
 
 PoseListener::PoseListener(std::unique_ptr<dds::OdometrySubscriber> subscriber)
-    : subscriber_(std::move(subscriber)), thread_([this] { run(); }) {}
+    : subscriber_(std::move(subscriber)), packet_to_pose_(dds::read_host_id()), thread_([this] { run(); }) {}
 
-PoseListener::~PoseListener() {
+void PoseListener::stop() {
   stop_.store(true);
-  thread_.join();
+  if (thread_.joinable()) thread_.join();
 }
 
 void PoseListener::run() {
   while (!stop_.load(std::memory_order_relaxed)) {
     const auto sample = subscriber_->next(kPoll);
+    for (const dds::ScanReport& report : subscriber_->scan_reports()) packet_to_pose_.add_report(report);
     if (!sample) continue;
+    packet_to_pose_.add_pose(sample->message.stamp, sample->received_ns);
     transport_->record((sample->received - sample->written).ns);
     poses_.fetch_add(1);
     last_pose_ns_.store(daemon::monotonic_ns());

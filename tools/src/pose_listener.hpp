@@ -5,6 +5,8 @@
 #include "nilio/dds/odometry_subscriber.hpp"
 #include "nilio/ipc/histogram.hpp"
 
+#include "packet_to_pose.hpp"
+
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -21,7 +23,7 @@ class PoseListener {
   static core::Result<std::unique_ptr<PoseListener>> start(std::uint32_t domain);
   PoseListener(const PoseListener&) = delete;
   PoseListener& operator=(const PoseListener&) = delete;
-  ~PoseListener();
+  ~PoseListener() { stop(); }
 
   /// A publisher has been found.
   [[nodiscard]] bool is_connected() const { return subscriber_->counts().publishers > 0; }
@@ -30,6 +32,10 @@ class PoseListener {
   [[nodiscard]] std::int64_t last_pose_ns() const { return last_pose_ns_.load(); }
   /// From the writer's stamp to the reader's.
   [[nodiscard]] const ipc::Histogram& transport() const { return *transport_; }
+  /// From the reception of a scan's last packet to its pose here; complete once the thread has ended.
+  [[nodiscard]] const ipc::Histogram& packet_to_pose() const { return packet_to_pose_.histogram(); }
+  /// Ends the thread, with what has come until now taken; more than once does no harm.
+  void stop();
   [[nodiscard]] std::optional<dds::LatencyReport> latency_report() const {
     return subscriber_->latency_report();
   }
@@ -39,6 +45,7 @@ class PoseListener {
   void run();
 
   std::unique_ptr<dds::OdometrySubscriber> subscriber_;
+  PacketToPose packet_to_pose_;
   std::unique_ptr<ipc::Histogram> transport_ = std::make_unique<ipc::Histogram>();
   std::atomic<std::uint64_t> poses_{0};
   std::atomic<std::int64_t> last_pose_ns_{0};

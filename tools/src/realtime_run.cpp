@@ -257,7 +257,9 @@ Result<RealtimeRun> RunInRealTime::run() {
   result_.figures = std::move(figures).value();
   result_.noise = ipc::summarize("wake-up", noise.histogram());
   result_.noise_is_fifo = noise.is_fifo();
+  listener_->stop();
   result_.transport = ipc::summarize("DDS", listener_->transport());
+  result_.packet_to_subscriber = ipc::summarize("packet to subscriber", listener_->packet_to_pose());
   read_report();
   return std::move(result_);
 }

@@ -58,6 +58,8 @@ struct RealtimeRun {
   bool noise_is_fifo = false;
   /// DDS write to subscriber.
   ipc::LatencySummary transport;
+  /// Last packet received to subscriber.
+  ipc::LatencySummary packet_to_subscriber;
   /// Rows of the publisher's last report: last packet, or CAN frame of the IMU, to the return of DDS write().
   std::optional<ipc::LatencySummary> received_to_written;
   std::optional<ipc::LatencySummary> imu_pose;
