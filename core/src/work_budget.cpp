@@ -21,13 +21,14 @@ constexpr double kMargin = 1.3;
 constexpr double kRiseGain = 0.3;
 constexpr double kFallGain = 0.05;
 constexpr double kLargestRatio = 4.0;
+constexpr double kDoubt = 0.8;
 constexpr double kIterationGain = 0.05;
 // Shares of the time, from the scan's beginning: preparation, then NDT when it is due. What a stage leaves
 // over goes to the next.
 constexpr double kPrepareShare = 0.5;
 constexpr double kCoarseShare = 0.25;
 // With fewer points no registration is worth its name.
-constexpr std::size_t kLeastScanPoints = 2000;
+constexpr std::size_t kLeastScanPoints = 1000;
 constexpr std::size_t kLeastRegistrationPoints = 100;
 constexpr std::size_t kLeastRounds = 2;
 
@@ -155,6 +156,9 @@ std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_n
   while (fits < least && rounds > kLeastRounds) fits = units_within(work, end_ns, --rounds, most);
   const std::size_t chosen = fits >= most ? most : fits >= least ? fits : 0;
   short_ = short_ || chosen < most;
+  // What is not done at all teaches nothing: doubt what it was taken to cost, or it would never be done
+  // again.
+  if (chosen == 0 && config_.mode == BudgetMode::kWall) cost_ns_[static_cast<std::size_t>(work)] *= kDoubt;
   return std::min(keep_choice(chosen), most);
 }
 

@@ -163,6 +163,27 @@ TEST_CASE("a budget never stops a question more often than it can keep, and refu
   for (int i = 0; i < 200; ++i) CHECK_FALSE(repeated.allows(Work::kNdt, 1));
 }
 
+TEST_CASE("work that once was too dear to be begun is begun again") {
+  work_clock.cost_ns = {20.0, 130.0, 60.0, 60'000.0};
+  WorkBudget budget({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, read_work_clock);
+  work_clock.budget = &budget;
+  work_clock.cost_ns[static_cast<std::size_t>(Work::kPrepare)] = 5000.0;
+  for (int i = 0; i < 20; ++i) {
+    budget.begin_scan(0, false);
+    if (const std::size_t points = budget.choose_scan_points(30000); points > 0)
+      budget.done(Work::kPrepare, points);
+  }
+  work_clock.cost_ns[static_cast<std::size_t>(Work::kPrepare)] = 20.0;
+  std::size_t points = 0;
+  for (int i = 0; i < 40; ++i) {
+    budget.begin_scan(0, false);
+    points = budget.choose_scan_points(30000);
+    if (points > 0) budget.done(Work::kPrepare, points);
+  }
+  CHECK(points > 5000);
+  work_clock.budget = nullptr;
+}
+
 TEST_CASE("what one preempted moment costs is not believed at once") {
   work_clock.cost_ns = {20.0, 130.0, 60.0, 60'000.0};
   WorkBudget budget({BudgetMode::kWall, Duration::from_milliseconds(10.0)}, read_work_clock);
