@@ -8,6 +8,9 @@ namespace nilio::tools {
 
 namespace {
 
+/// Correlation of neighbours from which on they differ by steps more than by noise.
+constexpr double kMovesInSteps = 0.5;
+
 double mean_of(std::span<const double> values) {
   double sum = 0.0;
   for (const double value : values) sum += value;
@@ -20,6 +23,19 @@ double correlation(const std::vector<double>& residuals, double square_sum) {
   for (std::size_t i = 1; i < residuals.size(); ++i) product_sum += residuals[i] * residuals[i - 1];
   const auto n = static_cast<double>(residuals.size());
   return std::clamp(product_sum / square_sum, 0.0, (n - 3.0) / (n + 3.0));
+}
+
+/// From the steps between samples, whose sum the rise is.
+double error_by_steps(std::span<const double> x, std::span<const double> y) {
+  const std::size_t steps = y.size() - 1;
+  const auto n = static_cast<double>(steps);
+  const double mean = (y[steps] - y[0]) / n;
+  double square_sum = 0.0;
+  for (std::size_t i = 1; i < y.size(); ++i) {
+    const double residual = y[i] - y[i - 1] - mean;
+    square_sum += residual * residual;
+  }
+  return std::sqrt(n * square_sum / (n - 1.0)) / (x[steps] - x[0]);
 }
 
 }  // namespace
@@ -50,6 +66,10 @@ LineFit fit_line(std::span<const double> x, std::span<const double> y) {
   const double r = correlation(residuals, square_sum);
   const double variance = square_sum / (n - 2.0);
   fit.standard_error = std::sqrt(variance / xx * (1.0 + r) / (1.0 - r));
+  if (r > kMovesInSteps) {
+    const double by_steps = error_by_steps(x.first(fit.samples), y.first(fit.samples));
+    fit.standard_error = std::max(fit.standard_error, by_steps);
+  }
   return fit;
 }
 

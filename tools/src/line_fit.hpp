@@ -9,9 +9,10 @@ namespace nilio::tools {
 struct LineFit {
   std::size_t samples = 0;
   double slope = 0.0;
-  /// Of the slope. Neighbouring samples of a quantity that moves in steps say the same twice: the error is
-  /// that of the smaller number of independent samples, by the residuals' correlation from one to the next
-  /// (n (1 - r) / (1 + r), r their lag-1 autocorrelation). 0 when all samples lie on the line.
+  /// Of the slope. Of independent samples there are as many as the residuals' correlation r from one to the
+  /// next leaves, n (1 - r) / (1 + r). Where r is above a half, the quantity moves in steps rather than about
+  /// a line: then at least what the mean step is uncertain by, so that a single step is no trend, and k equal
+  /// ones make a slope of k^0.5 standard errors. 0 when all samples lie on the line.
   double standard_error = 0.0;
   /// From the first to the last sample, of the line.
   double rise = 0.0;

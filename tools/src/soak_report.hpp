@@ -19,13 +19,14 @@ struct NamedSoak {
   SoakResult result;
 };
 
-/// Memory comes in pages of 4 KiB, and one that is taken at any time lets the line rise by up to one and a half.
-/// Two of them (a heap that reaches a little farther, a part of the map that was never used) are no leak: what
-/// rises no more cannot be told from what is level. It is half a KiB a minute over half an hour.
+/// Memory comes in pages of 4 KiB, and one that is taken at any time lets the line rise by up to one and a
+/// half. Two of them (a heap that reaches a little farther, a part of the map that was never used) are no
+/// leak: what rises no more cannot be told from what is level. It is half a KiB a minute over half an hour.
 inline constexpr double kTwoPagesRiseKib = 12.0;
 
-/// Memory does not grow: after the warm-up it takes no more than two pages, or its slope is zero within twice the
-/// standard error and below kMostGrowthKibPerMinute. At least ten samples have to say so.
+/// Memory does not grow: after the warm-up it takes no more than two pages, or its slope is zero within twice
+/// the standard error and below kMostGrowthKibPerMinute; that it is so slow cannot be asked of less than the
+/// twelve minutes in which two pages make so much. At least ten samples have to say so.
 bool is_level(const MemorySeries& series);
 
 /// What is wrong with a run, one line each; empty for a good one.

@@ -113,6 +113,7 @@ class SoakRun {
   }
   void drain();
   void take(const ipc::PoseRecord& record);
+  [[nodiscard]] bool is_ending() const;
   void sample(core::Time stamp);
   SoakResult finish(std::int64_t begun_ns);
 
@@ -167,8 +168,14 @@ Result<std::monostate> SoakRun::open() {
   return std::monostate{};
 }
 
+/// A thread that has come to its end gives memory back.
+bool SoakRun::is_ending() const {
+  return pipeline_->lidars().front()->state.ended.load() ||
+         (pipeline_->input().frames && pipeline_->imu_state().ended.load());
+}
+
 void SoakRun::sample(core::Time stamp) {
-  if (stamp < next_sample_) return;
+  if (stamp < next_sample_ || is_ending()) return;
   next_sample_ = stamp + kSamplePeriod;
   own_memory_->sample(stamp - *first_stamp_);
   // A publisher that was started again is another process; that it was is counted.
@@ -203,13 +210,10 @@ SoakResult SoakRun::finish(std::int64_t begun_ns) {
   result_.scans = pipeline_->counters().scans.load();
   result_.scans_with_imu = pipeline_->counters().scans_with_imu.load();
   result_.packets_dropped = pipeline_->packets_dropped();
-  result_.least_recorded = result_.poses;
-  // The end-to-end latency also counts what could not happen while a scan was late.
-  for (std::size_t i = 0; i + 1 < ipc::kLatencyStageCount; ++i) {
-    const std::uint64_t count = latency_->histogram(static_cast<ipc::LatencyStage>(i)).snapshot().count();
-    result_.least_recorded = std::min(result_.least_recorded, count);
-    result_.most_recorded = std::max(result_.most_recorded, count);
-  }
+  // The end-to-end latency, the last, also counts what could not happen while a scan was late.
+  for (std::size_t i = 0; i + 1 < ipc::kLatencyStageCount; ++i)
+    result_.recorded.emplace_back(ipc::kLatencyStageNames[i],
+                                  latency_->histogram(static_cast<ipc::LatencyStage>(i)).snapshot().count());
   if (publisher_) {
     result_.publisher_restarts = publisher_->restarts();
     result_.publisher_dropped = publisher_->ring().dropped();

@@ -5,6 +5,7 @@
 #include "nilio/core/time.hpp"
 
 #include "line_fit.hpp"
+#include "run_figures.hpp"
 #include "sensor_drive.hpp"
 #include "stop_signals.hpp"
 
@@ -45,9 +46,8 @@ struct SoakResult {
   std::uint64_t poses = 0;
   std::array<std::uint64_t, 4> states{};  ///< poses by core::TrackingState
   std::uint64_t scans_with_imu = 0;
-  /// In the histogram of every latency stage, which all poses belong to.
-  std::uint64_t least_recorded = 0;
-  std::uint64_t most_recorded = 0;
+  /// In the histogram of each latency stage, which all poses belong to.
+  NamedCounts recorded;
   std::uint32_t map_voxels = 0;
   std::uint64_t packets_dropped = 0;
   std::uint64_t publisher_dropped = 0;
