@@ -104,7 +104,8 @@ void WorkBudget::begin_scan(std::int64_t released_ns, bool exempt) {
 void WorkBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
   decisions_ = decisions;
   counted_ns_ = 0;
-  begin(exempt ? Answers::kUnlimited : Answers::kRepeated, 0, kNever);
+  const bool was_limited = !exempt && (decisions.count_size > 0 || decisions.stop_size > 0);
+  begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, 0, kNever);
 }
 
 double WorkBudget::cost_units(Work work, std::size_t units) {
@@ -146,6 +147,7 @@ std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_n
                                std::size_t most) {
   if (answers_ == Answers::kUnlimited) return most;
   if (answers_ == Answers::kRepeated) {
+    if (decisions_.count_size == 0) return most;
     const std::uint8_t last = static_cast<std::uint8_t>(std::max<int>(decisions_.count_size, 1) - 1);
     const std::size_t chosen = std::min<std::size_t>(decisions_.counts[std::min(choices_++, last)], most);
     short_ = short_ || chosen < most;

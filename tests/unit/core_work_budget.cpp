@@ -146,6 +146,13 @@ TEST_CASE("the decisions of a run by the clock repeat it to the bit") {
     CHECK(first.results[i].rung == repeated.results[i].rung);
 }
 
+TEST_CASE("the decisions of a run without a budget repeat it, too") {
+  const BudgetRun first = drive({}, 15);
+  const BudgetRun repeated =
+      drive({BudgetMode::kOps, Duration::from_milliseconds(0.5)}, 15, &first.decisions);
+  CHECK(same_poses(first, repeated));
+}
+
 TEST_CASE("without decisions to repeat, a run by the clock is another one") {
   work_clock.cost_ns = {35.0, 200.0, 110.0, 80'000.0};
   const BudgetRun first =
