@@ -66,7 +66,12 @@ void run_as(const ThreadScheduling& scheduling);
 
 /// Stack of every thread that a plan is made for, and of the odometry's workers: more than any has used, and
 /// little enough to lock.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+// Sanitizers keep what they know of a thread on its stack, and make its frames larger.
+inline constexpr std::size_t kThreadStackBytes = std::size_t{8} << 20U;
+#else
 inline constexpr std::size_t kThreadStackBytes = std::size_t{1} << 20U;
+#endif
 /// Touches the pages of the stack that the thread will use.
 void touch_stack();
 
