@@ -39,7 +39,7 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
   feeds_densely = scans < kInitialScans;
   scan_points = budget.choose_scan_points(std::min(config.scan_points, scan.points.size()));
-  const float share = feeds_densely ? kInitialVoxelShare : 1.0F;
+  const float share = scans == 0 ? kFirstVoxelShare : feeds_densely ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
                                        config.elevation_correction_rad, scan_points};
   filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);

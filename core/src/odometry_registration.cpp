@@ -209,7 +209,8 @@ void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   relocated = true;
   motion.predict(expected_twist().head<3>());
   motion.deskew(sweep, deskewed);
-  thin_evenly(deskewed, kCoarsePoints, search_points);
+  const bool has_time = budget.allows(Work::kNdt, kSearchIterations * kCoarsePoints);
+  thin_evenly(deskewed, has_time ? kCoarsePoints : kStartPoints, search_points);
   Search search{T_predicted, 0};
   // What this scan has no time for, the next ones look at.
   for (std::size_t tried = 0; tried <= kLostHypotheses.size(); ++tried) {

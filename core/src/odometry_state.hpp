@@ -21,7 +21,8 @@ namespace nilio::core {
 /// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan
 /// leaves its voxels short of the points that a plane needs.
 inline constexpr std::uint64_t kInitialScans = 5;
-inline constexpr float kInitialVoxelShare = 0.5F;
+inline constexpr float kFirstVoxelShare = 0.5F;
+inline constexpr float kInitialVoxelShare = 0.7F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
 inline constexpr float kCoarseVoxelMetres = 1.0F;
 /// Scans without a pose after which the old map is given up: it has moved out of sight, or the search would

@@ -12,20 +12,25 @@ constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 // What work costs in ops mode, and in wall mode until it is known: nanoseconds a unit on one core of 2020's
 // computers.
 constexpr std::array<double, kWorkKinds> kNominalCostNs = {20.0, 130.0, 60.0, 60'000.0};
+// What a piece of work costs however small it is, in units: fewer points would otherwise seem to be dearer
+// ones, and fewer still would be chosen.
+constexpr std::array<double, kWorkKinds> kLeastUnits = {2000.0, 50.0, 200.0, 0.0};
 // A prediction is made so much larger than what it rests on: most iterations then cost less than predicted.
 constexpr double kMargin = 1.3;
 // What gets dearer is believed at once, what gets cheaper after a while; one preempted moment is no trend.
 constexpr double kRiseGain = 0.3;
 constexpr double kFallGain = 0.05;
 constexpr double kLargestRatio = 4.0;
+constexpr double kDoubt = 0.8;
 constexpr double kIterationGain = 0.05;
 // Shares of the time, from the scan's beginning: preparation, then NDT when it is due. What a stage leaves
 // over goes to the next.
 constexpr double kPrepareShare = 0.5;
 constexpr double kCoarseShare = 0.25;
 // With fewer points no registration is worth its name.
-constexpr std::size_t kLeastScanPoints = 2000;
+constexpr std::size_t kLeastScanPoints = 1000;
 constexpr std::size_t kLeastRegistrationPoints = 100;
+constexpr std::size_t kLeastRounds = 2;
 
 }  // namespace
 
@@ -99,11 +104,20 @@ void WorkBudget::begin_scan(std::int64_t released_ns, bool exempt) {
 void WorkBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
   decisions_ = decisions;
   counted_ns_ = 0;
-  begin(exempt ? Answers::kUnlimited : Answers::kRepeated, 0, kNever);
+  const bool was_limited = !exempt && (decisions.count_size > 0 || decisions.stop_size > 0);
+  begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, 0, kNever);
+}
+
+double WorkBudget::cost_units(Work work, std::size_t units) {
+  return static_cast<double>(units) + kLeastUnits[static_cast<std::size_t>(work)];
 }
 
 std::int64_t WorkBudget::predicted_ns(Work work, std::size_t units) const {
-  return static_cast<std::int64_t>(kMargin * cost_ns(work) * static_cast<double>(units));
+  return static_cast<std::int64_t>(kMargin * cost_ns(work) * cost_units(work, units));
+}
+
+std::int64_t WorkBudget::iteration_ns() const {
+  return static_cast<std::int64_t>(cost_ns(Work::kIcp) * cost_units(Work::kIcp, registration_points_));
 }
 
 /// When this work has to be over.
@@ -121,20 +135,32 @@ std::size_t WorkBudget::keep_choice(std::size_t chosen) {
   return decisions_.counts[decisions_.count_size - 1U];
 }
 
+/// How many units can be done so many times until the end.
+std::size_t WorkBudget::units_within(Work work, std::int64_t end_ns, std::size_t rounds,
+                                     std::size_t most) const {
+  const auto left = static_cast<double>(std::max<std::int64_t>(end_ns - now_ns(), 0));
+  const double fitting = left / (kMargin * cost_ns(work) * static_cast<double>(rounds)) - cost_units(work, 0);
+  return static_cast<std::size_t>(std::clamp(fitting, 0.0, static_cast<double>(most)));
+}
+
 std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
                                std::size_t most) {
   if (answers_ == Answers::kUnlimited) return most;
   if (answers_ == Answers::kRepeated) {
+    if (decisions_.count_size == 0) return most;
     const std::uint8_t last = static_cast<std::uint8_t>(std::max<int>(decisions_.count_size, 1) - 1);
     const std::size_t chosen = std::min<std::size_t>(decisions_.counts[std::min(choices_++, last)], most);
     short_ = short_ || chosen < most;
     return chosen;
   }
-  const std::int64_t per_unit = std::max<std::int64_t>(predicted_ns(work, 1000 * rounds), 1);
-  const std::int64_t left = std::max<std::int64_t>(end_ns - now_ns(), 0);
-  const auto fits = static_cast<std::size_t>(1000 * left / per_unit);
+  // Rather fewer iterations than no registration.
+  std::size_t fits = units_within(work, end_ns, rounds, most);
+  while (fits < least && rounds > kLeastRounds) fits = units_within(work, end_ns, --rounds, most);
   const std::size_t chosen = fits >= most ? most : fits >= least ? fits : 0;
   short_ = short_ || chosen < most;
+  // What is not done at all teaches nothing: doubt what it was taken to cost, or it would never be done
+  // again.
+  if (chosen == 0 && config_.mode == BudgetMode::kWall) cost_ns_[static_cast<std::size_t>(work)] *= kDoubt;
   return std::min(keep_choice(chosen), most);
 }
 
@@ -174,12 +200,16 @@ void WorkBudget::learn(Work work, double sample_ns) {
 
 void WorkBudget::done(Work work, std::size_t units) {
   work_done_[static_cast<std::size_t>(work)] += units;
-  counted_ns_ += static_cast<std::int64_t>(cost_ns(work) * static_cast<double>(units));
+  if (units == 0) return mark_lap();
+  counted_ns_ += static_cast<std::int64_t>(cost_ns(work) * cost_units(work, units));
   if (config_.mode != BudgetMode::kWall || answers_ == Answers::kRepeated) return;
-  const std::int64_t now = now_ns();
-  if (answers_ == Answers::kDecided && units > 0)
-    learn(work, static_cast<double>(now - lap_ns_) / static_cast<double>(units));
-  lap_ns_ = now;
+  if (answers_ == Answers::kDecided)
+    learn(work, static_cast<double>(now_ns() - lap_ns_) / cost_units(work, units));
+  mark_lap();
+}
+
+void WorkBudget::mark_lap() {
+  if (config_.mode == BudgetMode::kWall && answers_ != Answers::kRepeated) lap_ns_ = now_ns();
 }
 
 void WorkBudget::finish_scan(int iterations) {

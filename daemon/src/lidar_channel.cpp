@@ -93,6 +93,8 @@ void LidarChannel::search() {
 
 bool LidarChannel::decode_front() {
   const bool is_kept_back = !has_caught_up() && next_ < backlog_.size();
+  // Nobody could have used it before: its deadline runs from now.
+  if (is_kept_back) backlog_[next_].received_ns = monotonic_ns();
   const Packet& packet = is_kept_back ? backlog_[next_] : ring_.begin_read().front();
   watch_sender(packet);
   last_stamp_ = packet.stamp;

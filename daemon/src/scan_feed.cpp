@@ -51,7 +51,7 @@ FeedState PacketScanFeed::next(core::Scan& scan, core::Duration timeout) {
 }
 
 std::size_t PacketScanFeed::waiting_scans() const {
-  return packets_per_scan_ > 0 ? channel_.packets_waiting() / packets_per_scan_ : 0;
+  return packets_per_scan_ > 0 ? channel_.packets_in_ring() / packets_per_scan_ : 0;
 }
 
 }  // namespace nilio::daemon

@@ -16,6 +16,8 @@ namespace {
 
 /// A scan is closed after this whatever the azimuth does: the slowest revolution lasts 0.2 s.
 constexpr std::int64_t kLongestScanNs = 300'000'000;
+// Of which a scan at the usual 10 revolutions a second is this share.
+constexpr std::size_t kUsualScansInCapacity = 3;
 /// Firmwares differ by less in their firing period.
 constexpr double kPeriodTolerance = 0.3;
 constexpr std::uint32_t kPeriodsAveraged = 64;
@@ -52,9 +54,12 @@ ScanAssembler::State::State(VelodyneSensor sensor, const ScanAssemblerConfig& co
     if (config.return_mode == sensor_.layouts[i].mode) index = i;
   }
   use_layout(index);
-  current_.points.reserve(capacity_);
-  completed_.points.reserve(capacity_);
-  spare_.reserve(capacity_);
+  for (std::vector<core::Point>* points : {&current_.points, &completed_.points, &spare_}) {
+    points->reserve(capacity_);
+    // What a scan at the usual speed needs is touched here, so that the first scans do not wait for memory.
+    points->resize(capacity_ / kUsualScansInCapacity);
+    points->clear();
+  }
 }
 
 void ScanAssembler::State::use_layout(std::size_t index) {

@@ -146,6 +146,13 @@ TEST_CASE("the decisions of a run by the clock repeat it to the bit") {
     CHECK(first.results[i].rung == repeated.results[i].rung);
 }
 
+TEST_CASE("the decisions of a run without a budget repeat it, too") {
+  const BudgetRun first = drive({}, 15);
+  const BudgetRun repeated =
+      drive({BudgetMode::kOps, Duration::from_milliseconds(0.5)}, 15, &first.decisions);
+  CHECK(same_poses(first, repeated));
+}
+
 TEST_CASE("without decisions to repeat, a run by the clock is another one") {
   work_clock.cost_ns = {35.0, 200.0, 110.0, 80'000.0};
   const BudgetRun first =
@@ -161,6 +168,27 @@ TEST_CASE("a budget never stops a question more often than it can keep, and refu
   WorkBudget repeated({}, nullptr);
   repeated.begin_scan(budget.decisions(), false);
   for (int i = 0; i < 200; ++i) CHECK_FALSE(repeated.allows(Work::kNdt, 1));
+}
+
+TEST_CASE("work that once was too dear to be begun is begun again") {
+  work_clock.cost_ns = {20.0, 130.0, 60.0, 60'000.0};
+  WorkBudget budget({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, read_work_clock);
+  work_clock.budget = &budget;
+  work_clock.cost_ns[static_cast<std::size_t>(Work::kPrepare)] = 5000.0;
+  for (int i = 0; i < 20; ++i) {
+    budget.begin_scan(0, false);
+    if (const std::size_t points = budget.choose_scan_points(30000); points > 0)
+      budget.done(Work::kPrepare, points);
+  }
+  work_clock.cost_ns[static_cast<std::size_t>(Work::kPrepare)] = 20.0;
+  std::size_t points = 0;
+  for (int i = 0; i < 40; ++i) {
+    budget.begin_scan(0, false);
+    points = budget.choose_scan_points(30000);
+    if (points > 0) budget.done(Work::kPrepare, points);
+  }
+  CHECK(points > 5000);
+  work_clock.budget = nullptr;
 }
 
 TEST_CASE("what one preempted moment costs is not believed at once") {

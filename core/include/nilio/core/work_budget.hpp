@@ -95,10 +95,8 @@ class WorkBudget {
   /// Units of work done since the beginning, by kind.
   [[nodiscard]] const std::array<std::uint64_t, kWorkKinds>& work_done() const { return work_done_; }
   /// What an iteration of ICP is taken to cost, with as many points as were chosen last.
-  [[nodiscard]] std::int64_t iteration_ns() const {
-    return static_cast<std::int64_t>(cost_ns(Work::kIcp) * static_cast<double>(registration_points_));
-  }
-  /// What one unit is taken to cost.
+  [[nodiscard]] std::int64_t iteration_ns() const;
+  /// What one unit is taken to cost, beside what each piece of work costs at least.
   [[nodiscard]] double cost_ns(Work work) const { return cost_ns_[static_cast<std::size_t>(work)]; }
 
  private:
@@ -106,10 +104,14 @@ class WorkBudget {
 
   void begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns);
   std::size_t choose(Work work, std::size_t rounds, std::int64_t end_ns, std::size_t least, std::size_t most);
+  [[nodiscard]] std::size_t units_within(Work work, std::int64_t end_ns, std::size_t rounds,
+                                         std::size_t most) const;
   std::size_t keep_choice(std::size_t chosen);
+  [[nodiscard]] static double cost_units(Work work, std::size_t units);
   [[nodiscard]] std::int64_t end_of(Work work) const;
   [[nodiscard]] std::int64_t predicted_ns(Work work, std::size_t units) const;
   void learn(Work work, double sample_ns);
+  void mark_lap();
 
   BudgetConfig config_;
   ClockFunction clock_;
