@@ -16,7 +16,7 @@ namespace {
 using core::Error;
 using core::Result;
 
-// Of a scan's deepest call in any mode; what tests have seen used is a tenth.
+// A quarter of the stack: matrices on it are of fixed size, and large buffers are on the heap.
 constexpr std::size_t kTouchedStackBytes = std::size_t{256} << 10U;
 constexpr std::size_t kPageBytes = 4096;
 

@@ -121,8 +121,7 @@ TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, 
   CHECK(run_command(add_bench, {"soak", "--minutes", "nan"}) == -1);
 }
 
-TEST_CASE("five minutes of driving and two of standing take no more memory after a while",
-          "[.soak]") {
+TEST_CASE("five minutes of driving and two of standing take no more memory after a while", "[.soak]") {
   const TemporaryFolder folder;
   const std::string drive = folder.file("town");
   REQUIRE(run_command(add_simulate_command, {"simulate", drive, "--duration", "30", "--moving-start"}) == 0);

@@ -65,8 +65,8 @@ class LidarChannel {
   [[nodiscard]] core::Time last_stamp() const { return last_stamp_; }
   /// Taken off the ring so far, whether they were of use or not.
   [[nodiscard]] std::uint64_t packets_taken() const { return packets_taken_.load(std::memory_order_relaxed); }
-  /// Received since, and not taken yet. Those that were kept back while the sensor was not known are no backlog
-  /// that came of slowness.
+  /// Received since, and not taken yet. Those that were kept back while the sensor was not known are no
+  /// backlog that came of slowness.
   [[nodiscard]] std::size_t packets_in_ring() const { return ring_.size(); }
   /// Not decoded yet, those kept back included.
   [[nodiscard]] std::size_t packets_waiting() const {
