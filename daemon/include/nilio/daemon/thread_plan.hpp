@@ -64,17 +64,12 @@ ThreadScheduling scheduling_of(pid_t thread);
 /// Has the calling thread run like that; what came of it, scheduling_of() tells.
 void run_as(const ThreadScheduling& scheduling);
 
-<<<<<<< HEAD
 /// Stack of every thread that a plan is made for, and of the odometry's workers: more than any has used, and
 /// little enough to lock.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 // Sanitizers keep what they know of a thread on its stack, and make its frames larger.
 inline constexpr std::size_t kThreadStackBytes = std::size_t{8} << 20U;
 #else
-=======
-    /// Stack of every thread of the plan, and of the odometry's workers: an eighth of what threads have by
-    /// default, all of which a process that locks its memory holds.
->>>>>>> a4fb909 (Say of the stacks only what is known)
 inline constexpr std::size_t kThreadStackBytes = std::size_t{1} << 20U;
 #endif
 /// Touches the pages of the stack that the thread will use.
