@@ -59,6 +59,16 @@ std::size_t count(const std::string& text, const std::string& pattern) {
       std::distance(std::sregex_iterator(text.begin(), text.end(), expression), std::sregex_iterator()));
 }
 
+/// The sum of every place's number: the writer may get a few lines out between two losses.
+std::uint64_t lines_said_lost(const std::string& text) {
+  const std::regex expression("niliod warning: ([0-9]+) lines lost here");
+  std::uint64_t sum = 0;
+  for (auto match = std::sregex_iterator(text.begin(), text.end(), expression);
+       match != std::sregex_iterator(); ++match)
+    sum += std::stoull((*match)[1]);
+  return sum;
+}
+
 }  // namespace
 
 TEST_CASE(
@@ -77,7 +87,7 @@ TEST_CASE(
   CHECK(text.ends_with("line 799 of a log that nobody reads\n"));
 }
 
-TEST_CASE("with a full queue the oldest lines are lost, their number is said, and the last line is there") {
+TEST_CASE("with a full queue the oldest lines are lost, how many is said, and the last line is there") {
   Pipe pipe;
   auto log = std::make_unique<LogOutput>(LogOutputConfig{pipe.input(), "info", 50});
   for (int i = 0; i < 1000; ++i) spdlog::info("line {} of a log that nobody reads", i);
@@ -89,7 +99,7 @@ TEST_CASE("with a full queue the oldest lines are lost, their number is said, an
   pipe.close_input();
   reader.join();
   CHECK(count(text, "niliod info: line [0-9]+ of") == 1000 - lost);
-  CHECK(text.find("niliod warning: " + std::to_string(lost) + " lines lost here") != std::string::npos);
+  CHECK(lines_said_lost(text) == lost);
   CHECK(text.ends_with("line 999 of a log that nobody reads\n"));
 }
 
