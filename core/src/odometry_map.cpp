@@ -71,7 +71,8 @@ void Odometry::State::forget_map() {
   failures = 0;
   twist.reset(Vector6::Zero());
   mean_inlier_ratio = 0.0;
-  sigma_m = kMaxSigmaMetres;
+  forget_prediction_error();
+  scans_with_ndt = kLeastScansWithNdt;
   prediction_error_m = 0.0;
   prediction_square.setZero();
   registration = {};

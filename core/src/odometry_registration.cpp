@@ -11,6 +11,7 @@ namespace {
 // The gate follows the prediction error: forgetting factor, limits, and the lever that turns rotation into
 // distance.
 constexpr double kErrorMemory = 0.9;
+constexpr int kGuessIsForgotten = 100;
 constexpr double kMinSigmaMetres = 0.1;
 constexpr double kErrorLeverMetres = 30.0;
 constexpr double kGateSigmas = 3.0;
@@ -20,8 +21,8 @@ constexpr std::size_t kStartPoints = 250;
 // Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
 // those that look likely, so many are tried, and not two that lead to the same place.
 constexpr double kLeastStartDisplacementMetres = -2.0;
-constexpr double kStartStepMetres = 0.5;
-constexpr std::size_t kStartDisplacements = 15;
+constexpr double kStartStepMetres = 1.0;
+constexpr std::size_t kStartDisplacements = 8;
 constexpr int kStartTrials = 2;
 constexpr double kSamePlaceMetres = 1.25;
 // Deskewing again pays only when the ends of the sweep move by more than registration resolves.
@@ -112,7 +113,7 @@ void Odometry::State::select_points() {
 
 bool Odometry::State::coarse_is_due() const {
   if (!method.coarse) return false;
-  if (config.coarse == CoarsePolicy::kAlways || scans < kInitialScans || failures > 0) return true;
+  if (config.coarse == CoarsePolicy::kAlways || scans_with_ndt > 0 || failures > 0) return true;
   return prediction_error_m > kCoarseTriggerErrorMetres || after_gap();
 }
 
@@ -282,11 +283,11 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
 void Odometry::State::register_sweep(OdometryResult& result) {
   registration = {};
   registration.T_map_moving = T_predicted;
-  coarse_was_due = scans > 1 && coarse_is_due();
+  coarse_was_due = coarse_is_due();
   if (scans == 1) {
     register_from_standstill(result);
     twist.reset(measured_twist);
-    rebuild_first_map();
+    if (!motion_compensated) rebuild_first_map();
     T_predicted = registration.T_map_moving;
     select_points();
   }
@@ -378,8 +379,10 @@ void Odometry::State::learn_prediction_error() {
   prediction_square = squares.cwiseMax(prediction_square + (1.0 - kErrorMemory) * (squares - expected));
   const double angle = turn.norm();
   prediction_error_m = error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
-  const double square =
-      kErrorMemory * sigma_m * sigma_m + (1.0 - kErrorMemory) * prediction_error_m * prediction_error_m;
+  // What it begins with is a guess, worth one scan.
+  sigma_scans = std::min(sigma_scans + 1, kGuessIsForgotten);
+  const double memory = std::min(kErrorMemory, 1.0 - 1.0 / (sigma_scans + 1));
+  const double square = memory * sigma_m * sigma_m + (1.0 - memory) * prediction_error_m * prediction_error_m;
   sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
 
@@ -395,10 +398,20 @@ void Odometry::State::learn_motion() {
   }
 }
 
+void Odometry::State::forget_prediction_error() {
+  sigma_m = kMaxSigmaMetres;
+  sigma_scans = 0;
+}
+
+void Odometry::State::count_scan_with_ndt() {
+  if (scans_with_ndt == 0) return;
+  scans_with_ndt = registration.degenerate_axes == 0 ? scans_with_ndt - 1 : kScansToBeSure;
+}
+
 void Odometry::State::accept(OdometryResult& result) {
   if (relocated) {
     monitor.skip();
-    sigma_m = kMaxSigmaMetres;
+    forget_prediction_error();
   } else {
     learn_motion();
   }
@@ -407,6 +420,7 @@ void Odometry::State::accept(OdometryResult& result) {
   mean_inlier_ratio = memory * mean_inlier_ratio + (1.0 - memory) * result.inlier_ratio;
   mean_inliers = memory * mean_inliers + (1.0 - memory) * registration.equations.inliers;
   failures = 0;
+  count_scan_with_ndt();
   const double span_s = (span.end - span.previous).seconds();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
   T_map_base = registration.T_map_moving;

@@ -21,6 +21,11 @@ namespace nilio::core {
 /// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan
 /// leaves its voxels short of the points that a plane needs.
 inline constexpr std::uint64_t kInitialScans = 5;
+/// NDT goes first in the beginning, until so many scans have shown every axis; after one that has not, until
+/// so many in a row do. While nothing is known of the speed, a plane or two of somebody else's vehicle would
+/// tell it.
+inline constexpr int kLeastScansWithNdt = 4;
+inline constexpr int kScansToBeSure = 20;
 inline constexpr float kFirstVoxelShare = 0.5F;
 inline constexpr float kInitialVoxelShare = 0.7F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
@@ -138,6 +143,8 @@ struct Odometry::State {
   void learn_motion();
   void learn_gyro_bias();
   void learn_prediction_error();
+  void forget_prediction_error();
+  void count_scan_with_ndt();
 
   OdometryConfig config;
   ClockFunction clock;
@@ -182,6 +189,7 @@ struct Odometry::State {
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;
+  int sigma_scans = 0;  ///< that it has been learnt from since nothing was known of it
   double prediction_error_m = 0.0;
   Vector6 prediction_square = Vector6::Zero();  ///< of corrections of predictions, in body axes
   double plane_voxel_m = 0.0;
@@ -189,6 +197,7 @@ struct Odometry::State {
   double period_s = 0.1;  ///< between poses, slowly averaged
   double mean_inlier_ratio = 0.0;
   double mean_inliers = 0.0;
+  int scans_with_ndt = kLeastScansWithNdt;  ///< that are still to come
   int failures = 0;
   std::size_t scan_points = 0;  ///< of the scan that are looked at
   /// Where the search for a lost vehicle goes on, when a scan's time was over before its end.

@@ -2,6 +2,7 @@
 
 #include "registration_solver.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -11,10 +12,13 @@ namespace {
 
 // A thinner plane has had too few points to show its thickness.
 constexpr double kMinPlaneVariance = 0.01 * 0.01;
+// The back of a lorry is a fine plane, too, but soon somewhere else: a plane has its whole weight from so
+// many scans on.
+constexpr int kFamiliarScans = 4;
 
-/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself. A plane is known
-/// best where its points were: away from them the error of its normal grows with the square of the distance
-/// in units of their spread.
+/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself on what stays. A
+/// plane is known best where its points were: away from them the error of its normal grows with the square of
+/// the distance in units of their spread.
 double plane_weight(const VoxelSurface& surface, const Vector3& offset, double point_variance) {
   const float* packed = surface.information;
   const double square_distance =
@@ -22,7 +26,8 @@ double plane_weight(const VoxelSurface& surface, const Vector3& offset, double p
       offset.y() * (packed[3] * offset.y() + 2.0 * packed[4] * offset.z()) +
       offset.z() * packed[5] * offset.z();
   const double thickness = std::max(static_cast<double>(surface.thickness), kMinPlaneVariance);
-  return point_variance / (point_variance + thickness * (1.0 + square_distance));
+  const double familiarity = std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
+  return familiarity * point_variance / (point_variance + thickness * (1.0 + square_distance));
 }
 
 /// Adds what a point at `q` (map axes, from the moving frame's origin) says of a motion in map axes, whose

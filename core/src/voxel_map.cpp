@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <limits>
+#include <utility>
 
 #include <Eigen/Eigenvalues>
 
@@ -18,6 +20,10 @@ constexpr double kEigenvalueFloor = 0.02 * 0.02;
 // A piece of one scan line has no normal: its points must spread across the line, too, by this share of the
 // voxel.
 constexpr double kMinSpreadShare = 0.05;
+
+void count_scan(VoxelSurface& surface) {
+  if (surface.scans < std::numeric_limits<std::uint16_t>::max()) ++surface.scans;
+}
 
 }  // namespace
 
@@ -90,6 +96,7 @@ void VoxelMap::erase(std::uint32_t voxel) {
 }
 
 void VoxelMap::insert(std::span<const Vector3> points, std::span<const float> beams) {
+  scan_ = static_cast<std::uint16_t>(std::max(1, (scan_ + 1) & 0xFFFF));
   // In blocks, whose memory is fetched while the block before is worked on.
   constexpr std::size_t kBlock = 32;
   std::array<std::uint64_t, kBlock> keys;
@@ -129,6 +136,7 @@ void VoxelMap::add(std::uint32_t voxel, const Eigen::Vector3f& local, float beam
     m.refresh_at = static_cast<std::uint16_t>(half + half / 2);
   }
   ++m.count;
+  if (std::exchange(m.last_scan, scan_) != scan_) count_scan(surfaces_[voxel]);
   for (int axis = 0; axis < 3; ++axis) m.sum[axis] += local[axis];
   m.products[0] += local.x() * local.x();
   m.products[1] += local.x() * local.y();

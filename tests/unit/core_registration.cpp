@@ -4,6 +4,7 @@
 #include "synthetic_room.hpp"
 
 #include <random>
+#include <span>
 
 #include <catch2/catch.hpp>
 #include <tbb/task_arena.h>
@@ -195,7 +196,9 @@ TEST_CASE("a point beside the strip that a plane was fitted to counts for less t
   std::vector<Vector3> world;
   for (int i = 0; i < 99; ++i)
     world.emplace_back(1.0 + along(generator), 1.0 + across(generator), 1.0 + height(generator));
-  map.insert(world);
+  // In four scans, after which a plane is known to stay.
+  for (std::size_t scan = 0; scan < 4; ++scan)
+    map.insert(std::span<const Vector3>(world).subspan(scan * world.size() / 4, world.size() / 4));
   const auto weight_at = [&](float x, float y) {
     const std::vector<Eigen::Vector3f> point{{x, y, 1.0F}};
     const NormalEquations equations = plane_equations(map, point, SE3{}, {});
@@ -205,4 +208,21 @@ TEST_CASE("a point beside the strip that a plane was fitted to counts for less t
   CHECK(weight_at(1.0F, 1.0F) > 0.3);
   CHECK(weight_at(1.8F, 1.0F) > 0.3 * weight_at(1.0F, 1.0F));
   CHECK(weight_at(1.0F, 1.8F) < 0.2 * weight_at(1.0F, 1.0F));
+}
+
+TEST_CASE("a plane that one scan has shown counts for a quarter of what it does after four") {
+  const auto weight_after = [](std::size_t scans) {
+    VoxelMap map({2.0, 100.0, 100, 6, 100});
+    std::mt19937_64 generator(7);
+    std::uniform_real_distribution<double> within(0.1, 1.9);
+    std::vector<Vector3> world;
+    for (int i = 0; i < 96; ++i) world.emplace_back(within(generator), within(generator), 1.0);
+    for (std::size_t scan = 0; scan < scans; ++scan) {
+      map.insert(std::span<const Vector3>(world).subspan(scan * world.size() / scans, world.size() / scans));
+    }
+    const std::vector<Eigen::Vector3f> point{{1.0F, 1.0F, 1.0F}};
+    return plane_equations(map, point, SE3{}, {}).weight_sum;
+  };
+  CHECK(weight_after(1) == Approx(0.25 * weight_after(4)).epsilon(0.05));
+  CHECK(weight_after(8) == Approx(weight_after(4)).epsilon(0.05));
 }

@@ -29,7 +29,9 @@ struct alignas(64) VoxelSurface {
   /// Smallest eigenvalue, m^2: the thickness of the plane.
   float thickness = 0.0F;
   /// Points behind the surface, 0 until there are enough for one.
-  std::uint32_t count = 0;
+  std::uint16_t count = 0;
+  /// Insertions that any of its points came with: what stays is seen again and again, what drives by is not.
+  std::uint16_t scans = 0;
   /// The map's own: the half of the voxel's key that its hash table leaves out.
   std::uint32_t key_high = 0;
 };
@@ -61,7 +63,7 @@ class VoxelMap {
   void clear() { reset(config_.voxel_size_m); }
   /// Empties the map and changes the edge of its voxels.
   void reset(double voxel_size_m);
-  /// Inserts points given in the map frame. `beams` that saw them: one for each point,
+  /// Inserts the points of one scan, given in the map frame. `beams` that saw them: one for each point,
   /// or none for a map that does not look at them.
   void insert(std::span<const Vector3> points, std::span<const float> beams = {});
   /// Looks at a tenth of the slab and drops what is farther than the radius from `center`: bounded work a
@@ -116,6 +118,7 @@ class VoxelMap {
     float max_beam = 0.0F;
     std::uint16_t count = 0;
     std::uint16_t refresh_at = 0;
+    std::uint16_t last_scan = 0;
     bool occupied = false;
   };
   struct Slot {
@@ -173,6 +176,7 @@ class VoxelMap {
   std::uint32_t used_ = 0;  ///< voxels from this one on have never been used since the map was empty
   std::size_t sweep_position_ = 0;
   std::uint64_t refused_ = 0;
+  std::uint16_t scan_ = 0;  ///< of the last insertion; 0 is none
 };
 
 }  // namespace nilio::core
