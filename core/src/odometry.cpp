@@ -53,7 +53,6 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   result.gyro_bias = gyro_bias;
   result.imu_time_shift = monitor.time_shift();
   result.rung = rung_of(result);
-  result.deadline_ns = budget.deadline_ns();
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {
