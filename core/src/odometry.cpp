@@ -89,21 +89,21 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
 
 OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.catch_up_with_map();
   s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans);
   return register_within_budget(scan);
 }
 
 OdometryResult Odometry::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.catch_up_with_map();
   s.budget.begin_scan(decisions, s.scans < kInitialScans);
   return register_within_budget(scan);
 }
 
 void Odometry::update_map(OdometryResult& result) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.catch_up_with_map();
   s.count_map(result);
   s.stamp(result, OdometryStage::kMapped);
 }

@@ -116,6 +116,7 @@ struct Odometry::State {
   void accept(OdometryResult& result);
   void fall_back(OdometryResult& result);
   void catch_up_with_map();
+  void update_maps();
   void finish(const Scan& scan, OdometryResult& result);
   void count_map(OdometryResult& result) const;
 
