@@ -107,18 +107,25 @@ class OdometryQueue : public fastdds::DataReaderListener {
   SubscriberCounts counts_;
 };
 
+/// Hands every message that waits at the reader to `keep`.
+template <class Message, class Keep>
+void take_all(fastdds::DataReader& reader, const Keep& keep) {
+  Message message;
+  fastdds::SampleInfo info;
+  while (reader.take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
+    if (info.valid_data) keep(message);
+  }
+}
+
 /// Keeps the last message of a topic.
 template <class Message>
 class Latest : public fastdds::DataReaderListener {
  public:
   void on_data_available(fastdds::DataReader* reader) override {
-    Message message;
-    fastdds::SampleInfo info;
-    while (reader->take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
-      if (!info.valid_data) continue;
+    take_all<Message>(*reader, [this](const Message& message) {
       const std::lock_guard lock(mutex_);
       message_ = message;
-    }
+    });
   }
 
   std::optional<Message> get() const {
@@ -136,14 +143,11 @@ template <class Message>
 class Kept : public fastdds::DataReaderListener {
  public:
   void on_data_available(fastdds::DataReader* reader) override {
-    Message message;
-    fastdds::SampleInfo info;
-    while (reader->take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
-      if (!info.valid_data) continue;
+    take_all<Message>(*reader, [this](const Message& message) {
       const std::lock_guard lock(mutex_);
       if (messages_.size() >= kMostKept) messages_.erase(messages_.begin());
       messages_.push_back(message);
-    }
+    });
   }
 
   std::vector<Message> take() {
