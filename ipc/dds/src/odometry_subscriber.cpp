@@ -2,9 +2,10 @@
 
 #include "nilio/dds/types.hpp"
 
+#include "monotonic_clock.hpp"
+
 #include <chrono>
 #include <condition_variable>
-#include <ctime>
 #include <deque>
 #include <map>
 #include <mutex>
@@ -30,12 +31,6 @@ constexpr std::size_t kMaxWriters = 256;  // whose sequence numbers are remember
 core::Time now() {
   const auto since_epoch = std::chrono::system_clock::now().time_since_epoch();
   return {std::chrono::duration_cast<std::chrono::nanoseconds>(since_epoch).count()};
-}
-
-std::int64_t monotonic_ns() {
-  timespec time{};
-  clock_gettime(CLOCK_MONOTONIC, &time);
-  return static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
 }
 
 class OdometryQueue : public fastdds::DataReaderListener {
