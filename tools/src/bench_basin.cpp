@@ -121,7 +121,7 @@ void draw_panel(Canvas& canvas, const Basin& basin, std::size_t method, const Re
 }
 
 void draw_basin(Canvas& canvas, const Basin& basin) {
-  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, {1.0, 1.0, 1.0});
+  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, kWhite);
   constexpr double left = 84.0;
   constexpr double right = 20.0;
   constexpr double gap = 26.0;
