@@ -1,5 +1,8 @@
 #include "nilio/ipc/publisher_process.hpp"
 
+#include "eventually.hpp"
+#include "temporary_folder.hpp"
+
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -22,35 +25,33 @@ using nilio::core::Duration;
 using nilio::ipc::PublisherEvent;
 using nilio::ipc::PublisherProcess;
 using nilio::ipc::PublisherProcessConfig;
+using nilio::tests::eventually;
+using nilio::tests::TemporaryFolder;
 using Kind = PublisherEvent::Kind;
 
 // A shell script that plays the publisher, in a folder of its own.
 class FakePublisher {
  public:
   explicit FakePublisher(const std::string& script) {
-    std::string pattern = (std::filesystem::temp_directory_path() / "nilio_test_XXXXXX").string();
-    folder_ = mkdtemp(pattern.data());
-    std::ofstream(path()) << "#!/bin/sh\ncd " << folder_.string() << "\n" << script << "\n";
+    std::ofstream(path()) << "#!/bin/sh\ncd " << folder_.text() << "\n" << script << "\n";
     std::filesystem::permissions(path(), std::filesystem::perms::owner_all);
   }
-  ~FakePublisher() { std::filesystem::remove_all(folder_); }
-  FakePublisher(const FakePublisher&) = delete;
-  FakePublisher& operator=(const FakePublisher&) = delete;
 
-  [[nodiscard]] std::filesystem::path path() const { return folder_ / "publisher.sh"; }
+  [[nodiscard]] std::filesystem::path path() const { return folder_.path() / "publisher.sh"; }
   // What the script wrote into a file, waiting until it ends with a line end.
   [[nodiscard]] std::string output(const std::string& name) const {
-    for (int i = 0; i < 400; ++i) {
-      std::ostringstream text;
-      text << std::ifstream(folder_ / name).rdbuf();
-      if (!text.str().empty() && text.str().back() == '\n') return text.str();
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    return {};
+    std::string text;
+    REQUIRE(eventually([&] {
+      std::ostringstream read;
+      read << std::ifstream(folder_.file(name)).rdbuf();
+      text = read.str();
+      return text.ends_with('\n');
+    }));
+    return text;
   }
 
  private:
-  std::filesystem::path folder_;
+  TemporaryFolder folder_;
 };
 
 PublisherProcessConfig config_for(const std::filesystem::path& executable) {
