@@ -141,7 +141,7 @@ TEST_CASE("at four times its pace a capture arrives in order and complete, data 
   const auto packets = tests::sensor_packets(1500, 2368, 8308);
   tests::write_capture(folder.path() / "lidar.pcap", packets);
   const std::uint16_t port = tests::free_port();
-  auto source = drivers::open_udp({.bind_address = "127.0.0.1", .port = port, .sender_address = {}});
+  auto source = drivers::open_udp({.bind_address = "127.0.0.1", .port = port, .position_port = 0});
   REQUIRE(source.ok());
   PlayConfig config = config_for(folder, port, port);
   config.speed = 4.0;
@@ -169,7 +169,7 @@ TEST_CASE("a loop sends the recording so many times, and restamped packets count
   const auto packets = tests::sensor_packets(100, 2368, 8308);
   tests::write_capture(folder.path() / "lidar.pcap", packets);
   const std::uint16_t port = tests::free_port();
-  auto source = drivers::open_udp({.bind_address = "127.0.0.1", .port = port, .sender_address = {}});
+  auto source = drivers::open_udp({.bind_address = "127.0.0.1", .port = port, .position_port = 0});
   REQUIRE(source.ok());
   PlayConfig config = config_for(folder, port, port);
   config.loops = 3;
