@@ -129,9 +129,7 @@ SE3 ImuPropagator::pose_near(Time time) const {
 
 Matrix6 propagated_covariance(const Matrix6& pose, const Matrix6& twist,
                               const Eigen::Quaterniond& R_odom_base, Duration age) {
-  Matrix6 to_odom = Matrix6::Zero();
-  to_odom.topLeftCorner<3, 3>() = R_odom_base.toRotationMatrix();
-  to_odom.bottomRightCorner<3, 3>() = to_odom.topLeftCorner<3, 3>();
+  const Matrix6 to_odom = block_rotation(R_odom_base);
   const double seconds = age.seconds();
   return pose + seconds * seconds * (to_odom * twist * to_odom.transpose());
 }

@@ -26,13 +26,28 @@ const ImuHealth& Odometry::imu_health() const { return state_->monitor.health();
 
 const std::vector<Eigen::Vector3f>& Odometry::deskewed_points() const { return state_->deskewed; }
 
-OdometryResult Odometry::State::begin(const Scan& scan) {
+OdometryResult Odometry::State::result_for(const Scan& scan) {
   OdometryResult result;
   result.sequence = scan.sequence;
   result.scan_start = scan.start;
   result.scan_end = scan.end;
-  stamp(result, OdometryStage::kStarted);
   return result;
+}
+
+Odometry::State::Outlook Odometry::State::outlook(const Scan& scan) const {
+  Outlook result;
+  result.span = {time, scan.motion_compensated ? scan.end : scan.start, scan.end};
+  result.imu_covers = imu.covers(time, scan.end - kMaxImuLag, config.max_imu_gap);
+  result.imu_used = result.imu_covers && monitor.usable(time, scan.end);
+  return result;
+}
+
+/// The motion `moved`, and what the samples of the IMU are corrected by.
+void Odometry::State::fill_motion(const SweepMotion& moved, OdometryResult& result) const {
+  result.twist.head<3>() = moved.body_velocity();
+  result.twist.tail<3>() = moved.mean_angular_velocity();
+  result.gyro_bias = gyro_bias;
+  result.imu_time_shift = monitor.time_shift();
 }
 
 void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
@@ -48,12 +63,8 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   fill_covariance(
       {registration, prediction_square, drift.variance(), (span.end - span.previous).seconds(), failures},
       result);
-  result.twist.head<3>() = motion.body_velocity();
-  result.twist.tail<3>() = motion.mean_angular_velocity();
-  result.gyro_bias = gyro_bias;
-  result.imu_time_shift = monitor.time_shift();
+  fill_motion(motion, result);
   result.rung = rung_of(result);
-  result.deadline_ns = budget.deadline_ns();
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {
@@ -65,7 +76,8 @@ void Odometry::State::count_map(OdometryResult& result) const {
 /// updated by update_map().
 OdometryResult Odometry::register_within_budget(const Scan& scan) {
   State& s = *state_;
-  OdometryResult result = s.begin(scan);
+  OdometryResult result = State::result_for(scan);
+  s.stamp(result, OdometryStage::kStarted);
   s.filter_points(scan, result);
   if (s.restart_is_due()) s.forget_map();
   if (s.scans == 0) {
@@ -90,21 +102,21 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
 
 OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.catch_up_with_map();
   s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans);
   return register_within_budget(scan);
 }
 
 OdometryResult Odometry::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.catch_up_with_map();
   s.budget.begin_scan(decisions, s.scans < kInitialScans);
   return register_within_budget(scan);
 }
 
 void Odometry::update_map(OdometryResult& result) {
   State& s = *state_;
-  s.arena.execute([&] { s.catch_up_with_map(); });
+  s.catch_up_with_map();
   s.count_map(result);
   s.stamp(result, OdometryStage::kMapped);
 }
@@ -117,24 +129,18 @@ void Odometry::note_handed_over(const OdometryResult& result) {
 
 OdometryResult Odometry::predict_pose(const Scan& scan) const {
   const State& s = *state_;
-  OdometryResult result;
-  result.sequence = scan.sequence;
-  result.scan_start = scan.start;
-  result.scan_end = scan.end;
+  OdometryResult result = State::result_for(scan);
   SweepMotion motion;
-  const SweepMotion::Span span{s.time, scan.motion_compensated ? scan.end : scan.start, scan.end};
-  result.imu_used =
-      s.imu.covers(s.time, scan.end - kMaxImuLag, s.config.max_imu_gap) && s.monitor.usable(s.time, scan.end);
-  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(span, result.imu_used, motion);
+  const State::Outlook outlook = s.outlook(scan);
+  result.imu_used = outlook.imu_used;
+  const SE3 T_map_base =
+      s.scans == 0 ? s.T_map_base : s.expected_pose(outlook.span, outlook.imu_used, motion);
   result.T_odom_base = s.T_odom_map * T_map_base;
   result.predicted = true;
-  result.gyro_bias = s.gyro_bias;
-  result.imu_time_shift = s.monitor.time_shift();
+  s.fill_motion(motion, result);
   result.rung = BudgetRung::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
   result.state = s.state_without_registration(s.failures + 1);
-  result.twist.head<3>() = motion.body_velocity();
-  result.twist.tail<3>() = motion.mean_angular_velocity();
   fill_covariance(
       {{}, s.prediction_square, s.drift.variance(), (scan.end - s.time).seconds(), s.failures + 1}, result);
   return result;

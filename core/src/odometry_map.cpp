@@ -152,7 +152,10 @@ void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) 
 }
 
 void Odometry::State::catch_up_with_map() {
-  if (!std::exchange(map_is_behind, false)) return;
+  if (std::exchange(map_is_behind, false)) arena.execute([this] { update_maps(); });
+}
+
+void Odometry::State::update_maps() {
   motion.deskew(sweep, deskewed);
   const bool stands =
       twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;

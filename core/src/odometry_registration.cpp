@@ -93,10 +93,11 @@ SE3 Odometry::State::expected_pose(const SweepMotion::Span& target_span, bool wi
 }
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
-  span = {time, motion_compensated ? scan.end : scan.start, scan.end};
+  const Outlook ahead = outlook(scan);
+  span = ahead.span;
+  imu_covers = ahead.imu_covers;
+  imu_used = ahead.imu_used;
   relocated = failures > 0;
-  imu_covers = imu.covers(time, scan.end - kMaxImuLag, config.max_imu_gap);
-  imu_used = imu_covers && monitor.usable(time, scan.end);
   T_predicted = expected_pose(span, imu_used, motion);
   result.imu_used = imu_used;
 }

@@ -90,8 +90,15 @@ struct Odometry::State {
     std::uint32_t inliers = 0;
   };
 
+  /// What the prediction of a scan's end goes by.
+  struct Outlook {
+    SweepMotion::Span span;
+    bool imu_covers = false;  ///< the span
+    bool imu_used = false;    ///< covers it and is trusted
+  };
+
   // The steps of the algorithm, in the order of use.
-  OdometryResult begin(const Scan& scan);
+  [[nodiscard]] static OdometryResult result_for(const Scan& scan);
   void filter_points(const Scan& scan, OdometryResult& result);
   [[nodiscard]] bool restart_is_due() const;
   void forget_map();
@@ -121,10 +128,13 @@ struct Odometry::State {
   void accept(OdometryResult& result);
   void fall_back(OdometryResult& result);
   void catch_up_with_map();
+  void update_maps();
   void finish(const Scan& scan, OdometryResult& result);
   void count_map(OdometryResult& result) const;
 
   // Parts of the steps.
+  [[nodiscard]] Outlook outlook(const Scan& scan) const;
+  void fill_motion(const SweepMotion& moved, OdometryResult& result) const;
   void align_with_gravity(const Scan& scan);
   void set_rotation(const SweepMotion::Span& target_span, bool with_imu, const Vector6& expected,
                     SweepMotion& target) const;

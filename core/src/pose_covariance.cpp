@@ -54,10 +54,7 @@ void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
     covariance.diagonal() += kDeskewShare * kDeskewShare * evidence.prediction_square;
     covariance.diagonal() += evidence.drift;
   }
-  const Matrix3 R = result.T_odom_base.rotation.toRotationMatrix();
-  Matrix6 to_odom = Matrix6::Zero();
-  to_odom.topLeftCorner<3, 3>() = R;
-  to_odom.bottomRightCorner<3, 3>() = R;
+  const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation);
   result.pose_covariance = to_odom * covariance * to_odom.transpose();
   // The twist is the difference of two poses of equal quality.
   const double span_s = evidence.span_s;

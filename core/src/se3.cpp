@@ -76,6 +76,13 @@ Vector6 se3_log(const SE3& transform) {
   return twist;
 }
 
+Matrix6 block_rotation(const Eigen::Quaterniond& rotation) {
+  Matrix6 blocks = Matrix6::Zero();
+  blocks.topLeftCorner<3, 3>() = rotation.toRotationMatrix();
+  blocks.bottomRightCorner<3, 3>() = blocks.topLeftCorner<3, 3>();
+  return blocks;
+}
+
 SE3 se3_from_matrix(const Eigen::Matrix<double, 3, 4>& matrix) {
   const Matrix3 raw = matrix.leftCols<3>();
   const Eigen::JacobiSVD<Matrix3> svd(raw, Eigen::ComputeFullU | Eigen::ComputeFullV);

@@ -224,6 +224,13 @@ Result<std::monostate> apply_override(Config& config, const std::string& assignm
   return loader.result();
 }
 
+Result<std::monostate> apply_overrides(Config& config, const std::vector<std::string>& assignments) {
+  for (const std::string& assignment : assignments) {
+    if (auto applied = apply_override(config, assignment); !applied) return applied;
+  }
+  return std::monostate{};
+}
+
 namespace {
 
 struct Emit {

@@ -82,10 +82,8 @@ int fail(const std::string& message) {
 nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
   auto config = nilio::daemon::replay_config(files, arguments.config_file);
   if (!config) return config.error();
-  for (const std::string& assignment : arguments.overrides) {
-    const auto applied = nilio::daemon::apply_override(*config, assignment);
-    if (!applied) return applied.error();
-  }
+  const auto applied = nilio::daemon::apply_overrides(*config, arguments.overrides);
+  if (!applied) return applied.error();
   return config;
 }
 

@@ -28,6 +28,11 @@ std::int64_t stage_of(const core::OdometryResult& result, core::OdometryStage st
   return result.stage_ns[static_cast<std::size_t>(stage)];
 }
 
+/// When the scan was there: now, where its packets have no stamps.
+std::int64_t arrival_ns(const core::Scan& scan) {
+  return scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
+}
+
 bool same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
   const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
     return x.state == y.state;
@@ -178,8 +183,7 @@ bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
 void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop,
                                 OdometryCounters& counters) {
   if (imu_ring_ == nullptr) return;
-  const std::int64_t begin = scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
-  const std::int64_t deadline = begin + config_.imu_wait.ns;
+  const std::int64_t deadline = arrival_ns(scan) + config_.imu_wait.ns;
   while (!stop.load(std::memory_order_relaxed)) {
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (drain_imu(scan.end, counters) || ended) return;
@@ -266,8 +270,7 @@ void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core:
   ipc::PoseRecord record = complete_record(prediction, scan, counters);
   record.guarded = true;
   // Not at the stroke of the deadline: a registration in its last iteration is worth more than a prediction.
-  const std::int64_t deadline =
-      (scan.received_ns > 0 ? scan.received_ns : monotonic_ns()) + odometry_.budget().budget().ns;
+  const std::int64_t deadline = arrival_ns(scan) + odometry_.budget().budget().ns;
   outputs_.guard->arm(record, deadline, deadline + odometry_.budget().iteration_ns());
 }
 

@@ -2,6 +2,7 @@
 #include "nilio/drivers/velodyne_detect.hpp"
 
 #include "../unit/drivers_support.hpp"
+#include "../unit/read_all.hpp"
 #include "../unit/test_data.hpp"
 
 #include <cmath>
@@ -10,19 +11,9 @@
 
 using namespace nilio;
 using namespace nilio::drivers;
+using nilio::tests::read_all;
 
 namespace {
-
-std::vector<Packet> read_all(PacketSource& source) {
-  std::vector<Packet> packets;
-  std::vector<Packet> slots(32);
-  for (;;) {
-    const SourceRead result = source.read(slots, core::Duration{});
-    if (result.state != SourceState::kData) break;
-    packets.insert(packets.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(result.count));
-  }
-  return packets;
-}
 
 std::size_t count_port(const std::vector<Packet>& packets, std::uint16_t port, std::size_t size) {
   return static_cast<std::size_t>(std::count_if(packets.begin(), packets.end(), [&](const Packet& packet) {

@@ -3,6 +3,7 @@
 #include "nilio/daemon/replay_files.hpp"
 #include "nilio/drivers/imu_decoder.hpp"
 
+#include "../unit/eventually.hpp"
 #include "../unit/udp_support.hpp"
 #include "replayed_drive.hpp"
 #include "watch.hpp"
@@ -274,10 +275,12 @@ TEST_CASE("a live LiDAR is found out, falls silent and comes back without alloca
     // No faster than packets are taken: neither the socket nor the ring loses any, nor is a scan superseded.
     const auto let_them_be_taken = [&] {
       const daemon::LidarLane& lane = *pipeline.lidars()[0];
-      for (int i = 0; i < 20'000 && (lane.source.stats().delivered < sent || lane.ring.size() > 0); ++i) {
-        std::this_thread::sleep_for(std::chrono::microseconds(500));
-        look_after();
-      }
+      REQUIRE(tests::eventually(
+          [&] {
+            look_after();
+            return lane.source.stats().delivered >= sent && lane.ring.size() == 0;
+          },
+          std::chrono::microseconds(500)));
     };
     for (std::size_t i = 0; i < kPackets; ++i) {
       const drivers::Packet& packet = packets[i];

@@ -1,3 +1,4 @@
+#include "../unit/eventually.hpp"
 #include "../unit/room_drive.hpp"
 #include "../unit/udp_support.hpp"
 
@@ -50,19 +51,19 @@ class PipedNiliod {
 
   void terminate() const { kill(pid_, SIGTERM); }
 
+  /// Reads a little at a time until the output has this, or is at its end.
+  void read_until(const std::string& wanted) {
+    while (text_.find(wanted) == std::string::npos && read_piece()) {
+    }
+  }
   /// All of the output, a little at a time; waits for the end.
   std::string read_slowly() {
-    std::string text;
-    std::array<char, 512> piece{};
-    for (ssize_t size = 1; size > 0;) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-      size = read(ends_[0], piece.data(), piece.size());
-      if (size > 0) text.append(piece.data(), static_cast<std::size_t>(size));
+    while (read_piece()) {
     }
     int status = 0;
     waitpid(pid_, &status, 0);
     status_ = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-    return text;
+    return text_;
   }
   [[nodiscard]] int status() const { return status_; }
 
@@ -74,6 +75,15 @@ class PipedNiliod {
     return geteuid() != 0 || setresuid(kNobody, kNobody, kNobody) == 0;
   }
 
+  bool read_piece() {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    std::array<char, 512> piece{};
+    const ssize_t size = read(ends_[0], piece.data(), piece.size());
+    if (size > 0) text_.append(piece.data(), static_cast<std::size_t>(size));
+    return size > 0;
+  }
+
+  std::string text_;
   std::array<int, 2> ends_{-1, -1};
   pid_t pid_ = -1;
   int status_ = -1;
@@ -104,7 +114,8 @@ TEST_CASE("without privileges niliod runs, and says of each thread and of the me
           "[process]") {
   const tests::TemporaryFolder folder;
   PipedNiliod niliod(program_for_everybody(folder), live_arguments(), true);
-  std::this_thread::sleep_for(std::chrono::seconds(2));
+  // It is at work when it misses the scans.
+  niliod.read_until("no scan for ");
   niliod.terminate();
   const std::string text = niliod.read_slowly();
   INFO(text);
@@ -137,12 +148,7 @@ TEST_CASE("a reader that reads nothing until the drive is over gets every line, 
                       "publisher.enabled=false", "--set", "log.level=debug"},
                      false);
   // Nothing has been read, and yet the poses are done.
-  bool is_done = false;
-  for (int i = 0; i < 6000 && !is_done; ++i) {
-    is_done = fs::exists(run / "latency.json");
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  CHECK(is_done);
+  CHECK(tests::eventually([&] { return fs::exists(run / "latency.json"); }));
   const std::string text = niliod.read_slowly();
   INFO(text);
   CHECK(niliod.status() == 0);

@@ -91,11 +91,11 @@ TEST_CASE("the odometry, its workers and the receive threads have the policy and
   REQUIRE(receivers.size() == 1);
   CHECK(scheduling_of(receivers[0]) == ThreadScheduling{SCHED_FIFO, 17, {cpus.front()}});
   // It names itself after the start.
-  std::vector<pid_t> searching = threads_named("nilio-search");
-  for (int i = 0; i < 5000 && searching.empty(); ++i) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  std::vector<pid_t> searching;
+  tests::eventually([&] {
     searching = threads_named("nilio-search");
-  }
+    return !searching.empty();
+  });
   REQUIRE(searching.size() == 1);
   CHECK(scheduling_of(searching[0]).policy == SCHED_OTHER);
   CHECK(any_contains(started.outcomes, true,

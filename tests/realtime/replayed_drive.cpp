@@ -4,6 +4,7 @@
 #include "nilio/drivers/candump.hpp"
 #include "nilio/drivers/pcap.hpp"
 
+#include "../unit/read_all.hpp"
 #include "../unit/room_drive.hpp"
 
 #include <cstdlib>
@@ -28,17 +29,6 @@ struct SimulatedDrive {
   Recording recording;
   std::string configuration;
 };
-
-template <class Slot>
-std::vector<Slot> read_all(drivers::Source<Slot>& source) {
-  std::vector<Slot> all;
-  std::vector<Slot> slots(64);
-  while (true) {
-    const drivers::SourceRead read = source.read(slots, {});
-    if (read.state != drivers::SourceState::kData) return all;
-    all.insert(all.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  }
-}
 
 void simulate(SimulatedDrive& drive) {
   const std::string path = drive.folder.path().string();

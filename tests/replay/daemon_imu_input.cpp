@@ -5,6 +5,7 @@
 #include "nilio/drivers/capture_reader.hpp"
 
 #include "../unit/capture_bytes.hpp"
+#include "../unit/replay_run.hpp"
 #include "../unit/room_drive.hpp"
 
 #include <algorithm>
@@ -17,45 +18,14 @@
 using namespace nilio;
 using namespace nilio::daemon;
 using Catch::Matchers::Contains;
+using nilio::tests::ReplayRun;
+using nilio::tests::run_replay;
+using nilio::tests::scans_with_imu;
 using nilio::tests::TemporaryFolder;
 
 namespace {
 
-/// The poses' stamps and positions, and how many scans had the IMU.
-struct Outcome {
-  std::vector<ipc::PoseRecord> poses;
-  std::uint64_t scans_with_imu = 0;
-  std::uint64_t imu_samples = 0;
-  std::vector<std::string> notes;
-};
-
-Outcome replay(const std::string& path, const Config& config = {}) {
-  const auto files = find_replay_files({path});
-  REQUIRE(files.ok());
-  auto input = open_replay(*files, config);
-  REQUIRE(input.ok());
-  Outcome outcome;
-  outcome.notes = input->notes;
-  PipelineOptions options;
-  options.collect_map = true;
-  auto pipeline = Pipeline::create(config, std::move(input).value(), options, nullptr);
-  REQUIRE(pipeline.ok());
-  REQUIRE((*pipeline)->start().ok());
-  const auto drain = [&] {
-    while (const auto record = (*pipeline)->poses().try_pop()) outcome.poses.push_back(*record);
-    while ((*pipeline)->clouds().try_pop()) {
-    }
-  };
-  while (!(*pipeline)->finished()) {
-    (*pipeline)->output_event().wait(core::Duration::from_milliseconds(20.0));
-    drain();
-  }
-  (*pipeline)->join();
-  drain();
-  outcome.scans_with_imu = (*pipeline)->counters().scans_with_imu.load();
-  outcome.imu_samples = (*pipeline)->counters().imu_samples.load();
-  return outcome;
-}
+std::uint64_t imu_samples(const ReplayRun& run) { return run.pipeline->counters().imu_samples.load(); }
 
 bool says(const std::vector<std::string>& notes, const std::string& text) {
   return std::any_of(notes.begin(), notes.end(),
@@ -108,12 +78,12 @@ TEST_CASE("LiDAR and CAN in one capture give what they give in two files", "[pip
   const TemporaryFolder together;
   const std::filesystem::path capture = together.path() / "drive.pcapng";
   write_one_capture(apart.path(), capture);
-  const Outcome two = replay(apart.path().string());
-  const Outcome one = replay(capture.string());
+  const ReplayRun two = run_replay(apart.path().string());
+  const ReplayRun one = run_replay(capture.string());
   CHECK(says(one.notes, "from " + capture.string()));
-  CHECK(one.imu_samples == two.imu_samples);
-  CHECK(one.scans_with_imu == two.scans_with_imu);
-  CHECK(one.scans_with_imu > 0);
+  CHECK(imu_samples(one) == imu_samples(two));
+  CHECK(scans_with_imu(one) == scans_with_imu(two));
+  CHECK(scans_with_imu(one) > 0);
   REQUIRE(one.poses.size() == two.poses.size());
   for (std::size_t i = 0; i < one.poses.size(); ++i) {
     CHECK(one.poses[i].position == two.poses[i].position);
@@ -124,7 +94,7 @@ TEST_CASE("LiDAR and CAN in one capture give what they give in two files", "[pip
 TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps, and said in words", "[pipeline]") {
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 2.0, true);
-  const Outcome sound = replay(folder.path().string());
+  const ReplayRun sound = run_replay(folder.path().string());
   // The same log, stamped 40 ms later.
   std::vector<std::string> lines;
   {
@@ -141,10 +111,10 @@ TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps, and said in w
   log.close();
   Config config;
   config.imu.time_offset_ms = 40.0;
-  const Outcome corrected = replay(folder.path().string(), config);
+  const ReplayRun corrected = run_replay(folder.path().string(), config);
   CHECK(says(corrected.notes, "40.000 ms later than the LiDAR's"));
-  CHECK(sound.scans_with_imu > 0);
-  CHECK(corrected.scans_with_imu == sound.scans_with_imu);
+  CHECK(scans_with_imu(sound) > 0);
+  CHECK(scans_with_imu(corrected) == scans_with_imu(sound));
   REQUIRE(corrected.poses.size() == sound.poses.size());
   for (std::size_t i = 0; i < sound.poses.size(); ++i)
     CHECK(corrected.poses[i].position == sound.poses[i].position);

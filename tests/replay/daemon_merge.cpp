@@ -1,5 +1,4 @@
-#include "nilio/daemon/pipeline.hpp"
-
+#include "../unit/replay_run.hpp"
 #include "../unit/two_lidars.hpp"
 
 #include <memory>
@@ -12,45 +11,15 @@ using namespace nilio::tests;
 
 namespace {
 
-/// The pipeline after a whole replay.
-struct Replayed {
-  std::unique_ptr<Pipeline> pipeline;
-  std::vector<ipc::PoseRecord> poses;
-  std::vector<FeedLog::Line> lines;
-};
-
-Replayed replay(const std::filesystem::path& folder, const Config& config) {
-  const auto files = find_replay_files({folder.string()});
-  REQUIRE(files.ok());
-  auto input = open_replay(*files, config);
-  if (!input) FAIL(input.error().message);
-  auto pipeline = Pipeline::create(config, std::move(input).value(), {}, nullptr);
-  REQUIRE(pipeline.ok());
-  Replayed replayed;
-  replayed.pipeline = std::move(pipeline).value();
-  REQUIRE(replayed.pipeline->start().ok());
-  const auto drain = [&] {
-    while (const auto record = replayed.pipeline->poses().try_pop()) replayed.poses.push_back(*record);
-    while (auto line = replayed.pipeline->feed_log().take()) replayed.lines.push_back(std::move(*line));
-  };
-  while (!replayed.pipeline->finished()) {
-    replayed.pipeline->output_event().wait(core::Duration::from_milliseconds(20.0));
-    drain();
-  }
-  replayed.pipeline->join();
-  drain();
-  return replayed;
-}
-
 Config one_lidar() {
   Config config = two_lidars();
   config.more_lidars[0].enabled = false;
   return config;
 }
 
-std::size_t count_lines(const Replayed& replayed, const std::string& text) {
+std::size_t count_lines(const ReplayRun& run, const std::string& text) {
   return static_cast<std::size_t>(
-      std::count_if(replayed.lines.begin(), replayed.lines.end(),
+      std::count_if(run.lines.begin(), run.lines.end(),
                     [&](const FeedLog::Line& line) { return line.text.find(text) != std::string::npos; }));
 }
 
@@ -186,8 +155,8 @@ TEST_CASE("a merged LiDAR's beams are raised about its own centre", "[pipeline]"
 TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with two threads", "[pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 2.0, 2.0);
-  const Replayed one = replay(folder.path(), one_lidar());
-  const Replayed two = replay(folder.path(), two_lidars());
+  const ReplayRun one = run_replay(folder.text(), one_lidar());
+  const ReplayRun two = run_replay(folder.text(), two_lidars());
   REQUIRE(two.poses.size() == one.poses.size());
   INFO("one " << position_error_m(one.poses) << " m, two " << position_error_m(two.poses) << " m");
   CHECK(position_error_m(two.poses) < 0.03);
@@ -195,7 +164,7 @@ TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with
   CHECK(count_lines(two, "lidar2: VLP-16: return mode") == 1);
   Config config = two_lidars();
   config.odometry.threads = 2;
-  const Replayed threads = replay(folder.path(), config);
+  const ReplayRun threads = run_replay(folder.text(), config);
   REQUIRE(threads.poses.size() == two.poses.size());
   for (std::size_t i = 0; i < two.poses.size(); ++i) {
     CHECK(threads.poses[i].position == two.poses[i].position);
@@ -207,8 +176,8 @@ TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with
 TEST_CASE("when the second LiDAR falls silent the poses go on and it is said once", "[pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 2.0, 1.0);
-  const Replayed one = replay(folder.path(), one_lidar());
-  const Replayed two = replay(folder.path(), two_lidars());
+  const ReplayRun one = run_replay(folder.text(), one_lidar());
+  const ReplayRun two = run_replay(folder.text(), two_lidars());
   CHECK(two.poses.size() == one.poses.size());
   CHECK(count_lines(two, "lidar2: no packets come from it; poses go on without it") == 1);
   const MergeCounters& merged = two.pipeline->merge_counters(1);

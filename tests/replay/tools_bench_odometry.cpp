@@ -1,7 +1,7 @@
 #include "nilio/core/registration_method.hpp"
 #include "nilio/daemon/config_terms.hpp"
 
-#include "../unit/tools_trajectory_support.hpp"
+#include "../unit/tools_town_drive.hpp"
 #include "allocation_count.hpp"
 #include "basin_trial.hpp"
 #include "bench_ablation.hpp"
@@ -9,7 +9,6 @@
 #include "bench_measure.hpp"
 #include "bench_odometry.hpp"
 #include "bench_pcl.hpp"
-#include "commands.hpp"
 
 #include <set>
 
@@ -18,19 +17,9 @@ using namespace nilio::tools;
 using tests::read_text;
 using tests::run_command;
 using tests::TemporaryFolder;
+using tests::town_drive;
 
 namespace {
-
-/// Five seconds through the simulated town, made once.
-const std::string& town_drive() {
-  static const TemporaryFolder folder;
-  static const std::string path = [] {
-    const std::string drive = folder.file("town");
-    REQUIRE(run_command(add_simulate_command, {"simulate", drive, "--duration", "5", "--moving-start"}) == 0);
-    return drive;
-  }();
-  return path;
-}
 
 BenchDataset town() {
   auto dataset = open_bench_dataset(town_drive());

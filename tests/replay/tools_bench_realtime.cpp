@@ -1,43 +1,20 @@
 #include "nilio/drivers/candump.hpp"
 #include "nilio/drivers/pcap.hpp"
 
-#include "../unit/tools_trajectory_support.hpp"
+#include "../unit/read_all.hpp"
+#include "../unit/tools_town_drive.hpp"
 #include "bench_realtime.hpp"
-#include "commands.hpp"
 #include "sensor_drive.hpp"
-
-#include <vector>
 
 using namespace nilio;
 using namespace nilio::tools;
+using tests::read_all;
 using tests::read_text;
 using tests::run_command;
 using tests::TemporaryFolder;
+using tests::town_drive;
 
 namespace {
-
-/// A drive through the simulated town, made once.
-const std::string& town_drive() {
-  static const TemporaryFolder folder;
-  static const std::string path = [] {
-    std::string drive = folder.file("town");
-    REQUIRE(run_command(add_simulate_command, {"simulate", drive, "--duration", "3", "--moving-start"}) == 0);
-    return drive;
-  }();
-  return path;
-}
-
-template <class Slot>
-std::vector<Slot> read_all(drivers::Source<Slot>& source) {
-  std::vector<Slot> all;
-  std::vector<Slot> slots(100);
-  for (;;) {
-    const drivers::SourceRead read = source.read(slots, core::Duration{});
-    if (read.state != drivers::SourceState::kData) break;
-    all.insert(all.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  }
-  return all;
-}
 
 void add_bench(CLI::App& app, int& /*status*/) { add_bench_realtime(app); }
 

@@ -1,6 +1,6 @@
-#include "../unit/tools_trajectory_support.hpp"
+#include "../unit/read_all.hpp"
+#include "../unit/tools_town_drive.hpp"
 #include "bench_soak.hpp"
-#include "commands.hpp"
 #include "looped_source.hpp"
 #include "soak_run.hpp"
 
@@ -9,37 +9,22 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using tests::read_all;
 using tests::read_text;
 using tests::run_command;
 using tests::TemporaryFolder;
 
 namespace {
 
-constexpr core::Duration kStep{0};
-
 /// A drive through the simulated town, made once.
 const SensorDrive& short_drive() {
   static const TemporaryFolder folder;
   static const SensorDrive drive = [] {
-    const std::string path = folder.file("town");
-    REQUIRE(run_command(add_simulate_command, {"simulate", path, "--duration", "2", "--moving-start"}) == 0);
-    auto opened = open_sensor_drive(path);
+    auto opened = open_sensor_drive(tests::simulate_town(folder, "2"));
     REQUIRE(opened.ok());
     return std::move(opened).value();
   }();
   return drive;
-}
-
-template <class Slot>
-std::vector<Slot> read_all(drivers::Source<Slot>& source) {
-  std::vector<Slot> all;
-  std::vector<Slot> slots(100);
-  for (;;) {
-    const drivers::SourceRead read = source.read(slots, kStep);
-    if (read.state != drivers::SourceState::kData) break;
-    all.insert(all.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  }
-  return all;
 }
 
 std::uint32_t sensor_us(const drivers::Packet& packet) {
@@ -123,8 +108,7 @@ TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, 
 
 TEST_CASE("five minutes of driving and two of standing take no more memory after a while", "[.soak]") {
   const TemporaryFolder folder;
-  const std::string drive = folder.file("town");
-  REQUIRE(run_command(add_simulate_command, {"simulate", drive, "--duration", "30", "--moving-start"}) == 0);
+  const std::string drive = tests::simulate_town(folder, "30");
   CHECK(run_command(add_bench, {"soak", drive, "--minutes", "5", "--warm-up", "0.4"}) == 0);
   CHECK(run_command(add_bench, {"soak", "--standing", "2"}) == 0);
 }

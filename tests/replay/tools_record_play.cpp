@@ -8,11 +8,11 @@
 
 using namespace nilio;
 using namespace nilio::tools;
-using tests::RecordingFolder;
+using tests::TemporaryFolder;
 
 namespace {
 
-RecordConfig record_config(const RecordingFolder& folder, std::uint16_t data_port,
+RecordConfig record_config(const TemporaryFolder& folder, std::uint16_t data_port,
                            std::uint16_t position_port) {
   RecordConfig config;
   config.folder = folder.path();
@@ -42,20 +42,14 @@ std::vector<drivers::Packet> read_replay(const std::string& path) {
   auto input = daemon::open_replay(*files, daemon::Config{});
   REQUIRE(input.ok());
   CHECK(input->sensor->name == "VLP-16");
-  std::vector<drivers::Packet> packets;
-  std::array<drivers::Packet, 100> slots;
-  for (auto read = input->packets->read(slots, {}); read.state == drivers::SourceState::kData;
-       read = input->packets->read(slots, {})) {
-    packets.insert(packets.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  }
-  return packets;
+  return tests::read_all(*input->packets);
 }
 
 }  // namespace
 
 TEST_CASE("what is played over loopback is recorded byte for byte, in order and with rising stamps") {
-  const RecordingFolder played;
-  const RecordingFolder recorded;
+  const TemporaryFolder played;
+  const TemporaryFolder recorded;
   const std::uint16_t data_port = tests::free_port();
   const std::uint16_t position_port = tests::free_port();
   const auto packets = tests::sensor_packets(2000, 2368, 8308);
@@ -91,8 +85,8 @@ TEST_CASE("what is played over loopback is recorded byte for byte, in order and 
 }
 
 TEST_CASE("the parts of a recording replay as the one file with the same packets") {
-  const RecordingFolder whole;
-  const RecordingFolder parts_folder;
+  const TemporaryFolder whole;
+  const TemporaryFolder parts_folder;
   const auto packets = tests::sensor_packets(1000, 2368, 8308);
   tests::write_capture(whole.path() / "lidar.pcap", packets);
   RecordCounters counters;
@@ -117,7 +111,7 @@ TEST_CASE("the parts of a recording replay as the one file with the same packets
 }
 
 TEST_CASE("a recorded file cut anywhere gives every packet before the cut") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   const auto packets = tests::sensor_packets(8, 2368, 8308);
   const auto path = folder.path() / "lidar_0001.pcap";
   tests::write_capture(path, packets);

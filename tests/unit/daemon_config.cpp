@@ -74,6 +74,17 @@ TEST_CASE("overrides set one key and are checked like a file") {
   CHECK(config.odometry.threads == 2);
 }
 
+TEST_CASE("a list of overrides is applied in order, up to the first that is wrong") {
+  Config config;
+  CHECK(apply_overrides(config, {"odometry.threads=2", "odometry.threads=3"}).ok());
+  CHECK(config.odometry.threads == 3);
+  const auto applied =
+      apply_overrides(config, {"odometry.threads=4", "odometry.nothing=1", "odometry.threads=5"});
+  REQUIRE_FALSE(applied.ok());
+  CHECK(applied.error().message.find("odometry.nothing") != std::string::npos);
+  CHECK(config.odometry.threads == 4);
+}
+
 TEST_CASE("the effective configuration reads back as it was") {
   Config config;
   REQUIRE(apply_yaml(config,

@@ -4,6 +4,8 @@
 #include "nilio/dds/odometry_subscriber.hpp"
 #include "nilio/ipc/publisher_process.hpp"
 
+#include "eventually.hpp"
+
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -15,7 +17,6 @@
 #include <optional>
 #include <string>
 #include <sys/wait.h>
-#include <thread>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -36,6 +37,11 @@ inline dds::ParticipantConfig loopback(std::uint32_t domain) {
   return config;
 }
 
+/// CLOCK_MONOTONIC.
+inline std::int64_t monotonic_ns() {
+  return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
 inline ipc::PoseRecord sample_record(std::uint64_t sequence) {
   ipc::PoseRecord record;
   record.sequence = sequence;
@@ -49,9 +55,7 @@ inline ipc::PoseRecord sample_record(std::uint64_t sequence) {
   }
   record.linear_velocity = {13.9, 0.01, -0.02};
   record.angular_velocity = {1e-3, -2e-3, 0.3};
-  const std::int64_t now = std::chrono::duration_cast<std::chrono::nanoseconds>(
-                               std::chrono::steady_clock::now().time_since_epoch())
-                               .count();
+  const std::int64_t now = monotonic_ns();
   for (std::size_t i = 0; i < ipc::kStageCount; ++i)
     record.stage_ns[i] = now - 1'000'000 * static_cast<std::int64_t>(ipc::kStageCount - 1 - i);
   return record;
@@ -65,11 +69,14 @@ inline std::unique_ptr<dds::OdometryPublisher> make_publisher(std::uint32_t doma
   return std::move(publisher).value();
 }
 
-inline bool wait_for_subscriber(const dds::OdometryPublisher& publisher) {
-  for (int i = 0; i < 1000 && publisher.subscribers() == 0; ++i)
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  return publisher.subscribers() > 0;
+/// For an OdometryPublisher or an ImuPosePublisher.
+template <class Publisher>
+bool wait_for_subscriber(const Publisher& publisher) {
+  return eventually([&] { return publisher.subscribers() > 0; });
 }
+
+/// What a busy computer may take for a message or the end of a program.
+inline constexpr core::Duration kPatience{60'000'000'000};
 
 inline std::optional<std::filesystem::path> built_program(const char* name) {
   const std::filesystem::path path = std::filesystem::path(NILIO_BIN_DIR) / name;

@@ -2,13 +2,13 @@
 
 #include "nilio/daemon/pipeline.hpp"
 
+#include "eventually.hpp"
 #include "udp_support.hpp"
 
 #include <chrono>
 #include <memory>
 #include <span>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -87,13 +87,14 @@ class LiveRun {
     return lane.source.stats().delivered >= packets && lane.ring.size() < lane.ring.capacity() - 100;
   }
 
+  /// Waits until so many packets are off the socket of LiDAR number `lidar`.
+  [[nodiscard]] bool receives(std::size_t lidar, std::uint64_t packets) const {
+    return eventually([&] { return pipeline_->lidars()[lidar]->source.stats().delivered >= packets; }, kPoll);
+  }
+
   /// Waits until LiDAR number `lidar` has at most so many packets in its ring.
   [[nodiscard]] bool drains(std::size_t lidar, std::size_t packets) const {
-    for (int i = 0; i < 120'000; ++i) {
-      if (pipeline_->lidars()[lidar]->ring.size() <= packets) return true;
-      std::this_thread::sleep_for(std::chrono::microseconds(500));
-    }
-    return false;
+    return eventually([&] { return pipeline_->lidars()[lidar]->ring.size() <= packets; }, kPoll);
   }
 
   [[nodiscard]] daemon::Pipeline& pipeline() { return *pipeline_; }
@@ -102,14 +103,13 @@ class LiveRun {
   std::vector<daemon::FeedLog::Line> lines;
 
  private:
+  static constexpr std::chrono::microseconds kPoll{500};
+
   /// Waits until all that was sent is off the socket and the ring.
   bool settle(std::size_t lidar) {
     const daemon::LidarLane& lane = *pipeline_->lidars()[lidar];
-    for (int i = 0; i < 120'000; ++i) {
-      if (lane.source.stats().delivered >= sent_[lidar] && lane.ring.size() == 0) return true;
-      std::this_thread::sleep_for(std::chrono::microseconds(500));
-    }
-    return false;
+    return eventually([&] { return lane.source.stats().delivered >= sent_[lidar] && lane.ring.size() == 0; },
+                      kPoll);
   }
 
   std::unique_ptr<daemon::Pipeline> pipeline_;

@@ -6,6 +6,7 @@
 #include "nilio/drivers/velodyne_packet.hpp"
 
 #include "synthetic_room.hpp"
+#include "temporary_folder.hpp"
 
 #include <cmath>
 #include <cstdint>
@@ -15,25 +16,6 @@
 #include <string>
 
 namespace nilio::tests {
-
-/// A folder that is gone when the test case ends.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "nilio-test-XXXXXX").string();
-    path_ = mkdtemp(name.data());
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
 
 // 2026-01-01 12:00:00 UTC.
 inline constexpr std::int64_t kDriveStartNs = 1'767'268'800'000'000'000;

@@ -8,8 +8,9 @@ using nilio::tools::try_receiving;
 TEST_CASE("packets that fit the socket's buffer all come through, however late the reader is") {
   const auto trial = try_receiving({.rate_hz = 24120.0, .packets = 60, .stall_s = 0.05});
   REQUIRE(trial.ok());
-  CHECK(trial->sent == 61);
-  CHECK(trial->received == 61);
+  // One packet tells the end, or some more where it is heard late.
+  CHECK(trial->sent >= 61);
+  CHECK(trial->received == trial->sent);
   CHECK(trial->missing == 0);
   CHECK(trial->kernel_dropped == 0);
   CHECK(trial->ring_dropped == 0);
@@ -32,10 +33,10 @@ TEST_CASE("what a stalled reader loses is exactly what the kernel counts") {
 }
 
 TEST_CASE("what is lost at the very end is counted, too") {
-  // All is sent during the first stall, far beyond the buffer.
+  // All is sent during the first stall, far beyond the buffer, also where the sender is kept waiting.
   const auto trial = try_receiving({.rate_hz = 1e6,
                                     .packets = 500,
-                                    .stall_s = 0.2,
+                                    .stall_s = 1.0,
                                     .stall_period_s = 100.0,
                                     .receive_buffer_bytes = 4096});
   REQUIRE(trial.ok());

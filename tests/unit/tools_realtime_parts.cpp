@@ -4,6 +4,7 @@
 #include "background_load.hpp"
 #include "bench_realtime_table.hpp"
 #include "child_process.hpp"
+#include "eventually.hpp"
 #include "free_port.hpp"
 #include "identity_checks.hpp"
 #include "monotonic_sleep.hpp"
@@ -119,6 +120,7 @@ TEST_CASE("wake-ups are counted about once a period, those slept through include
   WakeupNoise noise;
   const std::int64_t begin = daemon::monotonic_ns();
   sleep_for(kShort);
+  CHECK(tests::eventually([&] { return noise.histogram().snapshot().count() > 0; }));
   noise.stop();
   const auto periods = static_cast<std::uint64_t>((daemon::monotonic_ns() - begin) / WakeupNoise::kPeriod.ns);
   const auto snapshot = noise.histogram().snapshot();
@@ -139,8 +141,7 @@ TEST_CASE("loads run until their object is gone") {
     hog = hogs->processes().front();
     CHECK(kill(hog, 0) == 0);
     kill(hogs->processes().back(), SIGKILL);
-    for (int i = 0; i < 1000 && hogs->is_running(); ++i) sleep_for(core::Duration::from_milliseconds(5.0));
-    CHECK_FALSE(hogs->is_running());
+    CHECK(tests::eventually([&] { return !hogs->is_running(); }));
   }
   CHECK(kill(hog, 0) != 0);
 }
@@ -150,11 +151,11 @@ TEST_CASE("memory pressure touches what it was told to take, and no more") {
   const auto load = BackgroundLoad::memory_pressure(bytes);
   REQUIRE(load.ok());
   std::uint64_t most = 0;
-  for (int i = 0; i < 2000 && most < bytes * 9 / 10; ++i) {
+  tests::eventually([&] {
     if (const auto memory = resident_memory(load->processes().front()))
       most = std::max(most, memory->anonymous);
-    sleep_for(core::Duration::from_milliseconds(1.0));
-  }
+    return most >= bytes * 9 / 10;
+  });
   CHECK(load->is_running());
   CHECK(most >= bytes * 9 / 10);
   const auto own = resident_memory(getpid());

@@ -15,7 +15,7 @@ using Catch::Matchers::Contains;
 using tests::count_up;
 using tests::numbers_of;
 using tests::read_recording;
-using tests::RecordingFolder;
+using tests::TemporaryFolder;
 
 namespace {
 
@@ -77,7 +77,7 @@ class CountingSource final : public drivers::PacketSource {
 }  // namespace
 
 TEST_CASE("rotation by size keeps every packet exactly once and no part beyond its size") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   Parts parts(folder.path(), {.rotate_bytes = 20'000, .keep = 0});
   for (std::uint32_t i = 0; i < 500; ++i) parts->append(RecordStream::kLidar, numbered_record(i), i);
   parts->close(500);
@@ -95,7 +95,7 @@ TEST_CASE("rotation by size keeps every packet exactly once and no part beyond i
 }
 
 TEST_CASE("rotation by time begins a part at its age, and both files of a part bear its number") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   Parts parts(folder.path(), {.rotate_after = {10'000'000'000}});
   const std::vector<std::uint8_t> line(40, 'x');
   for (std::uint32_t second = 0; second < 25; ++second) {
@@ -112,7 +112,7 @@ TEST_CASE("rotation by time begins a part at its age, and both files of a part b
 }
 
 TEST_CASE("a folder with recordings is gone on with and nothing in it is overwritten") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   std::ofstream(folder.path() / "lidar_0007.pcap") << "old";
   std::ofstream(folder.path() / "can_0009.log") << "old";
   std::ofstream(folder.path() / "lidar_0042.pcap.bak") << "something else";
@@ -131,7 +131,7 @@ TEST_CASE("a folder with recordings is gone on with and nothing in it is overwri
 }
 
 TEST_CASE("only the newest parts are kept, and those of earlier recordings count") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   std::ofstream(folder.path() / "lidar_0001.pcap") << "old";
   std::ofstream(folder.path() / "can_0001.log") << "old";
   std::ofstream(folder.path() / "notes.txt") << "mine";
@@ -146,7 +146,7 @@ TEST_CASE("only the newest parts are kept, and those of earlier recordings count
 }
 
 TEST_CASE("a recording of nothing leaves no file") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   Parts parts(folder.path() / "new" / "folder", {});
   parts->flush(0);
   parts->close(0);
@@ -154,7 +154,7 @@ TEST_CASE("a recording of nothing leaves no file") {
 }
 
 TEST_CASE("a folder that cannot be made is named") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   std::ofstream(folder.path() / "file") << "x";
   RecordCounters counters;
   const auto parts =
@@ -164,7 +164,7 @@ TEST_CASE("a folder that cannot be made is named") {
 }
 
 TEST_CASE("a full disk is said once, costs what does not fit, and recording goes on when there is room") {
-  const RecordingFolder folder;
+  const TemporaryFolder folder;
   if (mount("nilio-test", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0) {
     WARN("skipped: no file system of its own can be mounted (" << std::strerror(errno) << ")");
     return;

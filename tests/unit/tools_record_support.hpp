@@ -5,6 +5,9 @@
 #include "nilio/drivers/pcap_format.hpp"
 
 #include "drivers_support.hpp"
+#include "eventually.hpp"
+#include "read_all.hpp"
+#include "temporary_folder.hpp"
 
 #include <arpa/inet.h>
 #include <array>
@@ -24,26 +27,6 @@
 #include <catch2/catch.hpp>
 
 namespace nilio::tests {
-
-/// A folder for recordings that goes when the test ends.
-class RecordingFolder {
- public:
-  RecordingFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "nilio_record_XXXXXX").string();
-    path_ = mkdtemp(name.data());
-  }
-  RecordingFolder(const RecordingFolder&) = delete;
-  RecordingFolder& operator=(const RecordingFolder&) = delete;
-  ~RecordingFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-  [[nodiscard]] std::string text() const { return path_.string(); }
-
- private:
-  std::filesystem::path path_;
-};
 
 inline sockaddr_in loopback_address(std::uint16_t port) {
   sockaddr_in address{};
@@ -107,12 +90,7 @@ inline std::vector<drivers::Packet> read_recording(const std::string& path, std:
   auto source =
       drivers::chain_captures(files->captures, {.data_port = data_port, .position_port = position_port});
   REQUIRE(source.ok());
-  std::vector<drivers::Packet> packets;
-  std::array<drivers::Packet, 64> slots;
-  for (auto read = (*source)->read(slots, {}); read.state == drivers::SourceState::kData;
-       read = (*source)->read(slots, {})) {
-    packets.insert(packets.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  }
+  const std::vector<drivers::Packet> packets = read_all(**source);
   INFO((*source)->status());
   CHECK((*source)->stats().other == 0);
   return packets;
@@ -155,16 +133,6 @@ inline std::vector<drivers::Packet> sensor_packets(std::size_t count, std::uint1
     packets.push_back(position);
   }
   return packets;
-}
-
-/// Waits for what other threads and processes do; false after a time that only a fault takes.
-template <class Condition>
-bool eventually(Condition condition) {
-  for (int i = 0; i < 3000; ++i) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return false;
 }
 
 /// `nilio` with both output streams in a file beside the recording.

@@ -3,12 +3,12 @@
 #include "nilio/daemon/config_terms.hpp"
 
 #include "basin_trial.hpp"
+#include "bench_options.hpp"
 #include "number_between.hpp"
 #include "results_page.hpp"
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <memory>
 #include <variant>
 
@@ -121,7 +121,7 @@ void draw_panel(Canvas& canvas, const Basin& basin, std::size_t method, const Re
 }
 
 void draw_basin(Canvas& canvas, const Basin& basin) {
-  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, {1.0, 1.0, 1.0});
+  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, kWhite);
   constexpr double left = 84.0;
   constexpr double right = 20.0;
   constexpr double gap = 26.0;
@@ -228,16 +228,9 @@ void add_bench_basin(CLI::App& bench) {
       ->check(number_between(1, most_pairs))
       ->capture_default_str();
   command->add_option("--seed", options->seed, "of the directions")->capture_default_str();
-  command->add_option("--set", options->overrides, "configuration, such as odometry.coarse_voxel_m=3")
-      ->take_all()
-      ->expected(1);
+  add_override_option(*command, options->overrides, "configuration, such as odometry.coarse_voxel_m=3");
   add_page_options(*command, options->page);
-  command->callback([options] {
-    const auto done = run(*options);
-    if (done) return;
-    std::fprintf(stderr, "nilio bench basin: %s\n", done.error().message.c_str());
-    throw CLI::RuntimeError(1);
-  });
+  command->callback([options, command] { end_bench(*command, run(*options)); });
 }
 
 }  // namespace nilio::tools

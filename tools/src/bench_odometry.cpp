@@ -4,6 +4,7 @@
 
 #include "bench_ablation.hpp"
 #include "bench_measure.hpp"
+#include "bench_options.hpp"
 #include "bench_pcl.hpp"
 #include "bench_plots.hpp"
 #include "bench_report.hpp"
@@ -13,7 +14,6 @@
 #include "results_page.hpp"
 
 #include <algorithm>
-#include <cstdio>
 #include <memory>
 #include <variant>
 
@@ -210,17 +210,9 @@ void add_bench_odometry(CLI::App& bench) {
   command->add_flag("--ablation", options->ablation,
                     "also run with one choice of the default changed at a time");
   add_page_options(*command, options->page);
-  command
-      ->add_option("--set", options->overrides,
-                   "configuration of all runs, such as lidar.max_range_m=80; may be repeated")
-      ->take_all()
-      ->expected(1);
-  command->callback([options] {
-    const auto done = run(*options);
-    if (done) return;
-    std::fprintf(stderr, "nilio bench odometry: %s\n", done.error().message.c_str());
-    throw CLI::RuntimeError(1);
-  });
+  add_override_option(*command, options->overrides,
+                      "configuration of all runs, such as lidar.max_range_m=80; may be repeated");
+  command->callback([options, command] { end_bench(*command, run(*options)); });
 }
 
 }  // namespace nilio::tools

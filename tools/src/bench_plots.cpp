@@ -12,9 +12,6 @@ namespace nilio::tools {
 namespace {
 
 constexpr Colour kInk{0.15, 0.15, 0.15};
-constexpr Colour kWhite{1.0, 1.0, 1.0};
-constexpr Colour kPaper{0.985, 0.985, 0.985};
-constexpr Colour kGrid{0.86, 0.86, 0.86};
 constexpr double kLabelWidth = 190.0;
 constexpr double kTop = 70.0;
 constexpr double kBottom = 70.0;

@@ -1,5 +1,6 @@
 #include "bench_realtime.hpp"
 
+#include "bench_options.hpp"
 #include "bench_realtime_table.hpp"
 #include "identity_checks.hpp"
 #include "niliod_run.hpp"
@@ -14,7 +15,6 @@
 #include <array>
 #include <cstdio>
 #include <memory>
-#include <unistd.h>
 #include <variant>
 
 namespace nilio::tools {
@@ -28,9 +28,6 @@ using core::Result;
 constexpr std::uint64_t kMebibyte = 1024 * 1024;
 constexpr int kPictureWidth = 1200;
 constexpr int kPictureHeight = 620;
-/// Others' domains are small numbers; two benches at a time are to hear each other no more than them.
-constexpr int kFirstDomain = 100;
-constexpr int kDomains = 100;
 constexpr const char* kLegend =
     "Two numbers are 50 % / 99 %, three 50 % / 99 % / most; wake-up has 99 % / most. Past the budget: the "
     "hand-over, after the last packet's arrival plus the budget. To hand-over, to DDS, to subscriber: from "
@@ -249,9 +246,7 @@ void add_feed_options(CLI::App& command, BenchRealtimeOptions& o) {
                   "UDP port to send to, and the next for position packets (0: any free one)")
       ->check(number_between(0.0, 65534.0))
       ->capture_default_str();
-  o.run.domain = static_cast<std::uint32_t>(kFirstDomain + getpid() % kDomains);
-  command.add_option("--domain", o.run.domain, "DDS domain id (default: one of 100 to 199)")
-      ->check(number_between(0.0, 232.0));
+  add_domain_option(command, o.run.domain);
 }
 
 }  // namespace
@@ -279,15 +274,8 @@ void add_bench_realtime(CLI::App& bench) {
   add_load_options(*command, *options);
   add_feed_options(*command, *options);
   add_page_options(*command, options->page);
-  command->add_option("--set", options->run.overrides, "configuration of all runs; may be repeated")
-      ->take_all()
-      ->expected(1);
-  command->callback([options] {
-    const auto good = run(*options);
-    if (good && *good) return;
-    if (!good) std::fprintf(stderr, "nilio bench realtime: %s\n", good.error().message.c_str());
-    throw CLI::RuntimeError(1);
-  });
+  add_override_option(*command, options->run.overrides, "configuration of all runs; may be repeated");
+  command->callback([options, command] { end_bench(*command, run(*options)); });
 }
 
 }  // namespace nilio::tools

@@ -60,10 +60,8 @@ Result<daemon::Config> bench_config(const BenchDataset& dataset, const std::vect
     const auto applied = daemon::apply_file(config, dataset.files.configuration);
     if (!applied) return applied.error();
   }
-  for (const std::string& assignment : overrides) {
-    const auto applied = daemon::apply_override(config, assignment);
-    if (!applied) return applied.error();
-  }
+  const auto applied = daemon::apply_overrides(config, overrides);
+  if (!applied) return applied.error();
   return config;
 }
 

@@ -1,5 +1,6 @@
 #include "bench_soak.hpp"
 
+#include "bench_options.hpp"
 #include "child_process.hpp"
 #include "niliod_run.hpp"
 #include "number_between.hpp"
@@ -12,7 +13,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <memory>
-#include <unistd.h>
 
 namespace nilio::tools {
 
@@ -26,8 +26,6 @@ using core::Result;
 constexpr double kMinuteS = 60.0;
 constexpr int kPictureWidth = 1200;
 constexpr int kPictureHeight = 520;
-constexpr int kFirstDomain = 100;
-constexpr int kDomains = 100;
 /// Of standing that is simulated; it is played over and over, as nothing but the traffic jumps at the seam.
 constexpr double kStandingLapS = 120.0;
 constexpr Duration kSimulationLimit = Duration::from_seconds(1800.0);
@@ -158,19 +156,10 @@ void add_bench_soak(CLI::App& bench) {
           "share of the time after which memory is judged: by then the map has been as large as it gets")
       ->check(number_between(0.01, 0.9))
       ->capture_default_str();
-  options->run.domain = static_cast<std::uint32_t>(kFirstDomain + getpid() % kDomains);
-  command->add_option("--domain", options->run.domain, "DDS domain id (default: one of 100 to 199)")
-      ->check(number_between(0.0, 232.0));
+  add_domain_option(*command, options->run.domain);
   add_page_options(*command, options->page);
-  command->add_option("--set", options->run.overrides, "configuration of all runs; may be repeated")
-      ->take_all()
-      ->expected(1);
-  command->callback([options] {
-    const auto good = run(*options);
-    if (good && *good) return;
-    if (!good) std::fprintf(stderr, "nilio bench soak: %s\n", good.error().message.c_str());
-    throw CLI::RuntimeError(1);
-  });
+  add_override_option(*command, options->run.overrides, "configuration of all runs; may be repeated");
+  command->callback([options, command] { end_bench(*command, run(*options)); });
 }
 
 }  // namespace nilio::tools

@@ -21,6 +21,10 @@ struct Colour {
   double alpha = 1.0;
 };
 
+inline constexpr Colour kWhite{1.0, 1.0, 1.0};
+inline constexpr Colour kPaper{0.985, 0.985, 0.985};  ///< inside a chart's axes
+inline constexpr Colour kGrid{0.86, 0.86, 0.86};
+
 /// Pixels, y down.
 struct Rectangle {
   double x = 0.0;

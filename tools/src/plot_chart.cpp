@@ -11,9 +11,6 @@ namespace nilio::tools {
 
 namespace {
 
-constexpr Colour kWhite{1.0, 1.0, 1.0};
-constexpr Colour kPaper{0.985, 0.985, 0.985};
-constexpr Colour kGrid{0.86, 0.86, 0.86};
 constexpr Colour kFrame{0.6, 0.6, 0.6};
 constexpr double kLeft = 95.0;
 constexpr double kRight = 30.0;

@@ -111,7 +111,7 @@ void draw_scale_bar(Canvas& canvas, const Axes& axes) {
 
 void draw_top_view(Canvas& canvas, const PlotFigure& figure, const Rectangle& area) {
   const Axes axes = fit_equal(area, trajectory_bounds(figure));
-  canvas.fill(area, {0.985, 0.985, 0.985});
+  canvas.fill(area, kPaper);
   if (!figure.map.empty()) canvas.raster(rasterise_map(figure.map, axes), area);
   draw_axes(canvas, axes, figure.x_label, figure.y_label);
   canvas.clip(area);
@@ -119,12 +119,11 @@ void draw_top_view(Canvas& canvas, const PlotFigure& figure, const Rectangle& ar
   for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
     canvas.line(to_pixels(axes, figure.estimates[i].points), curve_colour(i), 2.2);
   }
-  constexpr Colour white{1.0, 1.0, 1.0};
   for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    canvas.disc(axes.to_pixel(figure.estimates[i].points.back()), 5.0, curve_colour(i), white);
+    canvas.disc(axes.to_pixel(figure.estimates[i].points.back()), 5.0, curve_colour(i), kWhite);
   }
   if (!figure.estimates.empty()) {
-    canvas.disc(axes.to_pixel(figure.estimates.front().points.front()), 6.0, white, {0.1, 0.1, 0.1});
+    canvas.disc(axes.to_pixel(figure.estimates.front().points.front()), 6.0, kWhite, {0.1, 0.1, 0.1});
   }
   canvas.unclip();
   draw_scale_bar(canvas, axes);
@@ -134,7 +133,7 @@ void draw_errors(Canvas& canvas, const PlotFigure& figure, const Rectangle& area
   Bounds bounds;
   for (const PlotCurve& curve : figure.errors) bounds.add(curve.points);
   const Axes axes{area, 0.0, std::max(bounds.max.x(), 1e-3), 0.0, std::max(1.08 * bounds.max.y(), 1e-3)};
-  canvas.fill(area, {0.985, 0.985, 0.985});
+  canvas.fill(area, kPaper);
   draw_axes(canvas, axes, "distance travelled [m]", "position error [m]");
   canvas.clip(area);
   for (std::size_t i = 0; i < figure.errors.size(); ++i) {
@@ -239,7 +238,7 @@ Raster rasterise_map(const std::vector<Eigen::Vector3f>& points, const Axes& axe
 }
 
 void draw_figure(Canvas& canvas, const PlotFigure& figure) {
-  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, {1.0, 1.0, 1.0});
+  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, kWhite);
   const double top = draw_legend(canvas, figure);
   const Layout layout = make_layout(canvas, figure, top);
   draw_top_view(canvas, figure, layout.top_view);

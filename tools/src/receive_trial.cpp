@@ -4,6 +4,8 @@
 #include "nilio/drivers/udp.hpp"
 #include "nilio/drivers/velodyne_packet.hpp"
 
+#include "free_port.hpp"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -84,19 +86,6 @@ class LoopbackSender {
   bool good_ = false;
   std::array<std::uint8_t, drivers::kDataPacketSize> packet_ = vls128_packet();
 };
-
-/// A port of the loopback interface that is free now.
-std::uint16_t free_port() {
-  const int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t length = sizeof(address);
-  const bool good = bind(probe, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0 &&
-                    getsockname(probe, reinterpret_cast<sockaddr*>(&address), &length) == 0;
-  close(probe);
-  return good ? ntohs(address.sin_port) : 0;
-}
 
 /// Passes a source's packets on, counts batches, and now and then sleeps instead of reading. read() and the
 /// figures belong to the receive thread.
@@ -219,12 +208,13 @@ void drain_ring(ipc::Ring<drivers::Packet>& ring, ipc::WakeEvent& event, const d
 }  // namespace
 
 core::Result<ReceiveTrialResult> try_receiving(const ReceiveTrialOptions& options) {
+  const Result<std::array<std::uint16_t, 2>> ports = free_udp_ports(0);
+  if (!ports) return Error{"no UDP port of 127.0.0.1 is free: check the loopback interface"};
   drivers::UdpSourceConfig config;
   config.bind_address = "127.0.0.1";
-  config.port = free_port();
+  config.port = ports->front();
   config.position_port = 0;
   config.receive_buffer_bytes = options.receive_buffer_bytes;
-  if (config.port == 0) return Error{"no UDP port of 127.0.0.1 is free: check the loopback interface"};
   Result<std::unique_ptr<drivers::PacketSource>> udp = drivers::open_udp(config);
   if (!udp) return udp.error();
   Result<ipc::WakeEvent> event = ipc::WakeEvent::create();

@@ -66,15 +66,6 @@ class MemorySampler {
   std::size_t count_ = 0;
 };
 
-Result<daemon::Config> soak_config(const SensorDrive& drive, const std::vector<std::string>& overrides) {
-  daemon::Config config = drive.config;
-  for (const std::string& assignment : overrides) {
-    const auto applied = daemon::apply_override(config, assignment);
-    if (!applied) return applied.error();
-  }
-  return config;
-}
-
 /// What the first drive's recording opens as, with the loop in the place of its files.
 Result<daemon::Input> open_loop(std::span<const SensorDrive> drives, const daemon::Config& config,
                                 const LoopPlan& plan) {
@@ -156,12 +147,12 @@ Result<std::monostate> SoakRun::open() {
   auto plan = plan_laps(drives_, config_.length);
   if (!plan) return plan.error();
   plan_ = std::move(plan).value();
-  const Result<daemon::Config> config = soak_config(drives_.front(), config_.overrides);
-  if (!config) return config.error();
-  Result<daemon::Input> input = open_loop(drives_, *config, plan_);
+  daemon::Config config = drives_.front().config;
+  if (auto applied = daemon::apply_overrides(config, config_.overrides); !applied) return applied;
+  Result<daemon::Input> input = open_loop(drives_, config, plan_);
   if (!input) return input.error();
   if (auto started = start_publisher(); !started) return started;
-  auto pipeline = daemon::Pipeline::create(*config, std::move(input).value(), {}, publisher_.get());
+  auto pipeline = daemon::Pipeline::create(config, std::move(input).value(), {}, publisher_.get());
   if (!pipeline) return pipeline.error();
   pipeline_ = std::move(pipeline).value();
   own_memory_.emplace("pipeline", getpid(), config_.length);

@@ -2,7 +2,8 @@
 
 #include "nilio/dds/reports.hpp"
 
-#include <ctime>
+#include "monotonic_clock.hpp"
+
 #include <future>
 #include <pthread.h>
 #include <sys/resource.h>
@@ -14,12 +15,6 @@ namespace {
 
 // So long after a wake-up that was lost, were there one.
 constexpr core::Duration kLongestSleep{100'000'000};
-
-std::int64_t monotonic_ns() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
-}
 
 }  // namespace
 

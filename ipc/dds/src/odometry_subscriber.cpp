@@ -2,9 +2,10 @@
 
 #include "nilio/dds/types.hpp"
 
+#include "monotonic_clock.hpp"
+
 #include <chrono>
 #include <condition_variable>
-#include <ctime>
 #include <deque>
 #include <map>
 #include <mutex>
@@ -30,12 +31,6 @@ constexpr std::size_t kMaxWriters = 256;  // whose sequence numbers are remember
 core::Time now() {
   const auto since_epoch = std::chrono::system_clock::now().time_since_epoch();
   return {std::chrono::duration_cast<std::chrono::nanoseconds>(since_epoch).count()};
-}
-
-std::int64_t monotonic_ns() {
-  timespec time{};
-  clock_gettime(CLOCK_MONOTONIC, &time);
-  return static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
 }
 
 class OdometryQueue : public fastdds::DataReaderListener {
@@ -107,18 +102,25 @@ class OdometryQueue : public fastdds::DataReaderListener {
   SubscriberCounts counts_;
 };
 
+/// Hands every message that waits at the reader to `keep`.
+template <class Message, class Keep>
+void take_all(fastdds::DataReader& reader, const Keep& keep) {
+  Message message;
+  fastdds::SampleInfo info;
+  while (reader.take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
+    if (info.valid_data) keep(message);
+  }
+}
+
 /// Keeps the last message of a topic.
 template <class Message>
 class Latest : public fastdds::DataReaderListener {
  public:
   void on_data_available(fastdds::DataReader* reader) override {
-    Message message;
-    fastdds::SampleInfo info;
-    while (reader->take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
-      if (!info.valid_data) continue;
+    take_all<Message>(*reader, [this](const Message& message) {
       const std::lock_guard lock(mutex_);
       message_ = message;
-    }
+    });
   }
 
   std::optional<Message> get() const {
@@ -136,14 +138,11 @@ template <class Message>
 class Kept : public fastdds::DataReaderListener {
  public:
   void on_data_available(fastdds::DataReader* reader) override {
-    Message message;
-    fastdds::SampleInfo info;
-    while (reader->take_next_sample(&message, &info) == ReturnCode_t::RETCODE_OK) {
-      if (!info.valid_data) continue;
+    take_all<Message>(*reader, [this](const Message& message) {
       const std::lock_guard lock(mutex_);
       if (messages_.size() >= kMostKept) messages_.erase(messages_.begin());
       messages_.push_back(message);
-    }
+    });
   }
 
   std::vector<Message> take() {

@@ -12,7 +12,6 @@
 #include <array>
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
 
@@ -94,10 +93,8 @@ struct OdometryResult {
   /// No registration was accepted: the pose is the prediction.
   bool predicted = false;
   std::uint8_t degenerate_axes = 0;
-  /// How far the budget cut the registration, whether or not it converged, and by when the pose had to be
-  /// there (by the clock, or by counted work from the scan's beginning; the largest value without a limit).
+  /// How far the budget cut the registration, whether or not it converged.
   BudgetRung rung = BudgetRung::kFull;
-  std::int64_t deadline_ns = std::numeric_limits<std::int64_t>::max();
   int passes = 0;
   int coarse_iterations = 0;
   int fine_iterations = 0;

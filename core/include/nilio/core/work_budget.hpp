@@ -82,8 +82,6 @@ class WorkBudget {
   void finish_scan(int iterations);
 
   [[nodiscard]] BudgetMode mode() const { return config_.mode; }
-  /// By the clock, or by counted work, where the scan begins at 0; the largest value when it is not limited.
-  [[nodiscard]] std::int64_t deadline_ns() const { return deadline_ns_; }
   [[nodiscard]] std::int64_t now_ns() const;
   /// By how much a pose that is handed over now, or in ops mode will be once the scan is finished, misses the
   /// deadline; negative when it is early.
@@ -118,6 +116,7 @@ class WorkBudget {
   Answers answers_ = Answers::kUnlimited;
   std::int64_t counted_ns_ = 0;
   std::int64_t begin_ns_ = 0;
+  /// By the clock, or by counted work, where the scan begins at 0; the largest value when it is not limited.
   std::int64_t deadline_ns_ = 0;
   std::int64_t lap_ns_ = 0;
   std::size_t registration_points_ = 0;

@@ -40,6 +40,8 @@ std::string value_text(const ConfigKey& key);
 
 /// "odometry.threads=2".
 core::Result<std::monostate> apply_override(Config& config, const std::string& assignment);
+/// One after the other, up to the first that is wrong.
+core::Result<std::monostate> apply_overrides(Config& config, const std::vector<std::string>& assignments);
 
 /// The effective configuration as YAML that apply_yaml takes back unchanged. LiDARs that are off are left out
 /// but for a comment.

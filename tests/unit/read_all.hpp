@@ -1,0 +1,22 @@
+#pragma once
+
+#include "nilio/drivers/source.hpp"
+
+#include <cstddef>
+#include <vector>
+
+namespace nilio::tests {
+
+/// Reads a source until it has nothing more.
+template <class Slot>
+std::vector<Slot> read_all(drivers::Source<Slot>& source) {
+  std::vector<Slot> all;
+  std::vector<Slot> slots(64);
+  while (true) {
+    const drivers::SourceRead read = source.read(slots, {});
+    if (read.state != drivers::SourceState::kData) return all;
+    all.insert(all.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
+  }
+}
+
+}  // namespace nilio::tests
