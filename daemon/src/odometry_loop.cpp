@@ -108,9 +108,17 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     } else if (!repeat(scan, stop, counters)) {
       break;
     }
+    tell_when_warm(counters);
   }
   push_imu_health(true);
   if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
+}
+
+void OdometryLoop::tell_when_warm(const OdometryCounters& counters) {
+  if (config_.hook == nullptr || warm_told_ || counters.poses.load(std::memory_order_relaxed) < kWarmUpPoses)
+    return;
+  warm_told_ = true;
+  config_.hook(ThreadRole::kOdometry, ThreadPhase::kWarm);
 }
 
 void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,

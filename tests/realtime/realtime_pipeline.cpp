@@ -155,7 +155,7 @@ void check_nothing_was_done() {
   for (const ThreadRole role : {ThreadRole::kLidarReceive, ThreadRole::kImuReceive,
                                 ThreadRole::kDeadlineGuard, ThreadRole::kOdometry}) {
     const tests::OffenceCounts counts = watch::counts(role);
-    CAPTURE(static_cast<int>(role));
+    CAPTURE(daemon::name_of(role));
     for (std::size_t i = 0; i < counts.size(); ++i) {
       CAPTURE(tests::name_of(static_cast<tests::Offence>(i)));
       CHECK(counts[i] == 0);
@@ -316,5 +316,5 @@ TEST_CASE("an allocation planted in the odometry thread of a pipeline is caught 
   const tests::OffenceCounts counts = watch::counts(ThreadRole::kOdometry);
   CHECK(counts[static_cast<std::size_t>(tests::Offence::kAllocation)] == 1);
   CHECK(watch::total(counts) == 1);
-  CHECK(watch::report().find("allocation in thread role") == 0);
+  CHECK(watch::report().find("allocation in nilio-odometry") == 0);
 }

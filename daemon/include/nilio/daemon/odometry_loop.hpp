@@ -82,6 +82,7 @@ class OdometryLoop {
   void run(const std::atomic<bool>& stop, OdometryCounters& counters);
 
  private:
+  void tell_when_warm(const OdometryCounters& counters);
   void work_off(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   bool repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   void wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
@@ -110,6 +111,7 @@ class OdometryLoop {
   core::ImuHealth pushed_health_;
   std::uint64_t imu_given_ = 0;  ///< samples that the odometry was given
   std::size_t next_decision_ = 0;
+  bool warm_told_ = false;
 };
 
 /// Notes in a record that it is handed over now.
