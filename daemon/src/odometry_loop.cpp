@@ -263,7 +263,7 @@ void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bo
 
 void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool guarded) {
   if (outputs_.decisions == nullptr) return;
-  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}};
+  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}, feed_.merge_decision()};
   if (!superseded) decision.budget = odometry_.budget().decisions();
   outputs_.decisions->try_push(decision);
 }

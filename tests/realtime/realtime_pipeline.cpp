@@ -73,6 +73,7 @@ struct Outcome {
   std::array<std::uint64_t, 4> states{};
   std::array<std::uint64_t, core::kBudgetRungs> rungs{};
   std::uint64_t guarded = 0;
+  std::uint64_t points_merged = 0;
 };
 
 /// A pose ring in shared memory whose reader is in this process.
@@ -147,6 +148,7 @@ Outcome run_watched(const daemon::Config& config, daemon::Input input, const Run
   outcome.watched_scans = outcome.scans - armed_at.value_or(outcome.scans);
   outcome.workers = watch::workers_seen();
   outcome.stats = pipeline.scan_stats();
+  if (pipeline.lidars().size() > 1) outcome.points_merged = pipeline.merge_counters(1).points_merged;
   return outcome;
 }
 
@@ -301,6 +303,24 @@ TEST_CASE("a live LiDAR is found out, falls silent and comes back without alloca
   check_nothing_was_done();
   CHECK(outcome.watched_scans > 100);
   CHECK(outcome.stats.bad_length >= 10);
+}
+
+TEST_CASE("scans of two LiDARs are merged without allocation, lock or throw", "[drives]") {
+  Drive drive;
+  drive.faults.enabled = true;
+  daemon::Input input = memory_input(drive);
+  daemon::ExtraLidar second;
+  second.section = "lidar2";
+  // A little behind the first, whose losses it does not share.
+  second.config.extrinsic = {{-1.5, 0.0, 0.0}, {0.0, 0.0, 30.0}};
+  second.packets =
+      std::make_unique<tests::RepeatedPackets>(tests::town_drive(), drive.times, tests::Faults{});
+  second.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
+  input.more_lidars.push_back(std::move(second));
+  const Outcome outcome = run_watched(drive_config(1), std::move(input));
+  check_nothing_was_done();
+  CHECK(outcome.watched_scans >= 600);
+  CHECK(outcome.points_merged > 10'000'000);
 }
 
 TEST_CASE("an allocation planted in the odometry thread of a pipeline is caught and named", "[drives]") {
