@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <limits>
 
 namespace nilio::tools {
 
@@ -52,6 +53,19 @@ std::string offences_text(const NamedCounts& counts) {
     if (count > 0) text += (text.empty() ? "" : ", ") + name + " " + std::to_string(count);
   }
   return text.empty() ? "0" : text;
+}
+
+/// The largest y is more than ten times the smallest.
+bool spreads_over_decades(std::span<const PlotCurve> curves) {
+  double least = std::numeric_limits<double>::infinity();
+  double most = 0.0;
+  for (const PlotCurve& curve : curves) {
+    for (const Eigen::Vector2d& point : curve.points) {
+      least = std::min(least, point.y());
+      most = std::max(most, point.y());
+    }
+  }
+  return most > 10.0 * least;
 }
 
 }  // namespace
@@ -153,8 +167,8 @@ BenchTable counted_table(std::span<const CountedRun> runs) {
 
 Chart accuracy_chart(std::span<const CountedRun> counted, std::span<const RealtimeCell> cells) {
   Chart chart;
-  chart.x = {"budget from the last packet to the pose [ms]", true, {}};
-  chart.y = {"mean error over 10 to 80 m [%]", true, {}};
+  chart.x = {"budget from the last packet to the pose [ms]", true, false, {}};
+  chart.y = {"mean error over 10 to 80 m [%]", false, true, {}};
   chart.marked = true;
   PlotCurve operations{"counted operations", {}};
   for (const CountedRun& run : counted) {
@@ -170,6 +184,8 @@ Chart accuracy_chart(std::span<const CountedRun> counted, std::span<const Realti
               [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() < b.x(); });
     if (!curve->points.empty()) chart.curves.push_back(std::move(*curve));
   }
+  // Errors that are nearly the same are to look it, beside zero.
+  chart.y.logarithmic = spreads_over_decades(chart.curves);
   return chart;
 }
 
@@ -177,7 +193,7 @@ Chart latency_chart(std::span<const RealtimeCell> cells) {
   Chart chart;
   chart.x.label = "share of poses that took at most so long";
   for (const auto& [at, text] : kPercentiles) chart.x.ticks.emplace_back(at, text);
-  chart.y = {"last packet to pose handed over [ms]", true, {}};
+  chart.y = {"last packet to pose handed over [ms]", true, false, {}};
   chart.marked = true;
   for (const RealtimeCell& cell : cells) {
     if (!cell.run.figures.end_to_end || cell.run.figures.end_to_end->count == 0) continue;

@@ -45,14 +45,15 @@ Demand deadline_by_clock(const RealtimeCell& cell) {
   return demand;
 }
 
-/// Scans that a newer one supersedes have none, and are counted: the sensor's search for its calibration and
-/// whole scans of time without a processor.
+/// Scans that a newer one supersedes have none, and are counted: of the search for a sensor's calibration, or
+/// because the computer gave no processor for as long as a scan.
 Demand pose_per_scan(const RealtimeCell& cell) {
   const RunFigures& f = cell.run.figures;
   Demand demand{"one pose a scan", run_of(cell), std::to_string(f.poses), std::to_string(f.scans),
                 Verdict::kFailed};
-  if (f.superseded > 0) demand.bound += " less " + std::to_string(f.superseded) + " superseded";
-  if (f.poses > 0 && f.poses + f.superseded == f.scans) demand.verdict = Verdict::kMet;
+  if (f.superseded > 0) demand.bound += ", " + std::to_string(f.superseded) + " superseded";
+  if (f.poses > 0 && f.poses + f.superseded == f.scans)
+    demand.verdict = f.superseded == 0 ? Verdict::kMet : Verdict::kMissed;
   return demand;
 }
 
@@ -61,6 +62,22 @@ Demand packets(const RealtimeCell& cell) {
   const std::uint64_t lost = f.packets_lost + f.packets_dropped;
   return {"no packet lost", run_of(cell), std::to_string(lost), "0",
           lost == 0 ? Verdict::kMet : Verdict::kMissed};
+}
+
+/// One line for all runs, when all met it.
+void add_for_all(std::vector<Demand> runs, std::vector<Demand>& demands) {
+  const bool all_met = std::all_of(runs.begin(), runs.end(),
+                                   [](const Demand& demand) { return demand.verdict == Verdict::kMet; });
+  if (all_met && runs.size() > 1) {
+    Demand& first = runs.front();
+    first.run = "each of " + std::to_string(runs.size());
+    const bool is_same = std::all_of(runs.begin(), runs.end(), [&first](const Demand& demand) {
+      return demand.measured == first.measured && demand.bound == first.bound;
+    });
+    if (!is_same) first.measured = first.bound = "as tabled";
+    runs.resize(1);
+  }
+  demands.insert(demands.end(), runs.begin(), runs.end());
 }
 
 Demand imu_poses(const RealtimeCell& cell) {
@@ -130,12 +147,18 @@ std::vector<Demand> judge_realtime(const RealtimeFigures& figures) {
   std::vector<Demand> demands;
   for (const CountedRun& run : figures.counted) demands.push_back(deadline_by_count(run));
   for (const RealtimeCell& cell : figures.cells) demands.push_back(deadline_by_clock(cell));
-  for (const RealtimeCell& cell : figures.cells) demands.push_back(pose_per_scan(cell));
-  for (const RealtimeCell& cell : figures.cells) demands.push_back(packets(cell));
+  const auto of_each_run = [&](Demand (*judge)(const RealtimeCell&)) {
+    std::vector<Demand> runs;
+    for (const RealtimeCell& cell : figures.cells) runs.push_back(judge(cell));
+    add_for_all(std::move(runs), demands);
+  };
+  of_each_run(pose_per_scan);
+  of_each_run(packets);
   for (const RealtimeCell& cell : figures.cells) {
-    if (cell.condition == Condition::kHogs && !cell.budget_ms) demands.push_back(imu_poses(cell));
+    if (cell.condition == Condition::kHogs && !cell.budget_ms && cell.run.figures.scans_with_imu > 0)
+      demands.push_back(imu_poses(cell));
   }
-  for (const RealtimeCell& cell : figures.cells) demands.push_back(allocations(cell));
+  of_each_run(allocations);
   demands.push_back(planted(figures.planted));
   for (const RealtimeCell& cell : figures.cells) {
     if (cell.condition == Condition::kIdle && !cell.budget_ms) demands.push_back(to_subscriber(cell));
