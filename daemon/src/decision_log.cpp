@@ -43,8 +43,10 @@ std::optional<ScanDecision> parse_decision(const std::string& line) {
   decision.superseded = value.value("superseded", json(false)) == json(true);
   decision.guarded = value.value("guarded", json(false)) == json(true);
   if (!read_list(value.value("points", json::array()), decision.budget.counts, decision.budget.count_size) ||
-      !read_list(value.value("stops", json::array()), decision.budget.stops, decision.budget.stop_size))
+      !read_list(value.value("stops", json::array()), decision.budget.stops, decision.budget.stop_size) ||
+      !read_list(value.value("lidar_packets", json::array()), decision.merge.packets, decision.merge.lidars))
     return std::nullopt;
+  decision.merge.merged = decision.merge.lidars > 0;
   return decision;
 }
 
@@ -61,6 +63,9 @@ std::string decision_line(const ScanDecision& decision) {
   const core::BudgetDecisions& budget = decision.budget;
   for (std::size_t i = 0; i < budget.count_size; ++i) value["points"].push_back(budget.counts[i]);
   for (std::size_t i = 0; i < budget.stop_size; ++i) value["stops"].push_back(budget.stops[i]);
+  const MergeDecision& merge = decision.merge;
+  for (std::size_t i = 0; merge.merged && i < merge.lidars; ++i)
+    value["lidar_packets"].push_back(merge.packets[i]);
   return value.dump();
 }
 

@@ -99,6 +99,7 @@ bool LidarChannel::decode_front() {
   watch_sender(packet);
   last_stamp_ = packet.stamp;
   const bool complete = assembler_->add(packet);
+  ++packets_decoded_;
   if (is_kept_back) {
     ++next_;
   } else {
@@ -128,6 +129,7 @@ void LidarChannel::look(const Packet& packet) {
   const bool is_kept = is_data(packet) || (!backlog_.empty() && backlog_.size() < kLargestBacklog);
   if (!is_kept) {
     count(packet, refused_);
+    ++packets_skipped_;
     return;
   }
   backlog_.push_back(packet);
@@ -154,6 +156,7 @@ void LidarChannel::judge(SensorFinder::State state) {
 
 void LidarChannel::discard_backlog() {
   for (const Packet& packet : backlog_) count(packet, refused_);
+  packets_skipped_ += backlog_.size();
   backlog_.clear();
 }
 

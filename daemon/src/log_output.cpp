@@ -107,7 +107,7 @@ class LogOutput::Sink final : public spdlog::sinks::base_sink<spdlog::details::n
     int waited_ms = 0;
     while (!text.empty()) {
       pollfd output{file_descriptor_, POLLOUT, 0};
-      const int ready = poll(&output, 1, kPollMs);
+      const int ready = poll(&output, 1, gave_up_ ? 0 : kPollMs);
       if (ready == 0 || (ready < 0 && errno == EINTR)) {
         waited_ms = hurries_.load() ? waited_ms + kPollMs : 0;
         if (waited_ms >= kPatienceMs || gave_up_) break;

@@ -24,6 +24,8 @@ constexpr std::size_t kRingsOfLidar = 256;
 constexpr std::size_t kMostWaiting = 2048;
 // The first scan after a LiDAR fell silent has a part of its packets.
 constexpr std::uint32_t kScansToSayLate = 3;
+// What comes after a scan's end is kept until the next one: seldom more than what came during one.
+constexpr std::size_t kScansPending = 2;
 constexpr Duration kWakePeriod = Duration::from_milliseconds(5.0);
 
 /// Turns a point about the horizontal axis across its direction, upwards.
@@ -51,6 +53,7 @@ MergedScanFeed::MergedScanFeed(PacketScanFeed& first, std::vector<Other> others,
     Lane lane;
     lane.other = other;
     lane.first_ring = static_cast<std::uint16_t>(kRingsOfLidar * (lanes_.size() + 1));
+    lane.pending.reserve(kScansPending * lane.other.capacity);
     lanes_.push_back(std::move(lane));
   }
 }
@@ -84,41 +87,66 @@ void MergedScanFeed::keep_up(Lane& lane) {
   }
 }
 
+const MergeDecision* MergedScanFeed::decision_about(const core::Scan& scan) {
+  if (options_.decisions == nullptr) return nullptr;
+  const std::vector<ScanDecision>& decisions = *options_.decisions;
+  while (next_decision_ < decisions.size() && decisions[next_decision_].sequence < scan.sequence)
+    ++next_decision_;
+  if (next_decision_ == decisions.size() || decisions[next_decision_].sequence != scan.sequence)
+    return nullptr;
+  const ScanDecision& decision = decisions[next_decision_];
+  // Of a log that says nothing of the other LiDARs nothing can be repeated.
+  return decision.merge.merged || decision.superseded ? &decision.merge : nullptr;
+}
+
 void MergedScanFeed::merge(core::Scan& scan) {
   const core::Time earliest = scan.start - kLongestSeam;
-  const Interval interval{previous_end_ ? std::max(*previous_end_, earliest) : scan.start - Duration{1},
-                          scan.end};
+  const Target target{
+      scan,
+      {previous_end_ ? std::max(*previous_end_, earliest) : scan.start - Duration{1}, scan.end},
+      first_.last_stamp() + kReceiveSlack};
   previous_end_ = scan.end;
+  const MergeDecision* const earlier = decision_about(scan);
+  decision_ = {};
   // A scan that is about to be superseded does not wait.
-  if (options_.live && first_.waiting_scans() > 0) return;
+  if (earlier != nullptr ? !earlier->merged : options_.live && first_.waiting_scans() > 0) return;
+  decision_.merged = true;
   if (options_.elevation_correction_rad != 0.0F) {
     for (core::Point& point : scan.points) {
       const core::Vector3 p(point.x, point.y, point.z);
       store(raise_beam(p, static_cast<double>(options_.elevation_correction_rad)), point);
     }
   }
-  const core::Time until = first_.last_stamp() + kReceiveSlack;
   for (Lane& lane : lanes_) {
-    const std::uint64_t taken_before = lane.other.channel->packets_taken();
-    const Gathered gathered = gather(lane, until, scan.completed_ns + lane.other.wait.ns, scan);
-    const bool has_packets = lane.other.channel->packets_taken() > taken_before;
-    const std::size_t moved = move_points(lane, interval, scan);
+    LidarChannel& channel = *lane.other.channel;
+    const std::uint64_t taken_before = channel.packets_taken();
+    const std::uint8_t index = decision_.lidars++;
+    const Gathered gathered = earlier != nullptr && index < earlier->lidars
+                                  ? repeat(lane, earlier->packets[index], target)
+                                  : gather(lane, target);
+    if (channel.is_known()) decision_.packets[index] = channel.packets_passed();
+    // Of one that is not known yet the packets are kept back: that they come is what counts.
+    const std::uint64_t come = channel.packets_taken() + channel.packets_in_ring();
+    const bool is_being_found = gathered == Gathered::kUnknown && come > lane.come_before;
+    lane.come_before = come;
+    const bool has_packets = channel.packets_taken() > taken_before || is_being_found;
+    const std::size_t moved = move_points(lane, target);
     if (moved == 0) ++lane.counters.scans_without;
     report_presence(lane, gathered, has_packets);
     report_step(lane, moved, has_packets, scan.end);
   }
 }
 
-/// Takes packets until one is later than `until`, as far as they are there or come in time.
-MergedScanFeed::Gathered MergedScanFeed::gather(Lane& lane, core::Time until, std::int64_t deadline_ns,
-                                                core::Scan& scan) {
+/// Takes packets until one is later than the scan's, as far as they are there or come in time.
+MergedScanFeed::Gathered MergedScanFeed::gather(Lane& lane, const Target& target) {
   LidarChannel& channel = *lane.other.channel;
+  const std::int64_t deadline_ns = target.scan.completed_ns + lane.other.wait.ns;
   const std::uint64_t taken_before = channel.packets_taken();
   while (true) {
     const bool ended = channel.ended();
-    const bool is_whole = decode(lane, until, scan);
+    const bool is_whole = decode(lane, target);
     if (is_whole || ended) {
-      if (channel.finish_scan()) take_points(lane, scan);
+      if (channel.finish_scan()) take_points(lane, target);
       return is_whole ? Gathered::kAll : Gathered::kEnded;
     }
     if (!options_.live) {
@@ -131,47 +159,71 @@ MergedScanFeed::Gathered MergedScanFeed::gather(Lane& lane, core::Time until, st
     // The scan would be superseded anyway once the next one is there.
     if (is_silent || left <= Duration{} || first_.waiting_scans() > 0) {
       if (!is_silent) ++lane.counters.waits_timed_out;
-      if (channel.finish_scan()) take_points(lane, scan);
+      if (channel.finish_scan()) take_points(lane, target);
       return Gathered::kTooLate;
     }
     data_event_.wait(std::min(left, kWakePeriod));
   }
 }
 
-/// True when a packet later than `until` is there.
-bool MergedScanFeed::decode(Lane& lane, core::Time until, core::Scan& scan) {
+/// Takes as many packets as an earlier run had by then.
+MergedScanFeed::Gathered MergedScanFeed::repeat(Lane& lane, std::uint64_t packets, const Target& target) {
+  LidarChannel& channel = *lane.other.channel;
+  while (!channel.is_known() || channel.packets_passed() < packets) {
+    const bool ended = channel.ended();
+    if (channel.front() != nullptr) {
+      if (channel.decode_front()) take_points(lane, target);
+    } else if (ended) {
+      break;
+    } else {
+      data_event_.wait(kWakePeriod);
+    }
+  }
+  if (packets > 0 && channel.finish_scan()) take_points(lane, target);
+  return Gathered::kAll;
+}
+
+/// True when a packet later than the scan's is there.
+bool MergedScanFeed::decode(Lane& lane, const Target& target) {
   LidarChannel& channel = *lane.other.channel;
   for (const drivers::Packet* packet = channel.front(); packet != nullptr; packet = channel.front()) {
-    if (packet->stamp > until) return true;
-    if (channel.decode_front()) take_points(lane, scan);
+    if (packet->stamp > target.until) return true;
+    if (channel.decode_front()) take_points(lane, target);
   }
   return false;
 }
 
 /// Puts the points of what the assembler completed into the first LiDAR's frame.
-void MergedScanFeed::take_points(Lane& lane, core::Scan& scan) {
+void MergedScanFeed::take_points(Lane& lane, const Target& target) {
   lane.other.channel->take_scan(lane.part);
-  scan.lost_packets += lane.part.lost_packets;
-  scan.missing_firings += lane.part.missing_firings;
+  target.scan.lost_packets += lane.part.lost_packets;
+  target.scan.missing_firings += lane.part.missing_firings;
   lane.last_end = lane.part.end;
   for (core::Point point : lane.part.points) {
+    const core::Time time = lane.part.start + Duration{point.time_offset_ns};
+    // Too old: kept, they would fill the buffer while the first LiDAR is silent.
+    if (time <= target.interval.after) {
+      ++lane.counters.points_unused;
+      continue;
+    }
     core::Vector3 p(point.x, point.y, point.z);
     if (lane.other.elevation_correction_rad != 0.0F)
       p = raise_beam(p, static_cast<double>(lane.other.elevation_correction_rad));
     store(lane.other.T_first_other * p, point);
     point.ring = static_cast<std::uint16_t>(point.ring + lane.first_ring);
-    lane.pending.push_back({lane.part.start + Duration{point.time_offset_ns}, point});
+    lane.pending.push_back({time, point});
   }
 }
 
 /// Moves what belongs to the scan there and keeps what comes after it.
-std::size_t MergedScanFeed::move_points(Lane& lane, const Interval& interval, core::Scan& scan) {
+std::size_t MergedScanFeed::move_points(Lane& lane, const Target& target) {
+  const Interval& interval = target.interval;
   std::size_t moved = 0;
   std::size_t kept = 0;
   for (TimedPoint& timed : lane.pending) {
     if (timed.time > interval.after && timed.time <= interval.end) {
-      timed.point.time_offset_ns = static_cast<std::int32_t>((timed.time - scan.start).ns);
-      scan.points.push_back(timed.point);
+      timed.point.time_offset_ns = static_cast<std::int32_t>((timed.time - target.scan.start).ns);
+      target.scan.points.push_back(timed.point);
       ++moved;
     } else if (timed.time > interval.end && timed.time <= interval.end + kFarthestAhead) {
       lane.pending[kept++] = timed;

@@ -2,9 +2,11 @@
 #include "nilio/daemon/log_output.hpp"
 #include "nilio/daemon/memory_plan.hpp"
 #include "nilio/daemon/supervisor.hpp"
+#include "nilio/daemon/thread_hook.hpp"
 
 #include <atomic>
 #include <csignal>
+#include <dlfcn.h>
 #include <filesystem>
 #include <iostream>
 #include <string>
@@ -87,6 +89,10 @@ nilio::core::Result<Config> effective_config(const Arguments& arguments, const R
   return config;
 }
 
+nilio::daemon::ThreadHook preloaded_hook() {
+  return reinterpret_cast<nilio::daemon::ThreadHook>(dlsym(RTLD_DEFAULT, nilio::daemon::kPreloadedHook));
+}
+
 int run(const Arguments& arguments) {
   ReplayFiles files;
   if (!arguments.replay.empty()) {
@@ -114,6 +120,7 @@ int run(const Arguments& arguments) {
   options.as_live = arguments.as_live;
   options.decisions_file = arguments.decisions;
   options.output_folder = arguments.output;
+  options.thread_hook = preloaded_hook();
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
   nilio::core::Result<std::monostate> status = std::monostate{};

@@ -113,9 +113,17 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     } else if (!repeat(scan, stop, counters)) {
       break;
     }
+    tell_when_warm(counters);
   }
   push_imu_health(true);
   if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
+}
+
+void OdometryLoop::tell_when_warm(const OdometryCounters& counters) {
+  if (config_.hook == nullptr || warm_told_ || counters.poses.load(std::memory_order_relaxed) < kWarmUpPoses)
+    return;
+  warm_told_ = true;
+  config_.hook(ThreadRole::kOdometry, ThreadPhase::kWarm);
 }
 
 void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,
@@ -156,6 +164,7 @@ bool OdometryLoop::take_imu_sample(OdometryCounters& counters) {
   const std::optional<core::ImuSample> sample = imu_ring_->try_pop();
   if (!sample) return false;
   ++imu_given_;
+  rhythm_.add(sample->stamp);
   auto& counter = odometry_.add_imu(*sample) ? counters.imu_samples : counters.imu_refused;
   counter.fetch_add(1, std::memory_order_relaxed);
   return true;
@@ -180,6 +189,16 @@ bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
   return true;
 }
 
+/// Whether the sample that covers the scan can come in time, by the rhythm of those before it: the scan's
+/// last packet came when it ended. Under a small budget what is waited for in vain is missed by the
+/// registration.
+bool OdometryLoop::imu_may_come(const core::Scan& scan, std::int64_t deadline) const {
+  const std::optional<core::Time> latest = odometry_.latest_imu();
+  if (!latest || scan.received_ns == 0) return true;
+  const std::optional<Duration> due = rhythm_.due_after(scan.end, *latest);
+  return !due || scan.received_ns + due->ns <= deadline;
+}
+
 void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop,
                                 OdometryCounters& counters) {
   if (imu_ring_ == nullptr) return;
@@ -188,7 +207,7 @@ void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>&
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (drain_imu(scan.end, counters) || ended) return;
     const std::int64_t left = deadline - monotonic_ns();
-    if (!config_.lossless && left <= 0) {
+    if (!config_.lossless && (left <= 0 || !imu_may_come(scan, deadline))) {
       counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
       return;
     }
@@ -259,7 +278,7 @@ void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bo
 
 void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool guarded) {
   if (outputs_.decisions == nullptr) return;
-  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}};
+  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}, feed_.merge_decision()};
   if (!superseded) decision.budget = odometry_.budget().decisions();
   outputs_.decisions->try_push(decision);
 }

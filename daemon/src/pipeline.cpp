@@ -36,6 +36,13 @@ constexpr timespec kSearchPeriod{0, 5'000'000};
 // Beyond what odometry.threads may be.
 constexpr std::size_t kMostWorkers = 64;
 
+/// Points of its longest scan; of a LiDAR that nobody knows yet, those of an HDL-64E: buffers for one with
+/// more grow in its first scans.
+std::size_t room_for(const ExtraLidar& lidar) {
+  return drivers::scan_capacity(
+      lidar.sensor ? *lidar.sensor : drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2));
+}
+
 }  // namespace
 
 LidarLane::LidarLane(const std::string& section, const LidarConfig& config,
@@ -94,8 +101,10 @@ void Pipeline::make_feed() {
     feed_ = input_.scans.get();
     return;
   }
-  lidars_.push_back(std::make_unique<LidarLane>("lidar", config_.lidar, assembler_config(config_.lidar),
-                                                *input_.packets, input_.sensor, feed_log_));
+  drivers::ScanAssemblerConfig assembler = assembler_config(config_.lidar);
+  for (const ExtraLidar& lidar : input_.more_lidars) assembler.more_points += room_for(lidar);
+  lidars_.push_back(std::make_unique<LidarLane>("lidar", config_.lidar, assembler, *input_.packets,
+                                                input_.sensor, feed_log_));
   packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_);
   feed_ = packet_feed_.get();
   if (!input_.more_lidars.empty()) make_merged_feed();
@@ -112,9 +121,10 @@ void Pipeline::make_merged_feed() {
                                                   lidar.sensor, feed_log_));
     others.push_back({&lidars_.back()->channel, T_first_base * to_transform(lidar.config.extrinsic),
                       elevation_correction_rad(lidar.config),
-                      core::Duration::from_milliseconds(lidar.config.wait_ms)});
+                      core::Duration::from_milliseconds(lidar.config.wait_ms), room_for(lidar)});
   }
-  const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar)};
+  const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar),
+                                        options_.decisions.empty() ? nullptr : &options_.decisions};
   merged_feed_ =
       std::make_unique<MergedScanFeed>(*packet_feed_, std::move(others), options, data_event_, feed_log_);
   feed_ = merged_feed_.get();

@@ -132,6 +132,7 @@ Result<std::monostate> Supervisor::open() {
   PipelineOptions pipeline_options;
   pipeline_options.paced = options_.paced;
   pipeline_options.as_live = options_.as_live;
+  pipeline_options.thread_hook = options_.thread_hook;
   if (!options_.decisions_file.empty()) {
     auto decisions = read_decisions(options_.decisions_file);
     if (!decisions) return decisions.error();

@@ -20,20 +20,6 @@ using core::Result;
 constexpr std::size_t kTouchedStackBytes = std::size_t{256} << 10U;
 constexpr std::size_t kPageBytes = 4096;
 
-const char* name_of(ThreadRole role) {
-  switch (role) {
-    case ThreadRole::kLidarReceive:
-      return "nilio-lidar";
-    case ThreadRole::kImuReceive:
-      return "nilio-imu";
-    case ThreadRole::kDeadlineGuard:
-      return "nilio-guard";
-    case ThreadRole::kOdometry:
-      return "nilio-odometry";
-  }
-  return "nilio";
-}
-
 const char* key_of(ThreadRole role) {
   switch (role) {
     case ThreadRole::kLidarReceive:

@@ -29,7 +29,8 @@ int cut_azimuth(double degrees) {
   return static_cast<int>(std::lround(turn < 0.0 ? (turn + 360.0) * 100.0 : turn * 100.0)) % kAzimuthModulus;
 }
 
-/// No scan gets more points than this, so that buffers never grow.
+}  // namespace
+
 std::size_t scan_capacity(const VelodyneSensor& sensor) {
   std::int64_t period_ns = sensor.single().packet_period_ns;
   for (const PacketLayout& layout : sensor.layouts) period_ns = std::min(period_ns, layout.packet_period_ns);
@@ -37,15 +38,14 @@ std::size_t scan_capacity(const VelodyneSensor& sensor) {
   return static_cast<std::size_t>(packets) * kBlocksPerPacket * kEntriesPerBlock;
 }
 
-}  // namespace
-
 ScanAssembler::State::State(VelodyneSensor sensor, const ScanAssemblerConfig& config)
     : sensor_(std::move(sensor)),
       config_(config),
       clock_(config.time_source, sensor_.has_clock),
       cutter_(cut_azimuth(config.cut_azimuth_deg), kLongestScanNs),
       has_status_stream_(sensor_.lasers.size() == kHdl64eLasers),
-      capacity_(scan_capacity(sensor_)) {
+      capacity_(scan_capacity(sensor_)),
+      buffer_capacity_(capacity_ + config.more_points) {
   for (const PacketLayout& layout : sensor_.layouts)
     decoders_.emplace_back(sensor_, layout, azimuth_table_, config.min_range_m, config.max_range_m,
                            config.returns);
@@ -55,9 +55,9 @@ ScanAssembler::State::State(VelodyneSensor sensor, const ScanAssemblerConfig& co
   }
   use_layout(index);
   for (std::vector<core::Point>* points : {&current_.points, &completed_.points, &spare_}) {
-    points->reserve(capacity_);
+    points->reserve(buffer_capacity_);
     // What a scan at the usual speed needs is touched here, so that the first scans do not wait for memory.
-    points->resize(capacity_ / kUsualScansInCapacity);
+    points->resize(buffer_capacity_ / kUsualScansInCapacity);
     points->clear();
   }
 }
@@ -225,6 +225,12 @@ void ScanAssembler::State::add_in_order(Current& current) {
       current_.missing_firings += layout().firings_per_azimuth;
     }
   }
+  // Rather than to wait for the packet that would only say so.
+  if (!has_completed_ && cutter_.next_step_cuts(rate_)) {
+    close_scan();
+    cutter_.end_early();
+    prepare_scan();
+  }
 }
 
 std::int64_t ScanAssembler::State::step_time_ns(const Current& current, std::size_t step) const {
@@ -251,9 +257,12 @@ void ScanAssembler::State::add_step(const Current& current, std::size_t step) {
       cutter_.judge(current.azimuths.steps[step].azimuth, step_ns + decoder().first_firing_ns(), rate_,
                     azimuth_period_ns_, has_room(), !has_completed_);
   if (action != ScanCutter::Action::kAppend) {
+    const bool is_prepared = cutter_.state() == ScanCutter::State::kBetween;
     if (action != ScanCutter::Action::kOpen) close_scan();
     cutter_.open();
-    open_scan();
+    if (!is_prepared) prepare_scan();
+    end_ns_ = cutter_.start_ns();
+    open_firings_ = 0;
   }
   cutter_.append();
   end_ns_ = std::max(end_ns_, step_ns + decoder().last_firing_ns());
@@ -299,14 +308,12 @@ void ScanAssembler::State::add_late(Current& current) {
   if (belongs) current_.lost_packets -= std::min(current_.lost_packets, 1U);
 }
 
-void ScanAssembler::State::open_scan() {
+void ScanAssembler::State::prepare_scan() {
   std::vector<core::Point> points = std::move(current_.points);
   points.clear();
-  points.reserve(capacity_);
+  points.reserve(buffer_capacity_);
   current_ = core::Scan{};
   current_.points = std::move(points);
-  end_ns_ = cutter_.start_ns();
-  open_firings_ = 0;
 }
 
 /// Ends the scan under assembly: it becomes the completed one, or is dropped and counted when it covers too
@@ -344,9 +351,9 @@ bool ScanAssembler::State::finish() {
 void ScanAssembler::State::take_scan(core::Scan& scan) {
   std::swap(completed_, scan);
   // The first scan that is swapped in has no buffer yet.
-  if (completed_.points.capacity() < capacity_) completed_.points.swap(spare_);
+  if (completed_.points.capacity() < buffer_capacity_) completed_.points.swap(spare_);
   completed_.points.clear();
-  completed_.points.reserve(capacity_);
+  completed_.points.reserve(buffer_capacity_);
 }
 
 ScanAssemblerStatus ScanAssembler::State::status() const {

@@ -51,7 +51,7 @@ class ScanAssembler::State {
   void add_late(Current& current);
   void add_step(const Current& current, std::size_t step);
   void decode_step(const Current& current, std::size_t step, std::int64_t step_ns);
-  void open_scan();
+  void prepare_scan();
   void close_scan();
 
   [[nodiscard]] std::int64_t step_time_ns(const Current& current, std::size_t step) const;
@@ -71,7 +71,8 @@ class ScanAssembler::State {
   BlindSector blind_;
   bool has_status_stream_;
   Hdl64eStatusReader status_stream_;
-  std::size_t capacity_;
+  std::size_t capacity_;  ///< of the sensor's own points
+  std::size_t buffer_capacity_;
 
   /// As measured, or nominal.
   double packet_period_ns_ = 0.0;

@@ -2,6 +2,7 @@
 
 #include "azimuth_steps.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace nilio::drivers {
@@ -14,7 +15,7 @@ std::int64_t floor_divide(std::int64_t a, std::int64_t b) { return a / b - (a % 
 ScanCutter::Action ScanCutter::judge(std::uint16_t azimuth, std::int64_t time_ns, float rate,
                                      std::int64_t azimuth_period_ns, bool room, bool may_cut) {
   track(azimuth, time_ns, rate, azimuth_period_ns);
-  if (state_ == State::kEmpty) return Action::kOpen;
+  if (state_ != State::kFilling) return Action::kOpen;
   if (!may_cut) return Action::kAppend;
   if (floor_divide(unwrapped_, kAzimuthModulus) > scan_revolution_) return Action::kCutAtAzimuth;
   if (time_ns - start_ns_ > longest_ns_) return Action::kCutByTime;
@@ -22,10 +23,19 @@ ScanCutter::Action ScanCutter::judge(std::uint16_t azimuth, std::int64_t time_ns
 }
 
 void ScanCutter::open() {
+  std::int64_t revolution = floor_divide(unwrapped_, kAzimuthModulus);
+  // Should the azimuth jitter back, the cut is not passed a second time.
+  if (state_ == State::kBetween) revolution = std::max(revolution, scan_revolution_ + 1);
   state_ = State::kFilling;
   start_ns_ = last_step_ns_;
   covered_ = 0.0;
-  scan_revolution_ = floor_divide(unwrapped_, kAzimuthModulus);
+  scan_revolution_ = revolution;
+}
+
+bool ScanCutter::next_step_cuts(float rate) const {
+  if (state_ != State::kFilling) return false;
+  const std::int64_t next = unwrapped_ + std::llround(rate);
+  return floor_divide(next, kAzimuthModulus) > scan_revolution_;
 }
 
 void ScanCutter::restart() {

@@ -7,7 +7,11 @@ namespace nilio::drivers {
 /// Decides where scans end; holds no points. The states, events and actions are those of SCAN_CUTTING.md.
 class ScanCutter {
  public:
-  enum class State { kEmpty, kFilling };
+  enum class State {
+    kEmpty,
+    kFilling,
+    kBetween,  ///< the last scan is complete, the next one begins with the next step
+  };
   enum class Action {
     kOpen,          ///< no scan is open: this step begins one
     kAppend,        ///< the step belongs to the open scan
@@ -26,6 +30,10 @@ class ScanCutter {
                bool room, bool may_cut);
   /// The step judged last begins a scan.
   void open();
+  /// Whether the step after the last one will pass the cut: nothing more will come of the open scan.
+  [[nodiscard]] bool next_step_cuts(float rate) const;
+  /// The open scan was ended for that.
+  void end_early() { state_ = State::kBetween; }
   /// The step judged last belongs to the open scan.
   void append() { covered_ += advance_; }
   /// A time jump, or the end of the input: the open scan is over, azimuth and time start anew.

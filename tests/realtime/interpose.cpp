@@ -1,5 +1,5 @@
-// Functions of the C library and of C++ that a real-time thread must not call, in the program itself: the
-// dynamic linker then binds every library's calls to these.
+// Functions of the C library and of C++ that a real-time thread must not call, in a library before theirs:
+// the dynamic linker then binds the program's and every library's calls to these.
 #include "interpose.hpp"
 
 #include <cerrno>
@@ -26,7 +26,7 @@ void __libc_free(void* memory);
 
 namespace {
 
-/// The function that the program's own one hides.
+/// The function that the one here hides.
 template <class Function>
 Function* hidden(Function*& found, const char* name) {
   if (found == nullptr) found = reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name));
@@ -52,16 +52,6 @@ void note_output(int file_descriptor) {
 }
 
 }  // namespace
-
-bool interpose::is_replaced(const char* symbol) {
-  if (symbol == nullptr) return false;
-  for (const char* prefix : {"pthread_", "__cxa_throw", "__cxa_rethrow", "malloc", "calloc", "realloc",
-                             "free", "aligned_alloc", "memalign", "posix_memalign", "mmap", "munmap",
-                             "mprotect", "madvise", "sem_", "write", "fwrite", "fputs", "fflush"}) {
-    if (std::strncmp(symbol, prefix, std::strlen(prefix)) == 0) return true;
-  }
-  return false;
-}
 
 // NOLINTBEGIN(readability-identifier-naming): the names are given
 #define NILIO_FORWARD(result, name, offence, parameters, arguments) \

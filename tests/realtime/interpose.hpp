@@ -11,7 +11,5 @@ void called(Offence offence);
 int role_to_inherit();
 /// First thing in a thread that a watched one has started.
 void begin_worker(int role);
-/// Whether `symbol` is a function that interpose.cpp replaces; null is none.
-bool is_replaced(const char* symbol);
 
 }  // namespace nilio::tests::interpose

@@ -2,7 +2,10 @@
 
 #include "interpose.hpp"
 
+#include <algorithm>
 #include <atomic>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <cxxabi.h>
 #include <dlfcn.h>
@@ -44,9 +47,20 @@ Counters of_tbb{};
 std::array<Stack, kStacks> stacks;
 std::atomic<std::size_t> stack_count{0};
 std::atomic<std::size_t> workers{0};
+std::array<std::atomic<std::size_t>, kRoles> threads{};
 
 bool is_in(const char* object, const char* library) {
   return object != nullptr && std::strstr(object, library) != nullptr;
+}
+
+/// Where this library, with the functions that it replaces, is in memory.
+const void* own_base() {
+  static const void* const base = [] {
+    Dl_info info{};
+    dladdr(reinterpret_cast<const void*>(&own_base), &info);
+    return info.dli_fbase;
+  }();
+  return base;
 }
 
 /// Whether the call came from TBB rather than from what TBB runs: by the innermost frame that is neither the
@@ -55,11 +69,9 @@ bool is_of_tbb(const Stack& stack) {
   for (int i = 0; i < stack.depth; ++i) {
     Dl_info info{};
     if (dladdr(stack.frames[static_cast<std::size_t>(i)], &info) == 0) return false;
-    if (is_in(info.dli_sname, "interposed") || is_in(info.dli_fname, "libc.so") ||
+    if (info.dli_fbase == own_base() || is_in(info.dli_fname, "libc.so") ||
         is_in(info.dli_fname, "libstdc++"))
       continue;
-    // The interposing functions themselves are in this program and have the names of what they replace.
-    if (interpose::is_replaced(info.dli_sname)) continue;
     return is_in(info.dli_fname, "libtbb");
   }
   return false;
@@ -74,7 +86,13 @@ OffenceCounts read(const Counters& counters) {
 std::string describe(void* frame) {
   Dl_info info{};
   if (dladdr(frame, &info) == 0) return "?";
-  if (info.dli_sname == nullptr) return info.dli_fname;
+  if (info.dli_sname == nullptr) {
+    // As addr2line takes it.
+    std::array<char, 32> offset{};
+    std::snprintf(offset.data(), offset.size(), " 0x%zx",
+                  static_cast<std::size_t>(static_cast<char*>(frame) - static_cast<char*>(info.dli_fbase)));
+    return info.dli_fname + std::string(offset.data());
+  }
   int status = 0;
   const std::unique_ptr<char, void (*)(void*)> name(
       abi::__cxa_demangle(info.dli_sname, nullptr, nullptr, &status), std::free);
@@ -122,6 +140,7 @@ void interpose::begin_worker(int role) {
 void watch::hook(ThreadRole role, ThreadPhase phase) {
   if (phase == ThreadPhase::kStarted) {
     mark.role = static_cast<int>(role);
+    ++threads[static_cast<std::size_t>(role)];
   } else if (phase == ThreadPhase::kEnding) {
     mark.role = -1;
   }
@@ -131,6 +150,7 @@ void watch::arm(bool armed) {
   // Loads what unwinding needs.
   std::array<void*, 4> frames{};
   backtrace(frames.data(), 4);
+  own_base();
   is_armed.store(armed);
 }
 
@@ -141,10 +161,12 @@ void watch::reset() {
   for (auto& counter : of_tbb) counter.store(0);
   stack_count.store(0);
   workers.store(0);
+  for (auto& count : threads) count.store(0);
 }
 
 OffenceCounts watch::counts(ThreadRole role) { return read(of_role[static_cast<std::size_t>(role)]); }
 OffenceCounts watch::tbb_counts() { return read(of_tbb); }
+std::size_t watch::threads_seen(ThreadRole role) { return threads[static_cast<std::size_t>(role)].load(); }
 std::size_t watch::workers_seen() { return workers.load(); }
 
 std::uint64_t watch::total(const OffenceCounts& counts) {
@@ -153,13 +175,12 @@ std::uint64_t watch::total(const OffenceCounts& counts) {
   return sum;
 }
 
-std::string watch::report() {
+std::string watch::report(int frames) {
   std::string text;
   for (std::size_t i = 0; i < std::min(stack_count.load(), kStacks); ++i) {
     const Stack& stack = stacks[i];
-    text += std::string(name_of(stack.offence)) + " in thread role " +
-            std::to_string(static_cast<int>(stack.role)) + ":\n";
-    for (int f = 2; f < std::min(stack.depth, 16); ++f)
+    text += std::string(name_of(stack.offence)) + " in " + daemon::name_of(stack.role) + ":\n";
+    for (int f = 2; f < std::min(stack.depth, frames); ++f)
       text += "    " + describe(stack.frames[static_cast<std::size_t>(f)]) + "\n";
   }
   return text;

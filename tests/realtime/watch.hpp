@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nilio/daemon/thread_plan.hpp"
+#include "nilio/daemon/thread_hook.hpp"
 
 #include <array>
 #include <cstddef>
@@ -24,8 +24,8 @@ const char* name_of(Offence offence);
 using OffenceCounts = std::array<std::uint64_t, static_cast<std::size_t>(Offence::kCount)>;
 
 /// Counts offences of the real-time threads: of those that said so with daemon::ThreadHook, and of the
-/// threads that they started (the workers of the odometry's arena). The functions themselves are replaced in
-/// this program; they count, and then do what they always do.
+/// threads that they started (the workers of the odometry's arena). The functions themselves are replaced by
+/// this library's; they count, and then do what they always do.
 namespace watch {
 
 /// For PipelineOptions::thread_hook.
@@ -40,10 +40,12 @@ OffenceCounts counts(daemon::ThreadRole role);
 /// Calls that TBB makes for itself when it hands out tasks: its pools are not ours to fill.
 OffenceCounts tbb_counts();
 std::uint64_t total(const OffenceCounts& counts);
-/// Threads started by the odometry thread that have run while armed.
+/// Threads that said of themselves that they are of this role.
+std::size_t threads_seen(daemon::ThreadRole role);
+/// Threads started by the odometry thread.
 std::size_t workers_seen();
-/// Where the first of them came from, a call stack each; empty when there were none.
-std::string report();
+/// Where the first of them came from, a call stack each of so many frames; empty when there were none.
+std::string report(int frames = 16);
 
 }  // namespace watch
 

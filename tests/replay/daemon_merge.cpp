@@ -1,7 +1,10 @@
 #include "../unit/replay_run.hpp"
 #include "../unit/two_lidars.hpp"
 
+#include <chrono>
+#include <fstream>
 #include <memory>
+#include <thread>
 
 #include <catch2/catch.hpp>
 
@@ -10,6 +13,22 @@ using namespace nilio::daemon;
 using namespace nilio::tests;
 
 namespace {
+
+/// Holds packets back for 60 ms now and then.
+class LateSource final : public drivers::PacketSource {
+ public:
+  explicit LateSource(std::unique_ptr<drivers::PacketSource> source) : source_(std::move(source)) {}
+  drivers::SourceRead read(std::span<drivers::Packet> slots, core::Duration timeout) override {
+    if (++reads_ % 200 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(60));
+    return source_->read(slots, timeout);
+  }
+  [[nodiscard]] drivers::SourceStats stats() const override { return source_->stats(); }
+  [[nodiscard]] std::string status() const override { return source_->status(); }
+
+ private:
+  std::unique_ptr<drivers::PacketSource> source_;
+  std::size_t reads_ = 0;
+};
 
 Config one_lidar() {
   Config config = two_lidars();
@@ -171,6 +190,53 @@ TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with
     CHECK(threads.poses[i].orientation_xyzw == two.poses[i].orientation_xyzw);
     CHECK(threads.poses[i].points == two.poses[i].points);
   }
+}
+
+TEST_CASE("a run whose second LiDAR was late now and then is repeated from its decisions, to the bit",
+          "[pipeline]") {
+  const TemporaryFolder folder;
+  write_two_lidar_drive(folder.path(), s_curve, 3.0, 3.0);
+  Config config = two_lidars();
+  config.realtime.policy = "other";
+  config.realtime.lock_memory = false;
+  config.more_lidars[0].wait_ms = 2.0;
+  const auto files = find_replay_files({folder.path().string()});
+  REQUIRE(files.ok());
+  auto input = open_replay(*files, config);
+  REQUIRE(input.ok());
+  ExtraLidar& second = input->more_lidars.front();
+  second.packets = std::make_unique<LateSource>(std::move(second.packets));
+  PipelineOptions as_live;
+  as_live.paced = true;
+  as_live.as_live = true;
+  const ReplayRun live = run_input(config, std::move(input).value(), as_live);
+  CHECK(live.pipeline->merge_counters(1).waits_timed_out > 0);
+  REQUIRE(live.decisions.size() >= live.poses.size());
+  // As they are written and read again.
+  const std::string log = (folder.path() / "decisions.jsonl").string();
+  std::ofstream file(log);
+  file << decision_header(core::BudgetMode::kWall, 50.0) << '\n';
+  for (const ScanDecision& decision : live.decisions) file << decision_line(decision) << '\n';
+  file.close();
+  const auto decisions = read_decisions(log);
+  REQUIRE(decisions.ok());
+  PipelineOptions again;
+  again.decisions = *decisions;
+  auto same = open_replay(*files, config);
+  REQUIRE(same.ok());
+  const ReplayRun repeated = run_input(config, std::move(same).value(), again);
+  REQUIRE(repeated.poses.size() == live.poses.size());
+  std::size_t different = 0;
+  for (std::size_t i = 0; i < live.poses.size(); ++i) {
+    const bool is_same = repeated.poses[i].position == live.poses[i].position &&
+                         repeated.poses[i].orientation_xyzw == live.poses[i].orientation_xyzw &&
+                         repeated.poses[i].points == live.poses[i].points;
+    different += is_same ? 0 : 1;
+  }
+  CHECK(different == 0);
+  // Without its decisions it is another run.
+  const ReplayRun plain = run_replay(folder.text(), config);
+  CHECK(plain.poses.back().position != live.poses.back().position);
 }
 
 TEST_CASE("when the second LiDAR falls silent the poses go on and it is said once", "[pipeline]") {

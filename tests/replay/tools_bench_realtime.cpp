@@ -68,6 +68,7 @@ TEST_CASE("what has no packets to send, or an unknown name, is refused before an
   CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--budgets", "0"}) == -1);
   CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--feed", "tcp"}) == -1);
   CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--seconds", "nan"}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--soak", "0"}) == -1);
 }
 
 TEST_CASE("one command runs niliod under a budget and loads, finds the same poses again, and writes a page",
@@ -80,6 +81,10 @@ TEST_CASE("one command runs niliod under a budget and loads, finds the same pose
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
   for (const char* part : {"| 20 | idle |", "| hogs |", "| memory |", "| subscriber |", "(default)"})
     CHECK(page.find(part) != std::string::npos);
+  // Over UDP there is no IMU here; from its files there is.
+  CHECK(page.find("| idle, --as-live |") != std::string::npos);
+  CHECK(page.find("### What is asked, and what came of it") != std::string::npos);
+  CHECK(count_of(page, "| FAILED |") == 0);
   CHECK(count_of(page, "| FAIL |") == 0);
   CHECK(count_of(page, "| PASS |") + count_of(page, "| not comparable |") == 6);
   // Threads and hogs need no network.

@@ -109,9 +109,9 @@ TEST_CASE("whoever is faster, each scan is published once and in order") {
 TEST_CASE("a log of decisions reads back as it was written") {
   const tests::TemporaryFolder folder;
   const std::string path = (folder.path() / "decisions.jsonl").string();
-  ScanDecision plain{3, false, false, 12, {}};
-  ScanDecision superseded{4, true, false, 12, {}};
-  ScanDecision cut{6, false, true, 40, {}};
+  ScanDecision plain{3, false, false, 12, {}, {}};
+  ScanDecision superseded{4, true, false, 12, {}, {}};
+  ScanDecision cut{6, false, true, 40, {}, {true, 2, {5000, 0, 0}}};
   cut.budget.counts = {35000, 800, 700, 0};
   cut.budget.count_size = 3;
   cut.budget.stops[0] = 9;
@@ -134,6 +134,10 @@ TEST_CASE("a log of decisions reads back as it was written") {
   CHECK(last.budget.counts[1] == 800);
   CHECK(last.budget.stop_size == 1);
   CHECK(last.budget.stops[0] == 9);
+  CHECK_FALSE((*decisions)[1].merge.merged);
+  CHECK(last.merge.merged);
+  CHECK(last.merge.lidars == 2);
+  CHECK(last.merge.packets[0] == 5000);
 }
 
 TEST_CASE("a damaged log of decisions is refused with the line that is wrong") {

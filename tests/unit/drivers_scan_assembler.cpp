@@ -46,6 +46,32 @@ TEST_CASE("encoding and decoding a data packet are exact inverses") {
   CHECK_FALSE(decode(std::span(bytes).first(1205)).has_value());
 }
 
+TEST_CASE("a scan is complete with its last packet, also where the cut is between two") {
+  for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
+    // The cut wanders through the packets, as a revolution is no whole number of them.
+    const TurningSensor source{.sensor = make_velodyne_sensor(model), .revolutions_per_second = 10.03};
+    const auto packets = static_cast<std::size_t>(4'000'000'000 / source.sensor.single().packet_period_ns);
+    ScanAssembler assembler(source.sensor, {});
+    std::size_t scans = 0;
+    std::size_t late = 0;
+    std::uint64_t firings = 0;
+    core::Scan scan;
+    for (std::size_t i = 0; i < packets; ++i) {
+      const Packet packet = source.packet(i);
+      if (!assembler.add(packet)) continue;
+      assembler.take_scan(scan);
+      ++scans;
+      late += scan.received_ns == packet.received_ns ? 0 : 1;
+      firings += scan.points.size();
+      CHECK(scan.coverage_deg > 359.0F);
+    }
+    CHECK(scans >= 39);
+    CHECK(late == 0);
+    CHECK(assembler.stats().partial_scans == 1);
+    CHECK(firings == assembler.stats().firings_in_scans);
+  }
+}
+
 TEST_CASE("a cut in the middle of a packet puts every firing into exactly one scan") {
   for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
     // Beginning at the cut, so that no part of a revolution is dropped.

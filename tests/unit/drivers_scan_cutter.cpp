@@ -65,6 +65,29 @@ TEST_CASE("a cut waits while the scan before it has not been taken") {
   CHECK(driver.step(181, true, true) == Action::kCutAtAzimuth);
 }
 
+TEST_CASE("a scan whose next step passes the cut may be ended before it, and is not cut once more") {
+  Driver driver;
+  for (int azimuth = 100; azimuth < 179; ++azimuth) {
+    driver.step(azimuth);
+    CHECK_FALSE(driver.cutter.next_step_cuts(100.0F));
+  }
+  driver.step(179);
+  CHECK(driver.cutter.next_step_cuts(100.0F));
+  CHECK_FALSE(driver.cutter.next_step_cuts(99.0F));
+  driver.cutter.end_early();
+  CHECK_FALSE(driver.cutter.next_step_cuts(100.0F));
+  // It did not turn as far as it was expected to: the step is of the next scan all the same.
+  driver.time_ns += kPeriodNs;
+  CHECK(driver.cutter.judge(17990, driver.time_ns, 100.0F, kPeriodNs, true, true) == Action::kOpen);
+  driver.cutter.open();
+  driver.cutter.append();
+  std::vector<int> cuts;
+  for (int azimuth = 180; azimuth < 180 + 2 * 360; ++azimuth) {
+    if (driver.step(azimuth) != Action::kAppend) cuts.push_back(azimuth);
+  }
+  CHECK(cuts == std::vector<int>{180 + 360});
+}
+
 TEST_CASE("a standing motor is cut by time") {
   Driver driver;
   std::vector<std::int64_t> starts;

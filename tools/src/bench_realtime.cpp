@@ -6,8 +6,10 @@
 #include "niliod_run.hpp"
 #include "number_between.hpp"
 #include "realtime_run.hpp"
+#include "realtime_summary.hpp"
 #include "results_page.hpp"
 #include "sensor_drive.hpp"
+#include "soak_section.hpp"
 #include "stop_signals.hpp"
 #include "work_folder.hpp"
 
@@ -45,27 +47,40 @@ struct BenchRealtimeOptions {
   std::string feed = "udp";
   std::uint64_t memory_mib = 4096;
   RealtimeRunConfig run;
+  SoakPlan soak;
   ResultsPage::Options page;
 };
 
 struct CellPlan {
   std::optional<double> budget_ms;
   Condition condition = Condition::kIdle;
+  Feed feed = Feed::kUdp;
 };
 
+/// There is an IMU, whose frames no socket of this computer takes.
+bool lacks_imu(const SensorDrive& drive, const RealtimeRunConfig& run) {
+  return run.feed == Feed::kUdp && run.can_interface.empty() && !drive.files.can_logs.empty();
+}
+
 /// Every budget on an idle computer, or under all conditions, and all conditions under the configured budget.
-std::vector<CellPlan> plan_cells(const BenchRealtimeOptions& options) {
+/// Where the IMU's frames are not sent, idle and hogs once more from the files, with the IMU.
+std::vector<CellPlan> plan_cells(const BenchRealtimeOptions& options, const SensorDrive& drive) {
   std::vector<Condition> conditions;
   for (const std::string& name : options.conditions) conditions.push_back(*parse_condition(name));
   std::vector<CellPlan> plan;
+  const Feed feed = options.run.feed;
   for (const double budget : options.budgets_ms) {
     if (!options.full) {
-      plan.push_back({budget, Condition::kIdle});
+      plan.push_back({budget, Condition::kIdle, feed});
       continue;
     }
-    for (const Condition condition : conditions) plan.push_back({budget, condition});
+    for (const Condition condition : conditions) plan.push_back({budget, condition, feed});
   }
-  for (const Condition condition : conditions) plan.push_back({std::nullopt, condition});
+  for (const Condition condition : conditions) plan.push_back({std::nullopt, condition, feed});
+  if (lacks_imu(drive, options.run)) {
+    for (const Condition condition : {Condition::kIdle, Condition::kHogs})
+      plan.push_back({std::nullopt, condition, Feed::kReplay});
+  }
   return plan;
 }
 
@@ -82,12 +97,14 @@ class RealtimeBench {
                 ResultsPage& page)
       : drive_(drive), options_(options), signals_(signals), page_(page) {}
 
-  /// True when no identity check failed.
+  /// True when nothing failed.
   Result<bool> run();
 
  private:
   Result<std::monostate> measure_cell(const CellPlan& plan);
   Result<std::monostate> measure_counted(double budget_ms);
+  Result<std::monostate> measure_planted();
+  void add_tables();
   Result<std::monostate> add_pictures();
   fs::path next_folder() { return work_->path() / ("run" + std::to_string(runs_++)); }
 
@@ -100,23 +117,26 @@ class RealtimeBench {
   int runs_ = 0;
   std::vector<RealtimeCell> cells_;
   std::vector<CountedRun> counted_;
+  std::optional<ThreadWatch> planted_;
 };
 
 Result<std::monostate> RealtimeBench::measure_cell(const CellPlan& plan) {
   RealtimeRunConfig config = options_.run;
   config.condition = plan.condition;
+  config.feed = plan.feed;
   if (plan.budget_ms) config.overrides.push_back(budget_override(*plan.budget_ms));
   const fs::path folder = next_folder();
   Result<RealtimeRun> run = run_niliod_in_real_time(drive_, part_, config, folder, signals_);
   if (!run) return run.error();
-  RealtimeCell cell{plan.budget_ms, plan.condition, std::move(run).value(), {}};
+  RealtimeCell cell{plan.budget_ms, plan.condition, plan.feed, std::move(run).value(), {}};
   cell.translation_percent =
       translation_error_percent(drive_.truth, cell.run.figures.trajectory, cell.run.stamp_shift);
   std::fprintf(stderr, "%s, %s ms, %s: %llu scans, %llu poses\n", drive_.name.c_str(),
-               budget_text(cell).c_str(), condition_name(cell.condition),
+               budget_text(cell).c_str(), condition_text(cell).c_str(),
                static_cast<unsigned long long>(cell.run.figures.scans),
                static_cast<unsigned long long>(cell.run.figures.poses));
   for (const std::string& note : cell.run.notes) std::fprintf(stderr, "  %s\n", note.c_str());
+  if (cell.run.watch) std::fprintf(stderr, "%s", cell.run.watch->calls.c_str());
   cells_.push_back(std::move(cell));
   std::error_code ignored;
   fs::remove_all(folder, ignored);
@@ -133,6 +153,29 @@ Result<std::monostate> RealtimeBench::measure_counted(double budget_ms) {
   run.translation_percent = translation_error_percent(drive_.truth, run.figures.trajectory, {});
   counted_.push_back(std::move(run));
   return std::monostate{};
+}
+
+/// Shows that what a real-time thread must not do is counted.
+Result<std::monostate> RealtimeBench::measure_planted() {
+  const fs::path folder = next_folder();
+  const auto run = run_niliod_over_file(
+      {part_.files, options_.run.overrides, {}, watch_environment(folder, true)}, folder, signals_);
+  if (!run) return run.error();
+  if (auto watch = read_thread_watch(folder)) planted_ = std::move(watch).value();
+  return std::monostate{};
+}
+
+void RealtimeBench::add_tables() {
+  page_.table("In real time: what was done", realtime_work_table(cells_));
+  page_.table("In real time: when", realtime_time_table(cells_));
+  page_.table("In real time: where", realtime_trajectory_table(cells_));
+  const auto unwatched =
+      std::find_if(cells_.begin(), cells_.end(), [](const RealtimeCell& cell) { return !cell.run.watch; });
+  if (unwatched != cells_.end())
+    page_.paragraph("Allocations in real-time threads: not measured in every run: " +
+                    unwatched->run.why_not_watched);
+  page_.table("In real time: allocations, locks, exceptions and output after the warm-up",
+              realtime_watch_table(cells_));
 }
 
 Result<std::monostate> RealtimeBench::add_pictures() {
@@ -162,12 +205,11 @@ Result<bool> RealtimeBench::run() {
   part_ = std::move(part).value();
   page_.heading(drive_.name + ": its first " + fixed(part_.length.seconds(), 1) + " s, " +
                 std::to_string(part_.packets) + " packets");
-  for (const CellPlan& plan : plan_cells(options_)) {
+  for (const CellPlan& plan : plan_cells(options_, drive_)) {
     if (auto measured = measure_cell(plan); !measured) return measured.error();
   }
-  page_.table("In real time: what was done", realtime_work_table(cells_));
-  page_.table("In real time: when", realtime_time_table(cells_));
-  page_.table("In real time: where", realtime_trajectory_table(cells_));
+  if (auto measured = measure_planted(); !measured) return measured.error();
+  add_tables();
   const Result<std::vector<IdentityCheck>> checks =
       check_identities(drive_, part_, options_.run, work_->path(), signals_);
   if (!checks) return checks.error();
@@ -177,7 +219,10 @@ Result<bool> RealtimeBench::run() {
   }
   page_.table("Without a clock: budget counted in operations, all of the drive", counted_table(counted_));
   if (auto added = add_pictures(); !added) return added.error();
-  return !any_failed(*checks);
+  const std::vector<Demand> demands =
+      judge_realtime({cells_, counted_, *checks, planted_ ? &*planted_ : nullptr});
+  page_.table("What is asked, and what came of it", demand_table(demands));
+  return !any_failed(demands);
 }
 
 Result<bool> run(BenchRealtimeOptions& options) {
@@ -185,25 +230,29 @@ Result<bool> run(BenchRealtimeOptions& options) {
   options.run.memory_bytes = options.memory_mib * kMebibyte;
   options.run.feed = options.feed == "udp" ? Feed::kUdp : Feed::kReplay;
   if (const auto niliod = find_sibling_program("niliod"); !niliod) return niliod.error();
-  std::vector<SensorDrive> drives;
-  for (const std::string& argument : options.drives) {
-    Result<SensorDrive> drive = open_sensor_drive(argument);
-    if (!drive) return drive.error();
-    drives.push_back(std::move(drive).value());
-  }
+  const Result<std::vector<SensorDrive>> drives = open_sensor_drives(options.drives);
+  if (!drives) return drives.error();
   Result<ResultsPage> page = ResultsPage::create(options.page, "In real time: budgets, loads and latency");
   if (!page) return page.error();
   page->paragraph(kLegend);
   bool good = true;
-  for (const SensorDrive& drive : drives) {
-    if (options.run.feed == Feed::kUdp && options.run.can_interface.empty() && !drive.files.can_logs.empty())
-      page->paragraph(
-          drive.name +
-          ": the frames of its IMU are not sent over UDP, so the runs are without it: --can INTERFACE "
-          "sends them, --feed replay paces them");
+  for (const SensorDrive& drive : *drives) {
+    if (lacks_imu(drive, options.run))
+      page->paragraph(drive.name +
+                      ": the frames of its IMU are not sent over UDP, so those runs are without it (--can "
+                      "INTERFACE sends them); the runs \"--as-live\" read its files at the sensor's pace, "
+                      "with the IMU");
     const Result<bool> same = RealtimeBench(drive, options, signals, *page).run();
     if (!same) return Error{drive.name + ": " + same.error().message};
     good = good && *same;
+  }
+  if (options.soak.minutes > 0.0 || options.soak.standing_minutes > 0.0) {
+    page->heading("Soak");
+    options.soak.overrides = options.run.overrides;
+    options.soak.domain = options.run.domain;
+    const Result<bool> level = add_soak(*drives, options.soak, signals, *page);
+    if (!level) return level.error();
+    good = good && *level;
   }
   if (const auto saved = page->save(); !saved) return saved.error();
   return good;
@@ -231,6 +280,15 @@ void add_load_options(CLI::App& command, BenchRealtimeOptions& o) {
       ->capture_default_str();
 }
 
+void add_soak_options(CLI::App& command, BenchRealtimeOptions& o) {
+  command
+      .add_option("--soak", o.soak.minutes,
+                  "then play so many minutes of the drives as fast as they go, as 'bench soak' does")
+      ->check(number_between(0.1, 1e5));
+  command.add_option("--standing", o.soak.standing_minutes, "and so many of a simulated standstill")
+      ->check(number_between(0.1, 1e5));
+}
+
 void add_feed_options(CLI::App& command, BenchRealtimeOptions& o) {
   command
       .add_option(
@@ -253,9 +311,9 @@ void add_feed_options(CLI::App& command, BenchRealtimeOptions& o) {
 
 void add_bench_realtime(CLI::App& bench) {
   const auto options = std::make_shared<BenchRealtimeOptions>();
-  CLI::App* const command = bench.add_subcommand(
-      "realtime",
-      "niliod and its publisher at the sensor's pace: budgets, loads, latency, and identity of poses");
+  CLI::App* const command = bench.add_subcommand("realtime",
+                                                 "niliod and its publisher at the sensor's pace: budgets, "
+                                                 "loads, latency, identity of poses, and a soak");
   command->footer(
       "Each run starts niliod, found beside this program, and feeds it the drive's first seconds. Afterwards "
       "the "
@@ -263,8 +321,10 @@ void add_bench_realtime(CLI::App& bench) {
       "input has to give the same poses over file and socket, with 1, 2 and 4 threads, idle and loaded, and "
       "from "
       "the\n"
-      "decision log of a run that was out of its budget.\n"
-      "Exit status: 0; 1 when poses differed, or something could not be run.");
+      "decision log of a run that was out of its budget. Real-time threads are watched by libnilio-watch.so, "
+      "where\n"
+      "it is beside this program.\n"
+      "Exit status: 0; 1 when something failed that does not rest on the clock, or could not be run.");
   command
       ->add_option(
           "drives", options->drives,
@@ -273,6 +333,7 @@ void add_bench_realtime(CLI::App& bench) {
       ->required();
   add_load_options(*command, *options);
   add_feed_options(*command, *options);
+  add_soak_options(*command, *options);
   add_page_options(*command, options->page);
   add_override_option(*command, options->run.overrides, "configuration of all runs; may be repeated");
   command->callback([options, command] { end_bench(*command, run(*options)); });

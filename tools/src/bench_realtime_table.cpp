@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <limits>
 
 namespace nilio::tools {
 
@@ -21,9 +22,7 @@ std::string number_text(double value) {
   return text.data();
 }
 
-std::string row_name(const RealtimeCell& cell) {
-  return budget_text(cell) + " ms, " + condition_name(cell.condition);
-}
+std::string row_name(const RealtimeCell& cell) { return budget_text(cell) + " ms, " + condition_text(cell); }
 
 std::string p50_p99_max(const std::optional<ipc::LatencySummary>& summary, double scale_us, int digits) {
   if (!summary || summary->count == 0) return "-";
@@ -47,7 +46,33 @@ std::string rung_heading(std::span<const Run> runs, const Figures& figures_of) {
   return "rungs";
 }
 
+/// "0" or "allocation 1, lock 2".
+std::string offences_text(const NamedCounts& counts) {
+  std::string text;
+  for (const auto& [name, count] : counts) {
+    if (count > 0) text += (text.empty() ? "" : ", ") + name + " " + std::to_string(count);
+  }
+  return text.empty() ? "0" : text;
+}
+
+/// The largest y is more than ten times the smallest.
+bool spreads_over_decades(std::span<const PlotCurve> curves) {
+  double least = std::numeric_limits<double>::infinity();
+  double most = 0.0;
+  for (const PlotCurve& curve : curves) {
+    for (const Eigen::Vector2d& point : curve.points) {
+      least = std::min(least, point.y());
+      most = std::max(most, point.y());
+    }
+  }
+  return most > 10.0 * least;
+}
+
 }  // namespace
+
+std::string condition_text(const RealtimeCell& cell) {
+  return std::string(condition_name(cell.condition)) + (cell.feed == Feed::kReplay ? ", --as-live" : "");
+}
 
 std::string budget_text(const RealtimeCell& cell) {
   const std::optional<double>& actual = cell.run.figures.budget_ms;
@@ -73,7 +98,7 @@ BenchTable realtime_work_table(std::span<const RealtimeCell> cells) {
                    {}};
   for (const RealtimeCell& cell : cells) {
     const RunFigures& f = cell.run.figures;
-    table.rows.push_back({budget_text(cell), condition_name(cell.condition), whole(f.scans), whole(f.poses),
+    table.rows.push_back({budget_text(cell), condition_text(cell), whole(f.scans), whole(f.poses),
                           cell.run.sent ? whole(cell.run.sent->packets) : "-", whole(f.packets),
                           whole(f.packets_lost), whole(f.packets_dropped), whole(f.superseded),
                           counts_text(f.rungs), whole(f.late_poses), whole(f.scans_with_imu)});
@@ -89,9 +114,8 @@ BenchTable realtime_time_table(std::span<const RealtimeCell> cells) {
   for (const RealtimeCell& cell : cells) {
     const RealtimeRun& run = cell.run;
     table.rows.push_back(
-        {budget_text(cell), condition_name(cell.condition),
-         p50_p99_max(run.figures.overshoot, kMillisecondUs, 2), p50_p99(run.figures.iteration, 1.0, 0),
-         p50_p99(run.figures.end_to_end, kMillisecondUs, 2),
+        {budget_text(cell), condition_text(cell), p50_p99_max(run.figures.overshoot, kMillisecondUs, 2),
+         p50_p99(run.figures.iteration, 1.0, 0), p50_p99(run.figures.end_to_end, kMillisecondUs, 2),
          p50_p99(run.received_to_written, kMillisecondUs, 2),
          p50_p99(run.packet_to_subscriber, kMillisecondUs, 2), p50_p99(run.transport, 1.0, 0),
          p50_p99(run.imu_pose, 1.0, 0),
@@ -105,28 +129,46 @@ BenchTable realtime_time_table(std::span<const RealtimeCell> cells) {
 BenchTable realtime_trajectory_table(std::span<const RealtimeCell> cells) {
   BenchTable table{{"budget ms", "condition", "t %, 10-80 m", "SHA-256"}, {}};
   for (const RealtimeCell& cell : cells)
-    table.rows.push_back({budget_text(cell), condition_name(cell.condition),
-                          percent_text(cell.translation_percent), cell.run.figures.sha256});
+    table.rows.push_back({budget_text(cell), condition_text(cell), percent_text(cell.translation_percent),
+                          cell.run.figures.sha256});
+  return table;
+}
+
+BenchTable realtime_watch_table(std::span<const RealtimeCell> cells) {
+  BenchTable table{{"budget ms", "condition", "watched s"}, {}};
+  for (const RealtimeCell& cell : cells) {
+    if (!cell.run.watch) continue;
+    const ThreadWatch& watch = *cell.run.watch;
+    std::vector<std::string> row{budget_text(cell), condition_text(cell), fixed(watch.watched_s, 1)};
+    const bool is_first = table.rows.empty();
+    for (const ThreadWatch::Thread& thread : watch.threads) {
+      if (is_first) table.headings.push_back(thread.name);
+      row.push_back(thread.seen == 0 ? "-" : offences_text(thread.counts));
+    }
+    row.insert(row.end(), {whole(watch.workers), offences_text(watch.of_tbb)});
+    table.rows.push_back(std::move(row));
+  }
+  table.headings.insert(table.headings.end(), {"workers", "by TBB for itself"});
   return table;
 }
 
 BenchTable counted_table(std::span<const CountedRun> runs) {
   const auto figures_of = [](const CountedRun& run) -> const RunFigures& { return run.figures; };
   BenchTable table{{"budget ms", "poses", rung_heading(runs, figures_of), "past the budget ms, counted",
-                    "by the guard", "t %, 10-80 m", "SHA-256"},
+                    "iteration us", "by the guard", "t %, 10-80 m", "SHA-256"},
                    {}};
   for (const CountedRun& run : runs)
     table.rows.push_back(
         {number_text(run.budget_ms), whole(run.figures.poses), counts_text(run.figures.rungs),
-         p50_p99_max(run.figures.overshoot, kMillisecondUs, 2), whole(run.figures.predicted_by_guard),
-         percent_text(run.translation_percent), run.figures.sha256});
+         p50_p99_max(run.figures.overshoot, kMillisecondUs, 2), p50_p99(run.figures.iteration, 1.0, 0),
+         whole(run.figures.predicted_by_guard), percent_text(run.translation_percent), run.figures.sha256});
   return table;
 }
 
 Chart accuracy_chart(std::span<const CountedRun> counted, std::span<const RealtimeCell> cells) {
   Chart chart;
-  chart.x = {"budget from the last packet to the pose [ms]", true, {}};
-  chart.y = {"mean error over 10 to 80 m [%]", true, {}};
+  chart.x = {"budget from the last packet to the pose [ms]", true, false, {}};
+  chart.y = {"mean error over 10 to 80 m [%]", false, true, {}};
   chart.marked = true;
   PlotCurve operations{"counted operations", {}};
   for (const CountedRun& run : counted) {
@@ -142,6 +184,8 @@ Chart accuracy_chart(std::span<const CountedRun> counted, std::span<const Realti
               [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() < b.x(); });
     if (!curve->points.empty()) chart.curves.push_back(std::move(*curve));
   }
+  // Errors that are nearly the same are to look it, beside zero.
+  chart.y.logarithmic = spreads_over_decades(chart.curves);
   return chart;
 }
 
@@ -149,7 +193,7 @@ Chart latency_chart(std::span<const RealtimeCell> cells) {
   Chart chart;
   chart.x.label = "share of poses that took at most so long";
   for (const auto& [at, text] : kPercentiles) chart.x.ticks.emplace_back(at, text);
-  chart.y = {"last packet to pose handed over [ms]", true, {}};
+  chart.y = {"last packet to pose handed over [ms]", true, false, {}};
   chart.marked = true;
   for (const RealtimeCell& cell : cells) {
     if (!cell.run.figures.end_to_end || cell.run.figures.end_to_end->count == 0) continue;

@@ -16,6 +16,7 @@ struct RealtimeCell {
   /// Nothing: the configured one.
   std::optional<double> budget_ms;
   Condition condition = Condition::kIdle;
+  Feed feed = Feed::kUdp;
   RealtimeRun run;
   std::optional<double> translation_percent;
 };
@@ -27,6 +28,8 @@ struct CountedRun {
   std::optional<double> translation_percent;
 };
 
+/// "hogs" or, with the files instead of the socket, "hogs, --as-live".
+std::string condition_text(const RealtimeCell& cell);
 /// "20" or, of the configured budget, "40 (default)".
 std::string budget_text(const RealtimeCell& cell);
 /// "148/2/0/0/0", in the order of `counts`; "-" for none.
@@ -40,6 +43,8 @@ BenchTable realtime_work_table(std::span<const RealtimeCell> cells);
 BenchTable realtime_time_table(std::span<const RealtimeCell> cells);
 /// SHA-256 of each trajectory in full, and its error.
 BenchTable realtime_trajectory_table(std::span<const RealtimeCell> cells);
+/// What real-time threads did that they must not do, by thread; without rows when nobody watched them.
+BenchTable realtime_watch_table(std::span<const RealtimeCell> cells);
 BenchTable counted_table(std::span<const CountedRun> runs);
 
 /// Error against the budget, of the counted runs and of the idle ones in real time.

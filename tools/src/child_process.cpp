@@ -2,11 +2,13 @@
 
 #include "monotonic_sleep.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
 #include <fcntl.h>
 #include <fstream>
+#include <string_view>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -22,6 +24,22 @@ using core::Result;
 
 constexpr core::Duration kPoll = core::Duration::from_milliseconds(10.0);
 
+/// Of this program, ended by null; what is in `more` takes the place of variables of the same name.
+std::vector<char*> environment_with(std::vector<std::string>& more) {
+  const auto is_replaced = [&more](const std::string_view variable) {
+    const std::string_view name = variable.substr(0, variable.find('=') + 1);
+    return std::any_of(more.begin(), more.end(),
+                       [name](const std::string& other) { return other.starts_with(name); });
+  };
+  std::vector<char*> result;
+  for (char** variable = environ; *variable != nullptr; ++variable) {
+    if (!is_replaced(*variable)) result.push_back(*variable);
+  }
+  for (std::string& variable : more) result.push_back(variable.data());
+  result.push_back(nullptr);
+  return result;
+}
+
 /// In the child: as a shell would have started it, whatever this process blocks and ignores.
 void restore_signals() {
   for (const int signal : {SIGPIPE, SIGXFSZ, SIGINT, SIGTERM, SIGHUP}) ::signal(signal, SIG_DFL);
@@ -30,21 +48,22 @@ void restore_signals() {
   sigprocmask(SIG_SETMASK, &none, nullptr);
 }
 
-[[noreturn]] void become(const char* program, char* const* arguments, int log, pid_t parent) {
+[[noreturn]] void become(const char* program, char* const* arguments, char* const* environment, int log,
+                         pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent) _exit(126);
   // A Ctrl-C is this program's to pass on, once it has what the other knows.
   setpgid(0, 0);
   restore_signals();
   if (dup2(log, STDOUT_FILENO) < 0 || dup2(log, STDERR_FILENO) < 0) _exit(126);
-  execv(program, arguments);
+  execve(program, arguments, environment);
   _exit(127);
 }
 
 }  // namespace
 
 Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vector<std::string>& arguments,
-                                         const fs::path& log) {
+                                         const fs::path& log, std::vector<std::string> more_environment) {
   if (access(program.c_str(), X_OK) != 0)
     return Error{program.string() + ": cannot be started (" + std::strerror(errno) + ")"};
   const int descriptor = open(log.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
@@ -54,6 +73,7 @@ Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vec
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
+  std::vector<char*> envp = environment_with(more_environment);
   const pid_t parent = getpid();
   // A signal that comes before the child has given up this program's handlers would run them there.
   sigset_t all;
@@ -61,7 +81,7 @@ Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vec
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
   const pid_t pid = fork();
-  if (pid == 0) become(program.c_str(), argv.data(), descriptor, parent);
+  if (pid == 0) become(program.c_str(), argv.data(), envp.data(), descriptor, parent);
   const int reason = errno;
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(descriptor);

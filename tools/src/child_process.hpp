@@ -15,11 +15,13 @@ namespace nilio::tools {
 /// thread that started it ends. One thread.
 class ChildProcess {
  public:
-  /// `program` and `arguments` go to execv(); standard output and error to `log`. Fails when the log cannot
-  /// be written or the program not be started.
+  /// `program` and `arguments` go to execve(), with this program's environment and `more_environment`
+  /// ("NAME=value") over it; standard output and error to `log`. Fails when the log cannot be written or the
+  /// program not be started.
   static core::Result<ChildProcess> start(const std::filesystem::path& program,
                                           const std::vector<std::string>& arguments,
-                                          const std::filesystem::path& log);
+                                          const std::filesystem::path& log,
+                                          std::vector<std::string> more_environment = {});
   ChildProcess(ChildProcess&& other) noexcept;
   ChildProcess& operator=(ChildProcess&& other) noexcept;
   ChildProcess(const ChildProcess&) = delete;

@@ -21,7 +21,8 @@ constexpr Duration kLongestReplay = Duration::from_seconds(4.0 * 3600.0);
 }  // namespace
 
 Result<ChildProcess> start_niliod(std::vector<std::string> arguments,
-                                  const std::vector<std::string>& overrides, const fs::path& folder) {
+                                  const std::vector<std::string>& overrides, const fs::path& folder,
+                                  std::vector<std::string> environment) {
   const Result<fs::path> program = find_sibling_program("niliod");
   if (!program) return program.error();
   std::error_code error;
@@ -29,7 +30,7 @@ Result<ChildProcess> start_niliod(std::vector<std::string> arguments,
   if (error) return Error{folder.string() + ": cannot be made (" + error.message() + ")"};
   arguments.insert(arguments.end(), {"--output", folder.string(), "--set", "output.map=false"});
   for (const std::string& assignment : overrides) arguments.insert(arguments.end(), {"--set", assignment});
-  return ChildProcess::start(*program, arguments, folder / "niliod.log");
+  return ChildProcess::start(*program, arguments, folder / "niliod.log", std::move(environment));
 }
 
 std::vector<std::string> replay_arguments(const daemon::ReplayFiles& files) {
@@ -62,7 +63,7 @@ Result<RunFigures> run_niliod_over_file(const FileRun& run, const fs::path& fold
   if (!run.decisions.empty()) arguments.insert(arguments.end(), {"--decisions", run.decisions});
   std::vector<std::string> overrides{"publisher.enabled=false"};
   overrides.insert(overrides.end(), run.overrides.begin(), run.overrides.end());
-  Result<ChildProcess> niliod = start_niliod(std::move(arguments), overrides, folder);
+  Result<ChildProcess> niliod = start_niliod(std::move(arguments), overrides, folder, run.environment);
   if (!niliod) return niliod.error();
   const auto ended = await_end(*niliod, kLongestReplay, signals);
   if (!ended) return ended.error();

@@ -14,10 +14,11 @@
 namespace nilio::tools {
 
 /// Starts the niliod beside this program with its output and niliod.log in `folder`, which is made. Every
-/// override becomes a --set.
+/// override becomes a --set; `environment` as ChildProcess::start() has it.
 core::Result<ChildProcess> start_niliod(std::vector<std::string> arguments,
                                         const std::vector<std::string>& overrides,
-                                        const std::filesystem::path& folder);
+                                        const std::filesystem::path& folder,
+                                        std::vector<std::string> environment = {});
 
 /// "--replay" with the files of a recording, and "--config" if it has one.
 std::vector<std::string> replay_arguments(const daemon::ReplayFiles& files);
@@ -32,6 +33,7 @@ struct FileRun {
   std::vector<std::string> overrides;
   /// decisions.jsonl of a run to be repeated; empty = none.
   std::string decisions;
+  std::vector<std::string> environment = {};
 };
 /// Waits for its end. Fails when niliod does, with what it said last, and when `signals` has come.
 core::Result<RunFigures> run_niliod_over_file(const FileRun& run, const std::filesystem::path& folder,

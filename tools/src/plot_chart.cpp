@@ -139,6 +139,7 @@ void draw_chart(Canvas& canvas, const Chart& chart) {
   }
   x_range.widen(chart.marked ? 0.04 : 0.0);
   y_range.widen(0.08);
+  if (chart.y.from_zero && !chart.y.logarithmic) y_range.low = std::min(y_range.low, 0.0);
   const Axes axes{{kLeft, top, canvas.width() - kLeft - kRight, canvas.height() - top - kBottom},
                   x_range.low,
                   x_range.high,

@@ -13,6 +13,8 @@ struct ChartAxis {
   std::string label;
   /// Values have to be positive; those that are not are left out.
   bool logarithmic = false;
+  /// Begins at zero at the latest; not for a logarithmic one.
+  bool from_zero = false;
   /// Where to write what; empty: round numbers.
   std::vector<std::pair<double, std::string>> ticks;
 };

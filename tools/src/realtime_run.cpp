@@ -129,7 +129,8 @@ Result<std::monostate> RunInRealTime::start_program() {
                                                       : "imu.interface=" + config_.can_interface);
   }
   overrides.insert(overrides.end(), config_.overrides.begin(), config_.overrides.end());
-  Result<ChildProcess> niliod = start_niliod(std::move(arguments), overrides, folder_);
+  Result<ChildProcess> niliod =
+      start_niliod(std::move(arguments), overrides, folder_, watch_environment(folder_));
   if (!niliod) return niliod.error();
   niliod_.emplace(std::move(niliod).value());
   return std::monostate{};
@@ -255,6 +256,11 @@ Result<RealtimeRun> RunInRealTime::run() {
   Result<RunFigures> figures = read_run_figures(folder_);
   if (!figures) return figures.error();
   result_.figures = std::move(figures).value();
+  if (auto watch = read_thread_watch(folder_)) {
+    result_.watch = std::move(watch).value();
+  } else {
+    result_.why_not_watched = watch.error().message;
+  }
   result_.noise = ipc::summarize("wake-up", noise.histogram());
   result_.noise_is_fifo = noise.is_fifo();
   listener_->stop();

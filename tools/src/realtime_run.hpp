@@ -8,6 +8,7 @@
 #include "run_figures.hpp"
 #include "sensor_drive.hpp"
 #include "stop_signals.hpp"
+#include "thread_watch.hpp"
 
 #include <cstdint>
 #include <filesystem>
@@ -63,6 +64,9 @@ struct RealtimeRun {
   /// Rows of the publisher's last report: last packet, or CAN frame of the IMU, to the return of DDS write().
   std::optional<ipc::LatencySummary> received_to_written;
   std::optional<ipc::LatencySummary> imu_pose;
+  /// Calls of niliod's real-time threads, or why nobody watched them.
+  std::optional<ThreadWatch> watch;
+  std::string why_not_watched;
   /// What did not go as it was wanted; one line each.
   std::vector<std::string> notes;
 };

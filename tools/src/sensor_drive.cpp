@@ -118,6 +118,16 @@ Result<SensorDrive> open_sensor_drive(const std::string& argument) {
   return drive;
 }
 
+Result<std::vector<SensorDrive>> open_sensor_drives(const std::vector<std::string>& arguments) {
+  std::vector<SensorDrive> drives;
+  for (const std::string& argument : arguments) {
+    Result<SensorDrive> drive = open_sensor_drive(argument);
+    if (!drive) return drive.error();
+    drives.push_back(std::move(drive).value());
+  }
+  return drives;
+}
+
 Result<DrivePart> write_beginning(const SensorDrive& drive, core::Duration length, const fs::path& folder) {
   DrivePart part;
   const fs::path capture = folder / "lidar.pcap";

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace nilio::tools {
 
@@ -26,6 +27,8 @@ struct SensorDrive {
 /// `argument` is a folder or a capture, whose truth is truth.tum in the folder, or ARGUMENT:TRUTH. Fails for
 /// what has no packets to send, or those of several LiDARs.
 core::Result<SensorDrive> open_sensor_drive(const std::string& argument);
+/// All of them, in order, or the error of the first that fails.
+core::Result<std::vector<SensorDrive>> open_sensor_drives(const std::vector<std::string>& arguments);
 
 /// The beginning of a drive in files of its own.
 struct DrivePart {

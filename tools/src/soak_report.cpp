@@ -66,6 +66,9 @@ std::vector<std::string> find_faults(const SoakResult& result) {
       faults.push_back("the histogram of " + stage + " has " + std::to_string(count) + " of " +
                        std::to_string(result.poses) + " poses");
   }
+  if (result.farthest_minute_m >= kMostDriftM)
+    faults.push_back("standing, the mean pose of a minute is " + centimetres(result.farthest_minute_m) +
+                     " cm from that of the first");
   if (result.packets_dropped > 0)
     faults.push_back(std::to_string(result.packets_dropped) + " packets of a recording were dropped");
   if (result.publisher_restarts > 0)

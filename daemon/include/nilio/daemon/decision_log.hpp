@@ -3,11 +3,23 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/work_budget.hpp"
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 namespace nilio::daemon {
+
+/// Which packets of the LiDARs beside the first went into a scan: live, what had come when it could wait no
+/// longer.
+struct MergeDecision {
+  static constexpr std::size_t kMaxLidars = 3;
+  /// A scan that is about to be superseded is not merged at all.
+  bool merged = false;
+  std::uint8_t lidars = 0;
+  /// Of each LiDAR's packets, from the beginning of its stream, those that were decoded or skipped by then.
+  std::array<std::uint64_t, kMaxLidars> packets{};
+};
 
 /// What was decided about one complete scan by clocks and arrival, not by data. With the same packets and
 /// these, a replay gives the same poses as the run that decided.
@@ -18,6 +30,7 @@ struct ScanDecision {
   /// IMU samples that the odometry had been given, from the beginning, before it registered the scan.
   std::uint64_t imu_samples = 0;
   core::BudgetDecisions budget;
+  MergeDecision merge;
 };
 
 /// First line of a decision log, and one line of it; JSON, without the end of line.

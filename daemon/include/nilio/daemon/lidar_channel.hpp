@@ -65,6 +65,10 @@ class LidarChannel {
   [[nodiscard]] core::Time last_stamp() const { return last_stamp_; }
   /// Taken off the ring so far, whether they were of use or not.
   [[nodiscard]] std::uint64_t packets_taken() const { return packets_taken_.load(std::memory_order_relaxed); }
+  /// Of the stream, those that are decoded and those that were of no use to find the sensor: the same number
+  /// for the same packets, however long the sensor was searched for. By the odometry thread, of a sensor that
+  /// is known.
+  [[nodiscard]] std::uint64_t packets_passed() const { return packets_skipped_ + packets_decoded_; }
   /// Received since, and not taken yet. Those that were kept back while the sensor was not known are no
   /// backlog that came of slowness.
   [[nodiscard]] std::size_t packets_in_ring() const { return ring_.size(); }
@@ -119,6 +123,9 @@ class LidarChannel {
   std::vector<std::string> problems_said_;
   core::Time last_stamp_;
   std::atomic<std::uint64_t> packets_taken_{0};
+  /// By the searching thread.
+  std::uint64_t packets_skipped_ = 0;
+  std::uint64_t packets_decoded_ = 0;
   std::uint64_t scans_taken_ = 0;
   std::uint32_t sender_ = 0;
   bool status_reported_ = false;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/se3.hpp"
+#include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/feed_log.hpp"
 #include "nilio/daemon/lidar_channel.hpp"
 #include "nilio/daemon/scan_feed.hpp"
@@ -37,11 +38,15 @@ class MergedScanFeed : public ScanFeed {
     core::SE3 T_first_other;
     float elevation_correction_rad = 0.0F;
     core::Duration wait;
+    /// Points that there is to be room for from the beginning: of one of its longest scans.
+    std::size_t capacity = 0;
   };
   struct Options {
     bool live = false;
     /// Of the first LiDAR; the odometry must not apply it to merged scans again.
     float elevation_correction_rad = 0.0F;
+    /// Of an earlier run, in place of `live`; null = none. They have to outlive the feed.
+    const std::vector<ScanDecision>* decisions = nullptr;
   };
 
   /// The references have to outlive the feed.
@@ -50,6 +55,7 @@ class MergedScanFeed : public ScanFeed {
 
   FeedState next(core::Scan& scan, core::Duration timeout) override;
   [[nodiscard]] std::size_t waiting_scans() const override { return first_.waiting_scans(); }
+  [[nodiscard]] MergeDecision merge_decision() const override { return decision_; }
   [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return first_.stats(); }
   /// Of the other LiDAR `index`. Only while next() is not running.
   [[nodiscard]] const MergeCounters& counters(std::size_t index) const { return lanes_[index].counters; }
@@ -73,6 +79,8 @@ class MergedScanFeed : public ScanFeed {
     core::Time last_end;
     Presence presence = Presence::kPresent;
     std::uint32_t late_scans = 0;
+    /// Packets that had come when the scan before was merged.
+    std::uint64_t come_before = 0;
     bool offset_said = false;
     std::uint32_t scans_out_of_step = 0;
   };
@@ -82,13 +90,23 @@ class MergedScanFeed : public ScanFeed {
     core::Time after;
     core::Time end;
   };
+  /// The scan that the others are merged into.
+  struct Target {
+    core::Scan& scan;
+    Interval interval;
+    /// Packets up to this stamp may be of it.
+    core::Time until;
+  };
 
   void keep_up(Lane& lane);
   void merge(core::Scan& scan);
-  Gathered gather(Lane& lane, core::Time until, std::int64_t deadline_ns, core::Scan& scan);
-  bool decode(Lane& lane, core::Time until, core::Scan& scan);
-  void take_points(Lane& lane, core::Scan& scan);
-  std::size_t move_points(Lane& lane, const Interval& interval, core::Scan& scan);
+  /// What an earlier run decided about this scan; null when there is none, or it does not say.
+  [[nodiscard]] const MergeDecision* decision_about(const core::Scan& scan);
+  Gathered gather(Lane& lane, const Target& target);
+  Gathered repeat(Lane& lane, std::uint64_t packets, const Target& target);
+  bool decode(Lane& lane, const Target& target);
+  void take_points(Lane& lane, const Target& target);
+  std::size_t move_points(Lane& lane, const Target& target);
   void report(const Lane& lane, FeedEvent::Kind kind, double offset_s = 0.0);
   void report_presence(Lane& lane, Gathered gathered, bool has_packets);
   void report_step(Lane& lane, std::size_t moved, bool has_packets, core::Time end);
@@ -99,6 +117,9 @@ class MergedScanFeed : public ScanFeed {
   ipc::WakeEvent& data_event_;
   FeedLog& log_;
   std::optional<core::Time> previous_end_;
+  MergeDecision decision_;
+  /// Of the decisions to be repeated.
+  std::size_t next_decision_ = 0;
 };
 
 }  // namespace nilio::daemon

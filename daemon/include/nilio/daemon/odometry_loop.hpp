@@ -4,6 +4,7 @@
 #include "nilio/daemon/deadline_guard.hpp"
 #include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/receive.hpp"
+#include "nilio/daemon/sample_rhythm.hpp"
 #include "nilio/daemon/scan_feed.hpp"
 #include "nilio/daemon/thread_plan.hpp"
 #include "nilio/ipc/pose_record.hpp"
@@ -82,9 +83,11 @@ class OdometryLoop {
   void run(const std::atomic<bool>& stop, OdometryCounters& counters);
 
  private:
+  void tell_when_warm(const OdometryCounters& counters);
   void work_off(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   bool repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   void wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
+  [[nodiscard]] bool imu_may_come(const core::Scan& scan, std::int64_t deadline) const;
   bool drain_imu(core::Time end, OdometryCounters& counters);
   bool take_imu_sample(OdometryCounters& counters);
   void take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop, OdometryCounters& counters);
@@ -109,7 +112,9 @@ class OdometryLoop {
   OdometryLoopConfig config_;
   core::ImuHealth pushed_health_;
   std::uint64_t imu_given_ = 0;  ///< samples that the odometry was given
+  SampleRhythm rhythm_;
   std::size_t next_decision_ = 0;
+  bool warm_told_ = false;
 };
 
 /// Notes in a record that it is handed over now.

@@ -2,6 +2,7 @@
 
 #include "nilio/core/scan.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/daemon/decision_log.hpp"
 #include "nilio/daemon/lidar_channel.hpp"
 #include "nilio/drivers/velodyne_decoder.hpp"
 #include "nilio/ipc/wake_event.hpp"
@@ -28,6 +29,8 @@ class ScanFeed {
   virtual void set_pace(std::int64_t /*start_ns*/) {}
   /// Whole scans that wait behind the one that next() gave last.
   [[nodiscard]] virtual std::size_t waiting_scans() const { return 0; }
+  /// About the scan that next() gave last.
+  [[nodiscard]] virtual MergeDecision merge_decision() const { return {}; }
   /// Only while next() is not running.
   [[nodiscard]] virtual drivers::ScanAssemblerStats stats() const { return {}; }
 };

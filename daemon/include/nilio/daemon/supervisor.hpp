@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/daemon/config.hpp"
 #include "nilio/daemon/input.hpp"
+#include "nilio/daemon/thread_hook.hpp"
 
 #include <atomic>
 #include <filesystem>
@@ -18,6 +19,7 @@ struct RunOptions {
   std::string decisions_file;  ///< of the run to repeat; empty: none
   std::string output_folder;   ///< empty: no files
   std::filesystem::path publisher_executable;
+  ThreadHook thread_hook = nullptr;
 };
 
 /// Runs the daemon: opens the input, starts publisher and pipeline, watches them, writes the outputs,

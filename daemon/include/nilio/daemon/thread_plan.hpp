@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/daemon/config.hpp"
 #include "nilio/daemon/cpu_list.hpp"
+#include "nilio/daemon/thread_hook.hpp"
 
 #include <array>
 #include <cstddef>
@@ -11,18 +12,6 @@
 #include <vector>
 
 namespace nilio::daemon {
-
-enum class ThreadRole { kLidarReceive, kImuReceive, kDeadlineGuard, kOdometry };
-inline constexpr std::size_t kThreadRoles = 4;
-
-/// Where a real-time thread is in its life.
-enum class ThreadPhase {
-  kStarted,  ///< has its policy; nothing is prepared yet
-  kSteady,   ///< all is prepared; the next thing is the first packet, sample or scan
-  kEnding,   ///< the last one is done
-};
-/// Told by each real-time thread itself, for tests that watch what it does; null = nobody asks.
-using ThreadHook = void (*)(ThreadRole role, ThreadPhase phase);
 
 /// How the threads shall run, from the configuration and the kind of run.
 struct ThreadPlan {

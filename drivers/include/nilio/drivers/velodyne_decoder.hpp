@@ -35,7 +35,12 @@ struct ScanAssemblerConfig {
   /// A scan covering a smaller share of the sensor's field of view is dropped and counted (start, end, long
   /// loss).
   double min_coverage = 0.8;
+  /// Room in the scans' buffers for points that others add to them.
+  std::size_t more_points = 0;
 };
+
+/// No scan of a sensor gets more points than this, so that buffers never grow.
+std::size_t scan_capacity(const VelodyneSensor& sensor);
 
 /// Every firing (shot of one laser) is in exactly one scan or counted here:
 /// firings == firings_in_scans + firings_discarded + firings_bad + firings_late +
