@@ -46,8 +46,13 @@ inline constexpr std::size_t kCoarsePoints = 800;
 /// Points whose beams differ by this come from different ones.
 inline constexpr float kBeamSpread = 0.5F;
 
+/// Every k-th element, at most `target` of them.
+void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
+                 std::vector<Eigen::Vector3f>& output);
+
 /// What the odometry keeps from scan to scan, and its steps: filtering and map in odometry_map.cpp,
-/// prediction and registration in odometry_registration.cpp.
+/// prediction and registration in odometry_registration.cpp, the search for a start or a lost vehicle in
+/// odometry_search.cpp.
 struct Odometry::State {
   explicit State(const OdometryConfig& configuration, ClockFunction clock_function)
       : config(configuration),
