@@ -129,7 +129,7 @@ SE3 ImuPropagator::pose_near(Time time) const {
 
 Matrix6 propagated_covariance(const Matrix6& pose, const Matrix6& twist,
                               const Eigen::Quaterniond& R_odom_base, Duration age) {
-  const Matrix6 to_odom = block_rotation(R_odom_base);
+  const Matrix6 to_odom = block_rotation(R_odom_base.toRotationMatrix());
   const double seconds = age.seconds();
   return pose + seconds * seconds * (to_odom * twist * to_odom.transpose());
 }

@@ -1,7 +1,6 @@
 #include "odometry_state.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace nilio::core {

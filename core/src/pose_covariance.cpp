@@ -54,7 +54,7 @@ void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
     covariance.diagonal() += kDeskewShare * kDeskewShare * evidence.prediction_square;
     covariance.diagonal() += evidence.drift;
   }
-  const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation);
+  const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
   result.pose_covariance = to_odom * covariance * to_odom.transpose();
   // The twist is the difference of two poses of equal quality.
   const double span_s = evidence.span_s;

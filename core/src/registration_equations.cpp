@@ -52,9 +52,7 @@ void add_upper(Matrix6& H, const Vector6& J, double weight) {
 
 /// From a motion in map axes to the same one in the moving frame's.
 NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_moving) {
-  Matrix6 D = Matrix6::Zero();
-  D.topLeftCorner<3, 3>() = R_map_moving;
-  D.bottomRightCorner<3, 3>() = R_map_moving;
+  const Matrix6 D = block_rotation(R_map_moving);
   equations.H = D.transpose() * equations.H * D;
   equations.b = D.transpose() * equations.b;
   return equations;

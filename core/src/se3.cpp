@@ -76,10 +76,10 @@ Vector6 se3_log(const SE3& transform) {
   return twist;
 }
 
-Matrix6 block_rotation(const Eigen::Quaterniond& rotation) {
+Matrix6 block_rotation(const Matrix3& R) {
   Matrix6 blocks = Matrix6::Zero();
-  blocks.topLeftCorner<3, 3>() = rotation.toRotationMatrix();
-  blocks.bottomRightCorner<3, 3>() = blocks.topLeftCorner<3, 3>();
+  blocks.topLeftCorner<3, 3>() = R;
+  blocks.bottomRightCorner<3, 3>() = R;
   return blocks;
 }
 

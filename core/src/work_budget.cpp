@@ -148,7 +148,7 @@ std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_n
   if (answers_ == Answers::kUnlimited) return most;
   if (answers_ == Answers::kRepeated) {
     if (decisions_.count_size == 0) return most;
-    const std::uint8_t last = static_cast<std::uint8_t>(std::max<int>(decisions_.count_size, 1) - 1);
+    const std::uint8_t last = static_cast<std::uint8_t>(decisions_.count_size - 1);
     const std::size_t chosen = std::min<std::size_t>(decisions_.counts[std::min(choices_++, last)], most);
     short_ = short_ || chosen < most;
     return chosen;

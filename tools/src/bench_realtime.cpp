@@ -158,8 +158,10 @@ Result<std::monostate> RealtimeBench::measure_counted(double budget_ms) {
 /// Shows that what a real-time thread must not do is counted.
 Result<std::monostate> RealtimeBench::measure_planted() {
   const fs::path folder = next_folder();
-  const auto run = run_niliod_over_file(
-      {part_.files, options_.run.overrides, {}, watch_environment(folder, true)}, folder, signals_);
+  const std::vector<std::string> environment = watch_environment(folder, true);
+  if (environment.empty()) return std::monostate{};
+  const auto run =
+      run_niliod_over_file({part_.files, options_.run.overrides, {}, environment}, folder, signals_);
   if (!run) return run.error();
   if (auto watch = read_thread_watch(folder)) planted_ = std::move(watch).value();
   return std::monostate{};

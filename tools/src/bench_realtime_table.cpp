@@ -22,8 +22,6 @@ std::string number_text(double value) {
   return text.data();
 }
 
-std::string row_name(const RealtimeCell& cell) { return budget_text(cell) + " ms, " + condition_text(cell); }
-
 std::string p50_p99_max(const std::optional<ipc::LatencySummary>& summary, double scale_us, int digits) {
   if (!summary || summary->count == 0) return "-";
   return p50_p99(summary, scale_us, digits) + " / " + fixed(summary->max_us / scale_us, digits);
@@ -90,6 +88,8 @@ std::string p50_p99(const std::optional<ipc::LatencySummary>& summary, double sc
   if (!summary || summary->count == 0) return "-";
   return fixed(summary->p50_us / scale_us, digits) + " / " + fixed(summary->p99_us / scale_us, digits);
 }
+
+std::string run_text(const RealtimeCell& cell) { return budget_text(cell) + " ms, " + condition_text(cell); }
 
 BenchTable realtime_work_table(std::span<const RealtimeCell> cells) {
   const auto figures_of = [](const RealtimeCell& cell) -> const RunFigures& { return cell.run.figures; };
@@ -199,7 +199,7 @@ Chart latency_chart(std::span<const RealtimeCell> cells) {
     if (!cell.run.figures.end_to_end || cell.run.figures.end_to_end->count == 0) continue;
     const ipc::LatencySummary& s = *cell.run.figures.end_to_end;
     const std::array values{s.p50_us, s.p90_us, s.p99_us, s.p99_9_us, s.max_us};
-    PlotCurve curve{row_name(cell), {}};
+    PlotCurve curve{run_text(cell), {}};
     for (std::size_t i = 0; i < values.size(); ++i)
       curve.points.emplace_back(kPercentiles[i].first, values[i] / kMillisecondUs);
     chart.curves.push_back(std::move(curve));

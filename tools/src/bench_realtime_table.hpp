@@ -32,6 +32,8 @@ struct CountedRun {
 std::string condition_text(const RealtimeCell& cell);
 /// "20" or, of the configured budget, "40 (default)".
 std::string budget_text(const RealtimeCell& cell);
+/// "20 ms, hogs": both of them.
+std::string run_text(const RealtimeCell& cell);
 /// "148/2/0/0/0", in the order of `counts`; "-" for none.
 std::string counts_text(const NamedCounts& counts);
 /// "1.20 / 3.40", in the unit of `scale` microseconds; "-" for nothing or no values.

@@ -15,8 +15,6 @@ constexpr double kMostToSubscriberUs = 10'000.0;
 /// What a planted run is caught at: an allocation, a release and a lock.
 constexpr std::uint64_t kPlanted = 3;
 
-std::string run_of(const RealtimeCell& cell) { return budget_text(cell) + " ms, " + condition_text(cell); }
-
 std::string us(double value) { return fixed(value, 0) + " us"; }
 std::string ms(double value_us) { return fixed(value_us / kMillisecondUs, 2) + " ms"; }
 
@@ -34,7 +32,7 @@ Demand deadline_by_count(const CountedRun& run) {
 }
 
 Demand deadline_by_clock(const RealtimeCell& cell) {
-  Demand demand{"past the budget, p99: less than an iteration beside the noise", run_of(cell), "-", "-",
+  Demand demand{"past the budget, p99: less than an iteration beside the noise", run_text(cell), "-", "-",
                 Verdict::kNotMeasured};
   const RunFigures& f = cell.run.figures;
   if (!has(f.overshoot) || !has(f.iteration)) return demand;
@@ -49,7 +47,7 @@ Demand deadline_by_clock(const RealtimeCell& cell) {
 /// because the computer gave no processor for as long as a scan.
 Demand pose_per_scan(const RealtimeCell& cell) {
   const RunFigures& f = cell.run.figures;
-  Demand demand{"one pose a scan", run_of(cell), std::to_string(f.poses), std::to_string(f.scans),
+  Demand demand{"one pose a scan", run_text(cell), std::to_string(f.poses), std::to_string(f.scans),
                 Verdict::kFailed};
   if (f.superseded > 0) demand.bound += ", " + std::to_string(f.superseded) + " superseded";
   if (f.poses > 0 && f.poses + f.superseded == f.scans)
@@ -60,7 +58,7 @@ Demand pose_per_scan(const RealtimeCell& cell) {
 Demand packets(const RealtimeCell& cell) {
   const RunFigures& f = cell.run.figures;
   const std::uint64_t lost = f.packets_lost + f.packets_dropped;
-  return {"no packet lost", run_of(cell), std::to_string(lost), "0",
+  return {"no packet lost", run_text(cell), std::to_string(lost), "0",
           lost == 0 ? Verdict::kMet : Verdict::kMissed};
 }
 
@@ -81,7 +79,7 @@ void add_for_all(std::vector<Demand> runs, std::vector<Demand>& demands) {
 }
 
 Demand imu_poses(const RealtimeCell& cell) {
-  Demand demand{"pose at IMU rate, p99: within 1 ms beside the noise", run_of(cell), "-", "-",
+  Demand demand{"pose at IMU rate, p99: within 1 ms beside the noise", run_text(cell), "-", "-",
                 Verdict::kNotMeasured};
   if (!has(cell.run.imu_pose)) return demand;
   demand.measured = us(cell.run.imu_pose->p99_us);
@@ -92,7 +90,7 @@ Demand imu_poses(const RealtimeCell& cell) {
 }
 
 Demand allocations(const RealtimeCell& cell) {
-  Demand demand{"allocations, locks, exceptions, output in real-time threads", run_of(cell),
+  Demand demand{"allocations, locks, exceptions, output in real-time threads", run_text(cell),
                 cell.run.why_not_watched, "0", Verdict::kNotMeasured};
   if (!cell.run.watch) return demand;
   const std::uint64_t count = offences(*cell.run.watch);
@@ -111,7 +109,7 @@ Demand planted(const ThreadWatch* watch) {
 }
 
 Demand to_subscriber(const RealtimeCell& cell) {
-  Demand demand{"last packet to subscriber, p50", run_of(cell), "-", ms(kMostToSubscriberUs),
+  Demand demand{"last packet to subscriber, p50", run_text(cell), "-", ms(kMostToSubscriberUs),
                 Verdict::kNotMeasured};
   const ipc::LatencySummary& s = cell.run.packet_to_subscriber;
   if (s.count == 0) return demand;

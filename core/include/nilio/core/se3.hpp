@@ -40,7 +40,7 @@ SE3 se3_exp(const Vector6& twist);
 Vector6 se3_log(const SE3& transform);
 
 /// Turns both halves of a six-vector: as a covariance of such is turned into other axes, B * C * B^T.
-Matrix6 block_rotation(const Eigen::Quaterniond& rotation);
+Matrix6 block_rotation(const Matrix3& R);
 
 /// Builds a transform from a row-major 3x4 or 4x4 matrix (first 12 numbers); the rotation is projected onto
 /// SO(3).
