@@ -1,27 +1,60 @@
 #include "nilio/core/accelerometer_judge.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace nilio::core {
 
 namespace {
 
-// At 10 Hz a memory of 5 s, over which the noise of velocities, whose differences these are, averages out,
-// and in which a vehicle does not often turn a bias far.
+constexpr int kLeastSpans = 5;
+// Over which the noise of velocities is taken.
 constexpr int kMostSpans = 50;
+constexpr double kLeastNoise = 0.01;
+// A vehicle may begin with an acceleration of 1 m/s^2, which then is taken for gravity; later, a bias of
+// 0.05 m/s^2 turns with it within seconds.
+constexpr double kFirstVariance = 1.0;
+constexpr double kVariancePerSecond = 0.002;
+// An accelerometer that shows gravity is likely to be a sound one; it takes as much again to be certain.
+constexpr double kFirstRatio = 2.0;
+constexpr double kMostRatio = 20.0;
+constexpr double kGravity = 9.81;
+constexpr double kGravityTolerance = 1.0;
 
 }  // namespace
 
+void AccelerometerJudge::learn_noise(double square) {
+  noise_square_ += (square - noise_square_) / spans_;
+  noise_square_ = std::max(noise_square_, kLeastNoise * kLeastNoise);
+}
+
 void AccelerometerJudge::learn(const Evidence& evidence) {
   if (evidence.seconds <= 0.0 || !evidence.felt.allFinite() || !evidence.measured.allFinite()) return;
-  const Vector3 support = (evidence.felt - evidence.measured) / evidence.seconds;
-  if (spans_ == 0) support_ = support;
+  if (spans_ == 0) {
+    support_ = evidence.felt / evidence.seconds;
+    support_variance_ = kFirstVariance;
+    log_likelihood_ratio_ = kFirstRatio;
+  }
   spans_ = std::min(spans_ + 1, kMostSpans);
-  const double share = 1.0 / spans_;
-  const double felt_error = (support - support_).norm() * evidence.seconds;
-  felt_square_ += share * (felt_error * felt_error - felt_square_);
-  held_square_ += share * (evidence.held_error * evidence.held_error - held_square_);
-  support_ += share * (support - support_);
+  const Vector3 innovation = (evidence.felt - evidence.measured) / evidence.seconds - support_;
+  const double felt_square = (innovation * evidence.seconds).squaredNorm();
+  const double held_square = evidence.held_error * evidence.held_error;
+  // A velocity that is far off says nothing: neither explains it.
+  const double least_square = std::min(felt_square, held_square) / 3.0;
+  learn_noise(least_square);
+  const double change = (held_square - felt_square) / (2.0 * std::max(noise_square_, least_square));
+  log_likelihood_ratio_ = std::clamp(log_likelihood_ratio_ + change, -kMostRatio, kMostRatio);
+  // The noise of a change is that of two velocities.
+  support_variance_ += kVariancePerSecond * evidence.seconds;
+  const double variance = std::max(noise_square_, least_square) / (evidence.seconds * evidence.seconds);
+  const double gain = support_variance_ / (support_variance_ + variance);
+  support_ += gain * innovation;
+  support_variance_ *= 1.0 - gain;
+}
+
+bool AccelerometerJudge::helps() const {
+  return spans_ >= kLeastSpans && log_likelihood_ratio_ > 0.0 &&
+         std::abs(support_.norm() - kGravity) < kGravityTolerance;
 }
 
 }  // namespace nilio::core

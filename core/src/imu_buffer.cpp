@@ -76,14 +76,14 @@ bool ImuBuffer::covers(Time from, Time to, Duration max_gap) const {
   return true;
 }
 
-Vector3 ImuBuffer::angular_velocity_at(Time time) const {
+Vector3 ImuBuffer::value_at(Vector3 BaseImuSample::*member, Time time) const {
   const std::size_t next = lower_bound(time);
-  if (next == 0) return (*this)[0].angular_velocity;
-  if (next == size_) return (*this)[size_ - 1].angular_velocity;
+  if (next == 0) return (*this)[0].*member;
+  if (next == size_) return (*this)[size_ - 1].*member;
   const BaseImuSample& a = (*this)[next - 1];
   const BaseImuSample& b = (*this)[next];
   const double share = (time - a.stamp).seconds() / (b.stamp - a.stamp).seconds();
-  return a.angular_velocity + share * (b.angular_velocity - a.angular_velocity);
+  return a.*member + share * (b.*member - a.*member);
 }
 
 Vector3 mean_angular_velocity(const ImuBuffer& buffer, Time from, Time to) {

@@ -7,6 +7,7 @@
 #include "imu_monitor_trust.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -44,6 +45,9 @@ struct ImuMonitor::State {
   void learn_pending(const ImuBuffer& imu);
   void learn_shifts(const ImuBuffer& imu, const RegisteredMotion& motion);
   [[nodiscard]] bool signal_is_sound(Time from, Time to) const;
+  [[nodiscard]] bool force_is_sound(Time since) const {
+    return accel.unchanged() < kStuckAfter && !accel.clipped_since(since);
+  }
   bool fill_table(Time now);
   void fill_signals(Time now);
   bool fill_rotation();
@@ -92,6 +96,16 @@ bool ImuMonitor::State::signal_is_sound(Time from, Time to) const {
 
 bool ImuMonitor::usable(Time from, Time to) const {
   return state_->health.trusted && state_->signal_is_sound(from, to);
+}
+
+bool ImuMonitor::force_usable(Time since) const {
+  const ImuHealth& health = state_->health;
+  const auto is_bad = [&](ImuCheck check) { return health[check].state == ImuCheckState::kBad; };
+  // Both sensors of an IMU are as crooked and as late as each other.
+  constexpr std::array kGeometry{ImuCheck::kGravityMagnitude, ImuCheck::kGravityDirection,
+                                 ImuCheck::kAccelMounting, ImuCheck::kGyroAxes, ImuCheck::kGyroMounting};
+  return state_->force_is_sound(since) && health.reason != ImuCheck::kGyroAgreement &&
+         std::none_of(kGeometry.begin(), kGeometry.end(), is_bad);
 }
 
 bool ImuMonitor::contradicts(const ImuBuffer& imu, const Vector3& gyro_bias,
@@ -146,7 +160,7 @@ void ImuMonitor::State::judge_rotation(const ImuBuffer& imu, const Vector3& gyro
     bias_sum = kBiasMemory * bias_sum + gyro_rate - registered;
     bias_weight = kBiasMemory * bias_weight + 1.0;
   }
-  if (accel.unchanged() >= kStuckAfter || accel.clipped_since(motion.from)) {
+  if (!force_is_sound(motion.from)) {
     force.interrupt();
     return;
   }

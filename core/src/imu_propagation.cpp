@@ -1,6 +1,6 @@
 #include "nilio/core/imu_propagation.hpp"
 
-#include <algorithm>
+#include "nilio/core/felt_velocity.hpp"
 
 namespace nilio::core {
 
@@ -41,19 +41,8 @@ void ImuPropagator::learn_from(const ScanPose& next) {
   if (!scan_.imu_trusted || !next.imu_trusted || scan_.predicted || next.predicted) return;
   if (to <= from || to - from > kLongestSpan || !imu_.covers(from, to, config_.max_gap)) return;
   AccelerometerJudge::Evidence evidence;
-  evidence.felt.setZero();
   evidence.seconds = (to - from).seconds();
-  Eigen::Quaterniond rotation = scan_.T_odom_base.rotation;
-  const std::size_t first = imu_.lower_bound(from);
-  Time time = from;
-  for (std::size_t i = first; time < to; ++i) {
-    const Time until = i < imu_.size() ? std::min(imu_[i].stamp, to) : to;
-    const Duration step = until - time;
-    const Vector3 turn = (imu_.angular_velocity_at(time + step / 2) - next.gyro_bias) * step.seconds();
-    evidence.felt += rotation * so3_exp(0.5 * turn) * force_at(time + step / 2) * step.seconds();
-    rotation = (rotation * so3_exp(turn)).normalized();
-    time = until;
-  }
+  evidence.felt = felt_between({imu_, next.gyro_bias, {}}, from, to, scan_.T_odom_base.rotation).velocity;
   const auto velocity = [&](const ScanPose& scan, Time imu_time) -> Vector3 {
     const Vector3 rate = imu_.angular_velocity_at(imu_time) - next.gyro_bias;
     return scan.T_odom_base.rotation * (scan.linear_velocity + lever(rate));
@@ -68,16 +57,6 @@ Vector3 ImuPropagator::rate_at(Time imu_time) const {
 }
 
 Vector3 ImuPropagator::lever(const Vector3& rate) const { return rate.cross(config_.T_base_imu.translation); }
-
-Vector3 ImuPropagator::force_at(Time imu_time) const {
-  const std::size_t next = imu_.lower_bound(imu_time);
-  if (next == 0) return imu_[0].linear_acceleration;
-  if (next == imu_.size()) return imu_[imu_.size() - 1].linear_acceleration;
-  const BaseImuSample& a = imu_[next - 1];
-  const BaseImuSample& b = imu_[next];
-  const double share = (imu_time - a.stamp).seconds() / (b.stamp - a.stamp).seconds();
-  return a.linear_acceleration + share * (b.linear_acceleration - a.linear_acceleration);
-}
 
 std::optional<PropagatedPose> ImuPropagator::add(const ImuSample& sample) {
   if (const auto last = imu_.latest(); last && *last - sample.stamp > kClockWasSet) imu_.clear();
@@ -116,7 +95,7 @@ void ImuPropagator::follow_gyro(Time to) {
   T_odom_base_ = moved(before, velocity_, rate, step.seconds());
   // Where the IMU is, the change of velocity is what it felt less what holds it up; the vehicle's follows.
   const Eigen::Quaterniond half = before.rotation * so3_exp(rate * (0.5 * step.seconds()));
-  const Vector3 change = (half * force_at(middle) - accelerometer_.support()) * step.seconds();
+  const Vector3 change = (half * imu_.specific_force_at(middle) - accelerometer_.support()) * step.seconds();
   const Vector3 moving = before.rotation * (velocity_ + lever(rate_at(imu_time_))) + change;
   const Vector3 held = T_odom_base_.rotation * velocity_;
   velocity_ = T_odom_base_.rotation.conjugate() * moving - lever(angular_velocity_);

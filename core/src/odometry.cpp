@@ -39,6 +39,7 @@ Odometry::State::Outlook Odometry::State::outlook(const Scan& scan) const {
   result.span = {time, scan.motion_compensated ? scan.end : scan.start, scan.end};
   result.imu_covers = imu.covers(time, scan.end - kMaxImuLag, config.max_imu_gap);
   result.imu_used = result.imu_covers && monitor.usable(time, scan.end);
+  if (result.imu_covers) result.acceleration = felt_acceleration(result);
   return result;
 }
 
@@ -60,9 +61,7 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   result.T_odom_base = T_odom_map * T_map_base;
   count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
-  fill_covariance(
-      {registration, prediction_square, drift.variance(), (span.end - span.previous).seconds(), failures},
-      result);
+  fill_covariance({registration, prediction_square, drift.variance(), ahead.span_s(), failures}, result);
   fill_motion(motion, result);
   result.rung = rung_of(result);
 }
@@ -133,8 +132,7 @@ OdometryResult Odometry::predict_pose(const Scan& scan) const {
   SweepMotion motion;
   const State::Outlook outlook = s.outlook(scan);
   result.imu_used = outlook.imu_used;
-  const SE3 T_map_base =
-      s.scans == 0 ? s.T_map_base : s.expected_pose(outlook.span, outlook.imu_used, motion);
+  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(outlook, motion);
   result.T_odom_base = s.T_odom_map * T_map_base;
   result.predicted = true;
   s.fill_motion(motion, result);

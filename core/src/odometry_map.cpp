@@ -70,6 +70,7 @@ void Odometry::State::forget_map() {
   scans = 0;
   failures = 0;
   twist.reset(Vector6::Zero());
+  felt_velocity.interrupt();
   mean_inlier_ratio = 0.0;
   forget_prediction_error();
   scans_with_ndt = kLeastScansWithNdt;
@@ -84,7 +85,7 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   first_sweep = sweep;
   const Time start = motion_compensated ? scan.end : scan.start;
   first_span = {start, start, scan.end};
-  span = first_span;
+  ahead.span = first_span;
   plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;
   rebuild_first_map();

@@ -57,21 +57,38 @@ void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool wi
   }
 }
 
-SE3 Odometry::State::expected_pose(const SweepMotion::Span& target_span, bool with_imu,
-                                   SweepMotion& target) const {
-  const Vector6 expected = twist.predict((target_span.end - target_span.previous).seconds());
-  set_rotation(target_span, with_imu, expected, target);
+TurnRate Odometry::State::turn_rate(bool by_gyro) const {
+  TurnRate rate{imu, gyro_bias, {}};
+  if (!by_gyro) rate.held = twist.twist().tail<3>();
+  return rate;
+}
+
+/// What the accelerometer says of the time from the middle of the last sweep to that of the next one.
+std::optional<Vector3> Odometry::State::felt_acceleration(const Outlook& next) const {
+  const SweepMotion::Span& span = next.span;
+  const Time from = span.previous - Duration::from_seconds(0.5 * last_sweep_s);
+  if (!monitor.force_usable(from)) return std::nullopt;
+  return felt_velocity.acceleration(turn_rate(next.imu_used), from, span.end - (span.end - span.start) / 2,
+                                    T_map_base.rotation * last_half_sweep.rotation.conjugate(),
+                                    twist.twist().head<3>());
+}
+
+/// Over the middle of the span, which the prediction is for.
+Vector6 Odometry::State::expected_twist(const Outlook& next) const {
+  return twist.predict({next.span_s(), next.acceleration});
+}
+
+SE3 Odometry::State::expected_pose(const Outlook& next, SweepMotion& target) const {
+  const Vector6 expected = expected_twist(next);
+  set_rotation(next.span, next.imu_used, expected, target);
   return T_map_base * target.predict(expected.head<3>());
 }
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
-  const Outlook ahead = outlook(scan);
-  span = ahead.span;
-  imu_covers = ahead.imu_covers;
-  imu_used = ahead.imu_used;
+  ahead = outlook(scan);
   relocated = failures > 0;
-  T_predicted = expected_pose(span, imu_used, motion);
-  result.imu_used = imu_used;
+  T_predicted = expected_pose(ahead, motion);
+  result.imu_used = ahead.imu_used;
 }
 
 void Odometry::State::select_points() {
@@ -90,20 +107,13 @@ bool Odometry::State::coarse_is_due() const {
   return prediction_error_m > kCoarseTriggerErrorMetres || after_gap();
 }
 
-bool Odometry::State::after_gap() const {
-  return (span.end - span.previous).seconds() > kCoarseTriggerGap * period_s;
-}
+bool Odometry::State::after_gap() const { return ahead.span_s() > kCoarseTriggerGap * period_s; }
 
 PlaneMetric Odometry::State::plane_metric() const {
   PlaneMetric metric;
   metric.gate_m = kGateSigmas * sigma_m;
   metric.kernel_scale_m = kKernelSigmas * sigma_m;
   return metric;
-}
-
-/// Over the middle of the span, which the prediction is for.
-Vector6 Odometry::State::expected_twist() const {
-  return twist.predict((span.end - span.previous).seconds());
 }
 
 RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vector3f>& points,
@@ -144,9 +154,9 @@ SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   measured_twist = motion.measure(T_previous_end, last_half_sweep, last_sweep_s);
   // Nothing is predicted yet that could be worth keeping.
   const bool initial = scans < kInitialScans;
-  const Vector6 wanted =
-      initial ? measured_twist
-              : twist.correct(measured_twist, registration.observed_share, motion.between_s(last_sweep_s));
+  const Vector6 wanted = initial ? measured_twist
+                                 : twist.correct(measured_twist, registration.observed_share,
+                                                 {motion.between_s(last_sweep_s), ahead.acceleration});
   T_map_end = T_map_base * motion.refine(T_previous_end, wanted);
   deskew_rate = motion.mean_angular_velocity();
   return T_registered.inverse() * T_map_end;
@@ -225,6 +235,7 @@ void Odometry::State::count_inliers(OdometryResult& result) const {
 
 /// From the middle of one sweep to that of the next, which deskewing with a wrong motion hardly moves.
 RegisteredMotion Odometry::State::registered_motion() const {
+  const SweepMotion::Span& span = ahead.span;
   return {span.previous - Duration::from_seconds(0.5 * last_sweep_s),
           span.end - Duration::from_seconds(0.5 * motion.sweep_s()), T_map_base * last_half_sweep.inverse(),
           registration.T_map_moving * motion.half_sweep().inverse()};
@@ -232,15 +243,16 @@ RegisteredMotion Odometry::State::registered_motion() const {
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
-  if (!imu_used || relocated || !is_plausible(result) ||
+  if (!ahead.imu_used || relocated || !is_plausible(result) ||
       !monitor.contradicts(imu, gyro_bias, registered_motion()))
     return;
   monitor.demote();
-  imu_used = false;
+  ahead.imu_used = false;
+  ahead.acceleration = felt_acceleration(ahead);
   result.imu_used = false;
-  Vector6 expected = expected_twist();
+  Vector6 expected = expected_twist(ahead);
   expected.tail<3>() = monitor.registered_rate();
-  set_rotation(span, false, expected, motion);
+  set_rotation(ahead.span, false, expected, motion);
   T_predicted = T_map_base * motion.predict(expected.head<3>());
   select_points();
   register_sweep(result);
@@ -262,10 +274,10 @@ bool Odometry::State::is_plausible(const OdometryResult& result) const {
 
 void Odometry::State::learn_gyro_bias() {
   const RegisteredMotion step = registered_motion();
-  if (!imu_covers || step.seconds() <= 0.0) return;
+  if (!ahead.imu_covers || step.seconds() <= 0.0) return;
   const Vector3 rate = step.mean_rate();
   // While turning, a gyro that is not trusted may differ by more than its bias.
-  if (!imu_used && rate.norm() > kCalmTurnRate) return;
+  if (!ahead.imu_used && rate.norm() > kCalmTurnRate) return;
   const Vector3 error = mean_angular_velocity(imu, step.from, step.to) - gyro_bias - rate;
   const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
   ++bias_updates;
@@ -290,15 +302,28 @@ void Odometry::State::learn_prediction_error() {
   sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
 
+void Odometry::State::learn_felt_velocity() {
+  if (ahead.imu_covers && monitor.force_usable(ahead.span.previous)) {
+    felt_velocity.learn(turn_rate(ahead.imu_used), registered_motion(), measured_twist.head<3>());
+  } else {
+    felt_velocity.interrupt();
+  }
+}
+
 void Odometry::State::learn_motion() {
+  learn_felt_velocity();
   const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
   learn_gyro_bias();
-  if (is_shifted) imu.clear();
+  if (is_shifted) {
+    imu.clear();
+    felt_velocity.interrupt();
+  }
   learn_prediction_error();
   if (scans < kInitialScans) {
     twist.reset(measured_twist);
   } else {
-    twist.learn(measured_twist, registration.observed_share, motion.between_s(last_sweep_s));
+    twist.learn(measured_twist, registration.observed_share,
+                {motion.between_s(last_sweep_s), ahead.acceleration});
   }
 }
 
@@ -315,6 +340,7 @@ void Odometry::State::count_scan_with_ndt() {
 void Odometry::State::accept(OdometryResult& result) {
   if (relocated) {
     monitor.skip();
+    felt_velocity.interrupt();
     forget_prediction_error();
   } else {
     learn_motion();
@@ -325,7 +351,7 @@ void Odometry::State::accept(OdometryResult& result) {
   mean_inliers = memory * mean_inliers + (1.0 - memory) * registration.equations.inliers;
   failures = 0;
   count_scan_with_ndt();
-  const double span_s = (span.end - span.previous).seconds();
+  const double span_s = ahead.span_s();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
   T_map_base = registration.T_map_moving;
   T_accepted = T_map_base;
@@ -344,7 +370,8 @@ TrackingState Odometry::State::state_without_registration(int failures_in_a_row)
 void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   monitor.skip();
-  motion.predict(expected_twist().head<3>());
+  felt_velocity.interrupt();
+  motion.predict(expected_twist(ahead).head<3>());
   twist.hold();
   T_map_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);

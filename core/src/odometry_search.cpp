@@ -88,7 +88,7 @@ SE3 Odometry::State::lost_hypothesis(std::size_t i) const {
 
 void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   relocated = true;
-  motion.predict(expected_twist().head<3>());
+  motion.predict(expected_twist(ahead).head<3>());
   motion.deskew(sweep, deskewed);
   const bool has_time = budget.allows(Work::kNdt, kSearchIterations * kCoarsePoints);
   thin_evenly(deskewed, has_time ? kCoarsePoints : kStartPoints, search_points);

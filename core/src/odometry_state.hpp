@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nilio/core/felt_velocity.hpp"
 #include "nilio/core/imu_buffer.hpp"
 #include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/odometry.hpp"
@@ -61,6 +62,7 @@ struct Odometry::State {
         arena(configuration.threads),
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
+        felt_velocity(config.T_base_imu.translation, config.max_imu_gap),
         planes(plane_map_config(config)),
         coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
         budget(config.budget, clock),
@@ -100,6 +102,9 @@ struct Odometry::State {
     SweepMotion::Span span;
     bool imu_covers = false;  ///< the span
     bool imu_used = false;    ///< covers it and is trusted
+    /// Mean over the time from the middle of the sweep before to that of this one.
+    std::optional<Vector3> acceleration;
+    [[nodiscard]] double span_s() const { return (span.end - span.previous).seconds(); }
   };
 
   // The steps of the algorithm, in the order of use.
@@ -143,9 +148,9 @@ struct Odometry::State {
   void align_with_gravity(const Scan& scan);
   void set_rotation(const SweepMotion::Span& target_span, bool with_imu, const Vector6& expected,
                     SweepMotion& target) const;
-  [[nodiscard]] Vector6 expected_twist() const;
-  [[nodiscard]] SE3 expected_pose(const SweepMotion::Span& target_span, bool with_imu,
-                                  SweepMotion& target) const;
+  [[nodiscard]] std::optional<Vector3> felt_acceleration(const Outlook& next) const;
+  [[nodiscard]] Vector6 expected_twist(const Outlook& next) const;
+  [[nodiscard]] SE3 expected_pose(const Outlook& next, SweepMotion& target) const;
   void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
               const SE3& T_odom_moving);
   void insert_planes(const std::vector<SweepPoint>& seen);
@@ -157,6 +162,8 @@ struct Odometry::State {
   [[nodiscard]] RegisteredMotion registered_motion() const;
   void learn_motion();
   void learn_gyro_bias();
+  [[nodiscard]] TurnRate turn_rate(bool by_gyro) const;
+  void learn_felt_velocity();
   void learn_prediction_error();
   void forget_prediction_error();
   void count_scan_with_ndt();
@@ -167,6 +174,7 @@ struct Odometry::State {
   tbb::task_arena arena;
   ImuBuffer imu;
   ImuMonitor monitor;
+  FeltVelocity felt_velocity;
   VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;
@@ -188,14 +196,12 @@ struct Odometry::State {
   SE3 T_fed;       ///< the middle of the sweep that the map was fed last
   Time time;
   SE3 T_predicted;
-  bool imu_used = false;
-  bool imu_covers = false;
+  Outlook ahead;  ///< of the scan that is registered
   bool coarse_was_due = false;
   bool motion_compensated = false;
   /// The previous pose was a prediction, or this one was searched for: what lies between them is no motion of
   /// this scan.
   bool relocated = false;
-  SweepMotion::Span span;
   SE3 last_half_sweep;  ///< of the scan before: from the middle of its sweep to its end
   double last_sweep_s = 0.0;
   TwistFilter twist;

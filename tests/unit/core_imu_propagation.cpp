@@ -1,5 +1,7 @@
 #include "nilio/core/imu_propagation.hpp"
 
+#include "synthetic_imu_drive.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,6 +10,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
+using Drive = nilio::tests::SyntheticImuDrive;
 
 namespace {
 
@@ -102,38 +105,15 @@ TEST_CASE("a scan pose that comes late gives what it would have given in time") 
 
 namespace {
 
-/// A drive with speed and turns that change; odom is tilted, the IMU lies off the vehicle's centre, and its
-/// accelerometer has a bias and shows `scale` times what it feels.
-struct Drive {
-  SE3 T_base_imu{so3_exp(Vector3(0.2, -0.1, 0.4)), Vector3(-0.8, 0.3, 0.9)};
-  Eigen::Quaterniond tilt = so3_exp(Vector3(0.02, -0.03, 0.0));
-  double scale = 1.0;
-
-  static double speed(double t) { return 10.0 + 3.0 * std::sin(0.8 * t); }
-  static double rate(double t) { return 0.3 * std::sin(0.5 * t); }
-  static double yaw(double t) { return 0.6 * (1.0 - std::cos(0.5 * t)); }
-
-  [[nodiscard]] ScanPose scan(double t, const Vector3& position) const {
-    ScanPose scan;
-    scan.stamp = Time::from_seconds(t);
-    scan.T_odom_base = {so3_exp(Vector3(0.0, 0.0, yaw(t))), position};
-    scan.linear_velocity = {speed(t), 0.0, 0.0};
-    scan.angular_velocity = {0.0, 0.0, rate(t)};
-    scan.imu_trusted = true;
-    return scan;
-  }
-  [[nodiscard]] ImuSample sample(double t) const {
-    const Vector3 turn(0.0, 0.0, rate(t));
-    const Vector3 turning(0.0, 0.0, 0.15 * std::cos(0.5 * t));
-    const Vector3& arm = T_base_imu.translation;
-    const Vector3 up = so3_exp(Vector3(0.0, 0.0, yaw(t))).conjugate() * (tilt * Vector3(0.0, 0.0, 9.81));
-    const Vector3 force = Vector3(2.4 * std::cos(0.8 * t), rate(t) * speed(t), 0.0) + turning.cross(arm) +
-                          turn.cross(turn.cross(arm)) + up + Vector3(0.02, -0.01, 0.03);
-    const Vector3 gyro = T_base_imu.rotation.conjugate() * turn;
-    const Vector3 felt = scale * (T_base_imu.rotation.conjugate() * force);
-    return {Time::from_seconds(t), {gyro.x(), gyro.y(), gyro.z()}, {felt.x(), felt.y(), felt.z()}};
-  }
-};
+ScanPose scan_of(double t, const Vector3& position) {
+  ScanPose scan;
+  scan.stamp = Time::from_seconds(t);
+  scan.T_odom_base = {so3_exp(Vector3(0.0, 0.0, Drive::yaw(t))), position};
+  scan.linear_velocity = {Drive::speed(t), 0.0, 0.0};
+  scan.angular_velocity = {0.0, 0.0, Drive::rate(t)};
+  scan.imu_trusted = true;
+  return scan;
+}
 
 struct DriveErrors {
   double largest_m = 0.0;  ///< after the first ten seconds, just before a scan
@@ -160,7 +140,7 @@ DriveErrors run(const Drive& drive) {
       errors.largest_m_s =
           std::max(errors.largest_m_s, (pose->linear_velocity - Vector3(Drive::speed(t), 0.0, 0.0)).norm());
     }
-    if (i % 200 == 0) propagator.set_scan_pose(drive.scan(t, position));
+    if (i % 200 == 0) propagator.set_scan_pose(scan_of(t, position));
   }
   errors.follows_accelerometer = propagator.follows_accelerometer();
   return errors;

@@ -6,8 +6,9 @@ namespace nilio::core {
 
 /// Whether an accelerometer predicts a vehicle's velocity better than holding it does, and what has to be
 /// subtracted for that: gravity's counterforce together with what biases and tilts of odom add to it, in odom
-/// axes. Both are means with a fading memory of some seconds, so an accelerometer with wrong axes, unit or
-/// range is left out, and taken up again when it is mended. Not thread-safe.
+/// axes. The first is a sequential test of one against the other (Wald 1945), the second a Kalman filter, so
+/// that velocities are believed as far as they are found to be exact. An accelerometer with wrong axes, unit
+/// or range is left out, and taken up again when it is mended. Not thread-safe.
 class AccelerometerJudge {
  public:
   /// What a span of `seconds` between two scans showed, all in odom axes, m/s.
@@ -19,17 +20,18 @@ class AccelerometerJudge {
   };
   void learn(const Evidence& evidence);
 
-  [[nodiscard]] bool helps() const { return spans_ >= kLeastSpans && felt_square_ < held_square_; }
+  [[nodiscard]] bool helps() const;
   /// Specific force at constant velocity, m/s^2.
   [[nodiscard]] const Vector3& support() const { return support_; }
 
  private:
-  static constexpr int kLeastSpans = 20;
+  void learn_noise(double square);
 
   int spans_ = 0;
   Vector3 support_ = Vector3::Zero();
-  double felt_square_ = 0.0;
-  double held_square_ = 0.0;
+  double support_variance_ = 0.0;  ///< along each axis
+  double noise_square_ = 0.0;      ///< of a measured change of velocity, along each axis
+  double log_likelihood_ratio_ = 0.0;
 };
 
 }  // namespace nilio::core

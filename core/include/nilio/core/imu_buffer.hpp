@@ -37,9 +37,17 @@ class ImuBuffer {
   /// True when samples bracket [from, to] and no two neighbours in between are farther apart than `max_gap`.
   [[nodiscard]] bool covers(Time from, Time to, Duration max_gap) const;
   /// Angular velocity at `time`, linear between the neighbours, constant beyond the ends. Needs size() > 0.
-  [[nodiscard]] Vector3 angular_velocity_at(Time time) const;
+  [[nodiscard]] Vector3 angular_velocity_at(Time time) const {
+    return value_at(&BaseImuSample::angular_velocity, time);
+  }
+  /// Specific force, likewise.
+  [[nodiscard]] Vector3 specific_force_at(Time time) const {
+    return value_at(&BaseImuSample::linear_acceleration, time);
+  }
 
  private:
+  [[nodiscard]] Vector3 value_at(Vector3 BaseImuSample::*member, Time time) const;
+
   std::vector<BaseImuSample> samples_;
   std::size_t first_ = 0;
   std::size_t size_ = 0;

@@ -121,6 +121,9 @@ class ImuMonitor {
   /// Whether the gyro may be used for the motion in [from, to]: it is trusted, and neither stuck nor clipped
   /// there.
   [[nodiscard]] bool usable(Time from, Time to) const;
+  /// Whether the accelerometer may be used: gravity and the gyro say that it is mounted as configured, and it
+  /// is neither stuck nor has it clipped since.
+  [[nodiscard]] bool force_usable(Time since) const;
   /// Whether the registered motion contradicts the gyro so plainly that this scan had better be registered
   /// without it.
   [[nodiscard]] bool contradicts(const ImuBuffer& imu, const Vector3& gyro_bias,

@@ -71,7 +71,6 @@ class ImuPropagator {
   void step_to(std::size_t sample);
   void follow_gyro(Time to);
   [[nodiscard]] Vector3 rate_at(Time imu_time) const;
-  [[nodiscard]] Vector3 force_at(Time imu_time) const;
   /// Velocity that the IMU has from turning with the vehicle, in base_link.
   [[nodiscard]] Vector3 lever(const Vector3& rate) const;
 

@@ -2,14 +2,23 @@
 
 #include "nilio/core/se3.hpp"
 
+#include <optional>
+
 namespace nilio::core {
+
+/// A step in time, and how the linear velocity changes meanwhile, m/s^2, where that is felt; it changes as it
+/// did, else.
+struct TwistStep {
+  double seconds = 0.0;
+  std::optional<Vector3> acceleration;
+};
 
 /// Twist of base_link in its own axes (linear m/s, then angular rad/s) and how it changes, from noisy
 /// measurements: an alpha-beta filter for each component (Kalata 1984), whose gain follows the drive. Where
 /// innovations keep their sign the filter lags, and its gain rises; where they alternate it follows noise,
 /// and its gain falls. Where a registration followed the prediction instead of the scan, it says nothing new:
 /// the gain is bounded by what an alpha-beta filter makes of a place that is known to that share, and the
-/// change of the twist is forgotten.
+/// change of the twist is forgotten. Where the change is felt, nothing of it is learnt.
 class TwistFilter {
  public:
   /// Starts anew from a twist that is simply believed.
@@ -17,12 +26,12 @@ class TwistFilter {
   /// Twist at the middle of the last sweep.
   [[nodiscard]] const Vector6& twist() const { return twist_; }
   /// Twist `seconds` later.
-  [[nodiscard]] Vector6 predict(double seconds) const { return twist_ + seconds * slope_; }
-  /// Twist `seconds` later, had the mean over those seconds been `mean`. `share` of it, 0 to 1 along each
-  /// axis, comes from the scan.
-  [[nodiscard]] Vector6 correct(const Vector6& mean, const Vector6& share, double seconds) const;
+  [[nodiscard]] Vector6 predict(const TwistStep& step) const { return twist_ + step.seconds * slope(step); }
+  /// Twist after the step, had its mean over the step been `mean`. `share` of it, 0 to 1 along each axis,
+  /// comes from the scan.
+  [[nodiscard]] Vector6 correct(const Vector6& mean, const Vector6& share, const TwistStep& step) const;
   /// Goes on to it.
-  void learn(const Vector6& mean, const Vector6& share, double seconds);
+  void learn(const Vector6& mean, const Vector6& share, const TwistStep& step);
   /// Goes on without a measurement: the twist stays as it is.
   void hold() { slope_.setZero(); }
 
@@ -31,10 +40,11 @@ class TwistFilter {
     Vector6 twist;
     Vector6 slope;
   };
-  [[nodiscard]] Vector6 innovation(const Vector6& mean, double seconds) const {
-    return mean - predict(0.5 * seconds);
+  [[nodiscard]] Vector6 slope(const TwistStep& step) const;
+  [[nodiscard]] Vector6 innovation(const Vector6& mean, const TwistStep& step) const {
+    return mean - predict({0.5 * step.seconds, step.acceleration});
   }
-  [[nodiscard]] Gains gains(const Vector6& share) const;
+  [[nodiscard]] Gains gains(const Vector6& share, const TwistStep& step) const;
 
   Vector6 twist_ = Vector6::Zero();
   Vector6 slope_ = Vector6::Zero();

@@ -1,0 +1,67 @@
+#pragma once
+
+#include "nilio/core/accelerometer_judge.hpp"
+#include "nilio/core/imu_buffer.hpp"
+#include "nilio/core/imu_monitor.hpp"
+#include "nilio/core/se3.hpp"
+#include "nilio/core/time.hpp"
+
+#include <optional>
+
+namespace nilio::core {
+
+/// The rate at which base_link turns, rad/s in its own axes: as the gyro has it, or held where that is not
+/// trusted.
+struct TurnRate {
+  const ImuBuffer& imu;
+  Vector3 gyro_bias = Vector3::Zero();
+  std::optional<Vector3> held;
+
+  [[nodiscard]] Vector3 at(Time time) const {
+    return held ? *held : Vector3(imu.angular_velocity_at(time) - gyro_bias);
+  }
+};
+
+/// What an IMU feels on its way, in axes that stand still.
+struct FeltMotion {
+  Vector3 velocity = Vector3::Zero();  ///< integral of the specific force, m/s
+  Eigen::Quaterniond rotation;         ///< of base_link at the end
+};
+
+/// From a time at which base_link is turned as `rotation` says; the buffer has to cover the span.
+FeltMotion felt_between(const TurnRate& rate, Time from, Time to, const Eigen::Quaterniond& rotation);
+
+/// How the velocity of base_link changes by what the accelerometer feels, once that has predicted the scans'
+/// velocities better than holding them. Needs no bias and no levelled axes: see AccelerometerJudge. Not
+/// thread-safe.
+class FeltVelocity {
+ public:
+  /// The IMU's place on base_link, m, and the longest gap between samples that are one motion.
+  FeltVelocity(const Vector3& imu_position, Duration max_gap)
+      : imu_position_(imu_position), max_gap_(max_gap) {}
+
+  /// Mean rate of change of the velocity of base_link in its own axes, m/s^2, when that is `velocity` and
+  /// turned as `rotation` at `from`. Empty where the accelerometer is not followed.
+  [[nodiscard]] std::optional<Vector3> acceleration(const TurnRate& rate, Time from, Time to,
+                                                    const Eigen::Quaterniond& rotation,
+                                                    const Vector3& velocity) const;
+  /// A registered motion and its velocity in axes of base_link.
+  void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity);
+  /// What follows does not go on from the motion before.
+  void interrupt() { last_.reset(); }
+
+ private:
+  struct Past {
+    Time time;
+    Eigen::Quaterniond rotation;
+    Vector3 velocity;      ///< in axes of base_link
+    Vector3 imu_velocity;  ///< in the axes that `rotation` is to
+  };
+
+  Vector3 imu_position_;
+  Duration max_gap_;
+  AccelerometerJudge judge_;
+  std::optional<Past> last_;
+};
+
+}  // namespace nilio::core
