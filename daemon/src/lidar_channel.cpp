@@ -57,6 +57,7 @@ void LidarChannel::say(LogLevel level, const std::string& text) {
 const Packet* LidarChannel::next_kept_back() {
   if (has_caught_up()) return nullptr;
   if (next_ < backlog_.size()) return &backlog_[next_];
+  caught_up_ns_ = monotonic_ns();
   caught_up_.store(true, std::memory_order_release);
   return nullptr;
 }
@@ -93,12 +94,11 @@ void LidarChannel::search() {
 
 bool LidarChannel::decode_front() {
   const bool is_kept_back = !has_caught_up() && next_ < backlog_.size();
-  // Nobody could have used it before: its deadline runs from now.
-  if (is_kept_back) backlog_[next_].received_ns = monotonic_ns();
   const Packet& packet = is_kept_back ? backlog_[next_] : ring_.begin_read().front();
   watch_sender(packet);
   last_stamp_ = packet.stamp;
-  const bool complete = assembler_->add(packet);
+  is_catching_up_ = is_kept_back || packet.received_ns < caught_up_ns_;
+  const bool complete = is_catching_up_ ? add_late(packet) : assembler_->add(packet);
   ++packets_decoded_;
   if (is_kept_back) {
     ++next_;
@@ -107,6 +107,13 @@ bool LidarChannel::decode_front() {
     packets_taken_.fetch_add(1, std::memory_order_relaxed);
   }
   return complete;
+}
+
+/// Nobody could have used it before: its deadline runs from now.
+bool LidarChannel::add_late(const Packet& packet) {
+  late_ = packet;
+  late_.received_ns = monotonic_ns();
+  return assembler_->add(late_);
 }
 
 void LidarChannel::take_scan(core::Scan& scan) {

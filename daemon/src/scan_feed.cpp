@@ -51,6 +51,7 @@ FeedState PacketScanFeed::next(core::Scan& scan, core::Duration timeout) {
 }
 
 std::size_t PacketScanFeed::waiting_scans() const {
+  if (channel_.is_catching_up()) return 0;
   return packets_per_scan_ > 0 ? channel_.packets_in_ring() / packets_per_scan_ : 0;
 }
 

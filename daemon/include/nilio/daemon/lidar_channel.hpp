@@ -69,9 +69,11 @@ class LidarChannel {
   /// for the same packets, however long the sensor was searched for. By the odometry thread, of a sensor that
   /// is known.
   [[nodiscard]] std::uint64_t packets_passed() const { return packets_skipped_ + packets_decoded_; }
-  /// Received since, and not taken yet. Those that were kept back while the sensor was not known are no
-  /// backlog that came of slowness.
+  /// Received since, and not taken yet.
   [[nodiscard]] std::size_t packets_in_ring() const { return ring_.size(); }
+  /// The packet decoded last was kept back while the sensor was not known, or came while such were decoded:
+  /// what waits behind it is no backlog that came of slowness.
+  [[nodiscard]] bool is_catching_up() const { return is_catching_up_; }
   /// Not decoded yet, those kept back included.
   [[nodiscard]] std::size_t packets_waiting() const {
     return (is_known() && !has_caught_up() ? backlog_.size() - next_ : 0) + ring_.size();
@@ -97,6 +99,7 @@ class LidarChannel {
   /// The packets that were kept back are decoded: nobody looks at them any more.
   [[nodiscard]] bool has_caught_up() const { return caught_up_.load(std::memory_order_acquire); }
   const drivers::Packet* next_kept_back();
+  bool add_late(const drivers::Packet& packet);
   void look(const drivers::Packet& packet);
   void judge(SensorFinder::State state);
   void discard_backlog();
@@ -117,6 +120,9 @@ class LidarChannel {
   std::vector<drivers::Packet> backlog_;
   std::size_t next_ = 0;
   std::atomic<bool> caught_up_{false};
+  std::int64_t caught_up_ns_ = 0;
+  bool is_catching_up_ = false;
+  drivers::Packet late_;
   std::atomic<bool> is_released_;
   /// Counts of packets that were refused.
   drivers::ScanAssemblerStats refused_;
