@@ -173,6 +173,7 @@ Result<Measurement> measure_odometry(const BenchDataset& dataset, const std::str
     if (repeat > 0) continue;
     measurement.work = count_work(*timed);
     measurement.peak_resident_bytes = timed->peak_resident_bytes;
+    measurement.resident_before_bytes = timed->resident_before_bytes;
     measurement.trajectory = std::move(timed->trajectory);
     const Result<BenchRun> counted = run_once(allocation_count);
     if (!counted) return counted.error();

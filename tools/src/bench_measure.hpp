@@ -81,6 +81,7 @@ struct Measurement {
   std::int64_t allocations_warming_up = 0;
   double allocations_per_scan = 0.0;
   std::uint64_t peak_resident_bytes = 0;
+  std::uint64_t resident_before_bytes = 0;
   std::string sha256;
   Trajectory trajectory;
 };

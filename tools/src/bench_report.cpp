@@ -27,6 +27,13 @@ std::string three(const Spread& spread) {
   return fixed(spread.median, 2) + " / " + fixed(spread.p99, 2) + " / " + fixed(spread.max, 2);
 }
 
+/// "62, 33": of the whole process, with what it had before it made the odometry and its input.
+std::string memory_text(const Measurement& m) {
+  if (m.peak_resident_bytes == 0) return "-";
+  const auto mebibytes = [](std::uint64_t bytes) { return fixed(static_cast<double>(bytes) / kMebibyte, 0); };
+  return mebibytes(m.peak_resident_bytes) + ", " + mebibytes(m.resident_before_bytes);
+}
+
 std::string processor() {
   std::ifstream info("/proc/cpuinfo");
   std::string line;
@@ -61,16 +68,15 @@ BenchTable accuracy_table(std::span<const Measurement> measurements) {
 }
 
 BenchTable cost_table(std::span<const Measurement> measurements) {
-  BenchTable table{{"registration", "CPU ms/scan", "CPU from packets on", "wall ms/scan", "peak memory MiB",
-                    "allocations, first " + std::to_string(kWarmUpScans) + " scans", "allocations/scan then"},
-                   {}};
+  BenchTable table{
+      {"registration", "CPU ms/scan", "CPU from packets on", "wall ms/scan", "peak memory MiB, before",
+       "allocations, first " + std::to_string(kWarmUpScans) + " scans", "allocations/scan then"},
+      {}};
   for (const Measurement& m : measurements) {
     const bool counted = allocations_are_counted() && m.work.scans > 0;
     table.rows.push_back(
         {label_of(m), three(m.cpu.total), m.threads == 1 && m.work.scans > 0 ? three(m.cpu.with_feed) : "-",
-         three(m.wall.total),
-         m.peak_resident_bytes > 0 ? fixed(static_cast<double>(m.peak_resident_bytes) / kMebibyte, 0) : "-",
-         counted ? std::to_string(m.allocations_warming_up) : "-",
+         three(m.wall.total), memory_text(m), counted ? std::to_string(m.allocations_warming_up) : "-",
          counted ? fixed(m.allocations_per_scan, 2) : "-"});
   }
   return table;
