@@ -46,6 +46,13 @@ Vector6 least_prediction_square() {
   return square;
 }
 
+/// Whether it is worth going on from, also where the time was over before it converged.
+bool has_found_pose(const RegistrationResult& coarse) {
+  return coarse.iterations > 0 &&
+         (coarse.stop_reason == StopReason::kBudget || coarse.stop_reason == StopReason::kConverged ||
+          coarse.stop_reason == StopReason::kMaxIterations);
+}
+
 }  // namespace
 
 void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool with_imu,
@@ -133,11 +140,7 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
   const RegistrationResult coarse = register_coarsely(coarse_map, coarse_points, registration.T_map_moving,
                                                       config.max_coarse_iterations, &budget);
   result.coarse_iterations += coarse.iterations;
-  const bool is_stopped = coarse.stop_reason == StopReason::kBudget && coarse.iterations > 0;
-  if (is_stopped || coarse.stop_reason == StopReason::kConverged ||
-      coarse.stop_reason == StopReason::kMaxIterations) {
-    registration.T_map_moving = coarse.T_map_moving;
-  }
+  if (has_found_pose(coarse)) registration.T_map_moving = coarse.T_map_moving;
   return coarse;
 }
 
@@ -182,7 +185,7 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
     if (coarse && pass == 0) by_coarse = register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, prior, result);
-    if (has_no_time() && by_coarse.iterations > 0) registration = kept_coarse(by_coarse);
+    if (has_no_time() && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse);
     ++result.passes;
     if (has_no_time()) return;
     if (!registration.T_map_moving.is_finite()) return;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <random>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -48,10 +49,11 @@ struct BudgetRun {
 };
 
 BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetDecisions>* repeat = nullptr,
-                Odometry::ClockFunction clock = nullptr) {
+                Odometry::ClockFunction clock = nullptr, CoarsePolicy coarse = OdometryConfig{}.coarse) {
   static const Room room = Room::with_pillars();
   OdometryConfig config;
   config.budget = budget;
+  config.coarse = coarse;
   Odometry odometry(config, clock);
   work_clock.budget = clock != nullptr ? &odometry.budget() : nullptr;
   BudgetRun run;
@@ -158,6 +160,28 @@ TEST_CASE("without decisions to repeat, a run by the clock is another one") {
   const BudgetRun first =
       drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
   CHECK_FALSE(same_poses(first, drive({}, 25)));
+}
+
+TEST_CASE("whatever a clock answers, and be it no points and yet an iteration, each scan has a pose") {
+  std::mt19937 random(5);
+  const auto below = [&](unsigned end) { return static_cast<unsigned>(random() % end); };
+  constexpr std::array<std::uint32_t, 6> kPoints{0, 0, 1, 60, 2000, 35'000};
+  for (int run = 0; run < 12; ++run) {
+    INFO("run " << run);
+    std::vector<BudgetDecisions> decisions(25);
+    for (BudgetDecisions& scan : decisions) {
+      scan.count_size = static_cast<std::uint8_t>(1 + below(2));
+      for (std::uint8_t i = 0; i < scan.count_size; ++i) scan.counts[i] = kPoints[below(kPoints.size())];
+      scan.stop_size = static_cast<std::uint8_t>(below(4));
+      std::uint16_t question = 0;
+      for (std::uint8_t i = 0; i < scan.stop_size; ++i)
+        scan.stops[i] = question = static_cast<std::uint16_t>(question + below(3) + (i > 0 ? 1 : 0));
+    }
+    const BudgetRun cut = drive({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, 25, &decisions,
+                                nullptr, run % 2 == 0 ? CoarsePolicy::kAlways : CoarsePolicy::kAuto);
+    CHECK(cut.results.size() == decisions.size());
+    for (const OdometryResult& result : cut.results) CHECK(result.T_odom_base.is_finite());
+  }
 }
 
 TEST_CASE("a budget never stops a question more often than it can keep, and refuses all after that") {
