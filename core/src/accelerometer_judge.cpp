@@ -36,18 +36,21 @@ void AccelerometerJudge::learn(const Evidence& evidence) {
     log_likelihood_ratio_ = kFirstRatio;
   }
   spans_ = std::min(spans_ + 1, kMostSpans);
-  const Vector3 innovation = (evidence.felt - evidence.measured) / evidence.seconds - support_;
+  const Vector3 innovation =
+      evidence.seen * ((evidence.felt - evidence.measured) / evidence.seconds - support_);
   const double felt_square = (innovation * evidence.seconds).squaredNorm();
   const double held_square = evidence.held_error * evidence.held_error;
   // A velocity that is far off says nothing: neither explains it.
   const double least_square = std::min(felt_square, held_square) / 3.0;
   learn_noise(least_square);
-  const double change = (held_square - felt_square) / (2.0 * std::max(noise_square_, least_square));
-  log_likelihood_ratio_ = std::clamp(log_likelihood_ratio_ + change, -kMostRatio, kMostRatio);
-  // The noise of a change is that of two velocities.
+  const double noise_square = std::max(noise_square_, least_square);
   support_variance_ += kVariancePerSecond * evidence.seconds;
-  const double variance = std::max(noise_square_, least_square) / (evidence.seconds * evidence.seconds);
-  const double gain = support_variance_ / (support_variance_ + variance);
+  // What is not known of the support yet does not speak against the accelerometer.
+  const double squared_s = evidence.seconds * evidence.seconds;
+  const double uncertain_square = noise_square + support_variance_ * squared_s;
+  const double change = (held_square - felt_square) / (2.0 * uncertain_square);
+  log_likelihood_ratio_ = std::clamp(log_likelihood_ratio_ + change, -kMostRatio, kMostRatio);
+  const double gain = support_variance_ * squared_s / uncertain_square;
   support_ += gain * innovation;
   support_variance_ *= 1.0 - gain;
 }

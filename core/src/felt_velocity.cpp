@@ -34,7 +34,8 @@ std::optional<Vector3> FeltVelocity::acceleration(const TurnRate& rate, Time fro
   return (later - velocity) / seconds;
 }
 
-void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity) {
+void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
+                         const Vector3& share) {
   // A mean velocity is that of the middle.
   const Time time = motion.from + (motion.to - motion.from) / 2;
   const Eigen::Quaterniond rotation = motion.T_odom_from.rotation.slerp(0.5, motion.T_odom_to.rotation);
@@ -47,7 +48,9 @@ void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, c
     AccelerometerJudge::Evidence evidence;
     evidence.felt = felt_between(rate, last_->time, time, last_->rotation).velocity;
     evidence.measured = now.imu_velocity - last_->imu_velocity;
-    evidence.held_error = (now.velocity - last_->velocity).norm();
+    evidence.held_error = share.cwiseProduct(now.velocity - last_->velocity).norm();
+    const Matrix3 R = rotation.toRotationMatrix();
+    evidence.seen = R * share.asDiagonal() * R.transpose();
     evidence.seconds = (time - last_->time).seconds();
     judge_.learn(evidence);
   }

@@ -305,9 +305,19 @@ void Odometry::State::learn_prediction_error() {
   sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
 
+/// How much of the motion along each axis the scan showed, rather than followed.
+Vector3 Odometry::State::seen_share() const {
+  Vector3 share = registration.observed_share.head<3>();
+  for (int axis = 0; axis < 3; ++axis) {
+    if ((registration.degenerate_axes >> axis & 1) != 0) share[axis] = 0.0;
+  }
+  return share;
+}
+
 void Odometry::State::learn_felt_velocity() {
   if (ahead.imu_covers && monitor.force_usable(ahead.span.previous)) {
-    felt_velocity.learn(turn_rate(ahead.imu_used), registered_motion(), measured_twist.head<3>());
+    felt_velocity.learn(turn_rate(ahead.imu_used), registered_motion(), measured_twist.head<3>(),
+                        seen_share());
   } else {
     felt_velocity.interrupt();
   }

@@ -163,6 +163,7 @@ struct Odometry::State {
   void learn_motion();
   void learn_gyro_bias();
   [[nodiscard]] TurnRate turn_rate(bool by_gyro) const;
+  [[nodiscard]] Vector3 seen_share() const;
   void learn_felt_velocity();
   void learn_prediction_error();
   void forget_prediction_error();

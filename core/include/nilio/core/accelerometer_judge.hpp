@@ -17,6 +17,8 @@ class AccelerometerJudge {
     Vector3 measured;         ///< change of the velocity of the place where it was felt
     double held_error = 0.0;  ///< of holding the velocity in the vehicle's axes
     double seconds = 0.0;
+    /// Takes from a change what the scans have shown of it, where they did not show every direction.
+    Matrix3 seen = Matrix3::Identity();
   };
   void learn(const Evidence& evidence);
 

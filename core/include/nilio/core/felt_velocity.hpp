@@ -45,8 +45,10 @@ class FeltVelocity {
   [[nodiscard]] std::optional<Vector3> acceleration(const TurnRate& rate, Time from, Time to,
                                                     const Eigen::Quaterniond& rotation,
                                                     const Vector3& velocity) const;
-  /// A registered motion and its velocity in axes of base_link.
-  void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity);
+  /// A registered motion and its velocity in axes of base_link, of which the scan showed `share`, 0 to 1,
+  /// along each.
+  void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
+             const Vector3& share);
   /// What follows does not go on from the motion before.
   void interrupt() { last_.reset(); }
 
