@@ -17,8 +17,9 @@ struct LineFit {
   /// From the first to the last sample, of the line.
   double rise = 0.0;
 
-  /// Zero lies within twice the standard error.
-  [[nodiscard]] bool is_level() const { return slope * slope <= 4.0 * standard_error * standard_error; }
+  /// Zero lies within three times the standard error: of four series judged at a time, by twice of it one in
+  /// five such judgements would be wrong.
+  [[nodiscard]] bool is_level() const { return slope * slope <= 9.0 * standard_error * standard_error; }
 };
 
 /// `x` increases; as many `y`. Fewer than three samples, or all at one x, give a line without a slope.
