@@ -97,7 +97,8 @@ bool LidarChannel::decode_front() {
   const Packet& packet = is_kept_back ? backlog_[next_] : ring_.begin_read().front();
   watch_sender(packet);
   last_stamp_ = packet.stamp;
-  is_catching_up_ = is_kept_back || packet.received_ns < caught_up_ns_;
+  // 0 where nobody knows.
+  is_catching_up_ = is_kept_back || (packet.received_ns > 0 && packet.received_ns < caught_up_ns_);
   const bool complete = is_catching_up_ ? add_late(packet) : assembler_->add(packet);
   ++packets_decoded_;
   if (is_kept_back) {

@@ -122,6 +122,7 @@ drivers::SourceRead RepeatedPackets::read(std::span<drivers::Packet> slots, Dura
     const timespec pause{left_ns / 1'000'000'000, left_ns % 1'000'000'000};
     if (left_ns > 0) nanosleep(&pause, nullptr);
   }
+  for (drivers::Packet& packet : slots.first(count)) packet.received_ns = daemon::monotonic_ns();
   return {count > 0 ? drivers::SourceState::kData : drivers::SourceState::kEnd, count};
 }
 
