@@ -52,7 +52,7 @@ TEST_CASE("samples on a line give its slope without an error") {
   CHECK(fit.slope == Approx(0.25));
   CHECK(fit.standard_error == Approx(0.0).margin(1e-9));
   CHECK(fit.rise == Approx(12.25));
-  CHECK_FALSE(fit.is_level(2.0));
+  CHECK_FALSE(fit.is_level());
 }
 
 TEST_CASE("the slope and standard error are those of the textbook where neighbours differ at random") {
@@ -63,7 +63,7 @@ TEST_CASE("the slope and standard error are those of the textbook where neighbou
   CHECK(fit.slope == Approx(0.0).margin(1e-12));
   const double square_sum = 8.0;
   CHECK(fit.standard_error == Approx(std::sqrt(square_sum / 6.0 / 42.0)));
-  CHECK(fit.is_level(2.0));
+  CHECK(fit.is_level());
 }
 
 TEST_CASE("twice the standard error covers a true slope about nineteen times of twenty") {
@@ -89,7 +89,7 @@ TEST_CASE("a random walk is not taken for a trend, though independent samples wo
     std::vector<double> y;
     double at = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) y.push_back(at += noise.next());
-    trends += fit_line(x, y).is_level(2.0) ? 0 : 1;
+    trends += fit_line(x, y).is_level() ? 0 : 1;
   }
   // By independent samples it would be more than nine of ten.
   CHECK(trends < 40);
@@ -99,11 +99,11 @@ TEST_CASE("a single step is no trend, whatever its height; ten of them are one")
   const std::vector<double> x = seconds(600);
   std::vector<double> once(600, 0.0);
   std::fill(once.begin() + 250, once.end(), 1000.0);
-  CHECK(fit_line(x, once).is_level(2.0));
+  CHECK(fit_line(x, once).is_level());
   CHECK(fit_line(x, once).slope > 0.0);
   std::vector<double> often;
   for (const double t : x) often.push_back(std::floor(t / 55.0));
-  CHECK_FALSE(fit_line(x, often).is_level(2.0));
+  CHECK_FALSE(fit_line(x, often).is_level());
 }
 
 TEST_CASE("too few samples, or all at once, are no line") {

@@ -17,10 +17,8 @@ struct LineFit {
   /// From the first to the last sample, of the line.
   double rise = 0.0;
 
-  /// Zero lies within so many standard errors.
-  [[nodiscard]] bool is_level(double errors) const {
-    return slope * slope <= errors * errors * standard_error * standard_error;
-  }
+  /// Zero lies within twice the standard error.
+  [[nodiscard]] bool is_level() const { return slope * slope <= 4.0 * standard_error * standard_error; }
 };
 
 /// `x` increases; as many `y`. Fewer than three samples, or all at one x, give a line without a slope.

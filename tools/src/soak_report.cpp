@@ -42,7 +42,7 @@ bool is_level(const MemorySeries& series) {
   if (std::abs(fit.rise) <= kTwoPagesRiseKib) return true;
   const double minutes = series.minutes.back() - series.minutes[series.minutes.size() - fit.samples];
   const bool is_short = minutes * kMostGrowthKibPerMinute < kTwoPagesRiseKib;
-  return is_short ? fit.is_level(2.0) : fit.is_level(3.0) && std::abs(fit.slope) < kMostGrowthKibPerMinute;
+  return fit.is_level() && (is_short || std::abs(fit.slope) < kMostGrowthKibPerMinute);
 }
 
 std::vector<std::string> find_faults(const SoakResult& result) {

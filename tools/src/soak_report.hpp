@@ -27,10 +27,9 @@ inline constexpr double kTwoPagesRiseKib = 12.0;
 /// Of a minute's mean, while the vehicle stands, from that of the first minute.
 inline constexpr double kMostDriftM = 0.01;
 
-/// Memory does not grow: after the warm-up it takes no more than two pages, or its slope is zero within three
-/// standard errors and below kMostGrowthKibPerMinute. That it is so slow cannot be asked of less than the
-/// twelve minutes in which two pages make so much: there it has to be zero within two, by which one in five
-/// pages with four series would be taken for growing. At least ten samples have to say so.
+/// Memory does not grow: after the warm-up it takes no more than two pages, or its slope is zero within twice
+/// the standard error and below kMostGrowthKibPerMinute; that it is so slow cannot be asked of less than the
+/// twelve minutes in which two pages make so much. At least ten samples have to say so.
 bool is_level(const MemorySeries& series);
 
 /// What is wrong with a run, one line each; empty for a good one.
