@@ -42,10 +42,10 @@ void ImuPropagator::learn_from(const ScanPose& next) {
   if (to <= from || to - from > kLongestSpan || !imu_.covers(from, to, config_.max_gap)) return;
   AccelerometerJudge::Evidence evidence;
   evidence.seconds = (to - from).seconds();
-  evidence.felt = felt_between({imu_, next.gyro_bias, {}}, from, to, scan_.T_odom_base.rotation).velocity;
+  const TurnRate rate{imu_, next.gyro_bias, {}};
+  evidence.felt = felt_between(rate, from, to, scan_.T_odom_base.rotation).velocity;
   const auto velocity = [&](const ScanPose& scan, Time imu_time) -> Vector3 {
-    const Vector3 rate = imu_.angular_velocity_at(imu_time) - next.gyro_bias;
-    return scan.T_odom_base.rotation * (scan.linear_velocity + lever(rate));
+    return scan.T_odom_base.rotation * (scan.linear_velocity + lever(rate.at(imu_time)));
   };
   evidence.measured = velocity(next, to) - velocity(scan_, from);
   evidence.held_error = (next.linear_velocity - scan_.linear_velocity).norm();

@@ -70,7 +70,6 @@ void Odometry::State::forget_map() {
   scans = 0;
   failures = 0;
   twist.reset(Vector6::Zero());
-  felt_velocity.interrupt();
   mean_inlier_ratio = 0.0;
   forget_prediction_error();
   scans_with_ndt = kLeastScansWithNdt;

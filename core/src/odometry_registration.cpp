@@ -323,6 +323,12 @@ void Odometry::State::learn_felt_velocity() {
   }
 }
 
+/// What lies between the last pose and this one is no motion to judge the IMU by.
+void Odometry::State::skip_motion() {
+  monitor.skip();
+  felt_velocity.interrupt();
+}
+
 void Odometry::State::learn_motion() {
   learn_felt_velocity();
   const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
@@ -352,8 +358,7 @@ void Odometry::State::count_scan_with_ndt() {
 
 void Odometry::State::accept(OdometryResult& result) {
   if (relocated) {
-    monitor.skip();
-    felt_velocity.interrupt();
+    skip_motion();
     forget_prediction_error();
   } else {
     learn_motion();
@@ -382,8 +387,7 @@ TrackingState Odometry::State::state_without_registration(int failures_in_a_row)
 
 void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
-  monitor.skip();
-  felt_velocity.interrupt();
+  skip_motion();
   motion.predict(expected_twist(ahead).head<3>());
   twist.hold();
   T_map_base = T_predicted;

@@ -161,6 +161,7 @@ struct Odometry::State {
                                    const std::optional<PosePrior>& prior, OdometryResult& result);
   [[nodiscard]] RegisteredMotion registered_motion() const;
   void learn_motion();
+  void skip_motion();
   void learn_gyro_bias();
   [[nodiscard]] TurnRate turn_rate(bool by_gyro) const;
   [[nodiscard]] Vector3 seen_share() const;
