@@ -439,6 +439,13 @@ void add_rest(std::vector<ConfigKey>& keys, Config& c) {
                   1,
                   99,
                   {}});
+  keys.push_back({"realtime.imu_pose_priority",
+                  &c.realtime.imu_pose_priority,
+                  "FIFO priority of nilio-publisher's thread of poses at IMU rate",
+                  "",
+                  1,
+                  99,
+                  {}});
   keys.push_back({"realtime.lidar_cpus",
                   &c.realtime.lidar_cpus,
                   "processors of the LiDAR receive threads, such as 0 or 1-2,4; empty = any",

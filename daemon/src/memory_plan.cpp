@@ -1,11 +1,10 @@
 #include "nilio/daemon/memory_plan.hpp"
 
-#include <cerrno>
-#include <cstring>
+#include "nilio/ipc/kernel_requests.hpp"
+
 #include <fstream>
 #include <malloc.h>
 #include <string>
-#include <sys/mman.h>
 
 namespace nilio::daemon {
 
@@ -43,10 +42,8 @@ MemoryUse memory_use() {
 
 PlanOutcome lock_process_memory(const ThreadPlan& plan) {
   if (!plan.lock_memory) return {true, "memory: not locked"};
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
-    return {false, std::string("memory: locking refused (") + std::strerror(errno) +
-                       "): page faults may delay poses; grant CAP_IPC_LOCK or LimitMEMLOCK=infinity"};
-  }
+  if (const std::string refused = ipc::request_memory_lock(); !refused.empty())
+    return {false, "memory: " + refused};
   const MemoryUse use = memory_use();
   return {true, "memory: locked, so far " + mib_text(use.locked_bytes) + " of which " +
                     mib_text(use.resident_bytes) + " are in use"};

@@ -7,6 +7,7 @@
 #include "nilio/dds/imu_pose_loop.hpp"
 #include "nilio/dds/odometry_publisher.hpp"
 #include "nilio/ipc/imu_record.hpp"
+#include "nilio/ipc/kernel_requests.hpp"
 #include "nilio/ipc/pose_record.hpp"
 #include "nilio/ipc/ring.hpp"
 #include "nilio/ipc/wake_event.hpp"
@@ -17,8 +18,11 @@
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
+#include <cstddef>
 #include <cstring>
+#include <malloc.h>
 #include <memory>
+#include <pthread.h>
 #include <string>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -39,6 +43,8 @@ constexpr int kExitFailed = 1;
 // How much before the rest of the process the thread of the IMU-rate poses comes.
 constexpr int kImuNice = -5;
 constexpr int kLeastNice = -20;
+// Of Fast DDS's threads, too; the default of 8 MiB would all be locked.
+constexpr std::size_t kThreadStackBytes = std::size_t{1} << 20U;
 
 // Blocks SIGTERM and SIGINT (in this thread and in those of Fast DDS, made later) and makes a descriptor of
 // them.
@@ -56,6 +62,34 @@ bool end_with_parent(pid_t parent) {
   if (parent == 0) return true;
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   return getppid() == parent;
+}
+
+/// Keeps memory resident, that of the threads' stacks included. To be called before there are any. Unlike
+/// niliod's, threads keep arenas of their own: the IMU-rate poses are not to wait for another's lock.
+void lock_memory() {
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, kThreadStackBytes);
+  pthread_setattr_default_np(&attributes);
+  pthread_attr_destroy(&attributes);
+  mallopt(M_TRIM_THRESHOLD, -1);
+  if (const std::string refused = ipc::request_memory_lock(); !refused.empty())
+    spdlog::warn("memory: {}", refused);
+}
+
+/// Has the calling thread, that of the IMU-rate poses, come before the rest of the process.
+void take_precedence(int fifo_priority, int process_nice) {
+  if (fifo_priority > 0) {
+    const std::string refused = ipc::request_fifo(fifo_priority);
+    if (refused.empty()) {
+      spdlog::info("imu-poses: FIFO {}", fifo_priority);
+      return;
+    }
+    spdlog::warn("imu-poses: {}", refused);
+  }
+  // Of this thread alone, as Linux has it. Without the privilege the process has no priority either, and has
+  // said so.
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kImuNice, kLeastNice));
 }
 
 /// Starts the thread of the IMU-rate poses; fails when what it needs was not handed over.
@@ -79,8 +113,7 @@ core::Result<std::unique_ptr<dds::ImuPoseLoop>> start_imu_poses(const PublisherO
   auto loop = std::make_unique<dds::ImuPoseLoop>(
       dds::ImuPoseInputs{std::move(poses).value(), std::move(samples).value(), std::move(wake).value()},
       config, std::move(writers).value());
-  // Without the privilege the process has no priority either, and has said so.
-  loop->start(std::max(options.nice + kImuNice, kLeastNice));
+  loop->start([fifo = options.imu_priority, nice = options.nice] { take_precedence(fifo, nice); });
   return loop;
 }
 
@@ -95,6 +128,7 @@ int run(const PublisherOptions& options) {
                   options.parent);
     return kExitFailed;
   }
+  if (options.lock_memory) lock_memory();
   // The threads of Fast DDS inherit it.
   if (options.nice != 0 && setpriority(PRIO_PROCESS, 0, options.nice) != 0)
     spdlog::warn("no privilege for nice {} (CAP_SYS_NICE or LimitNICE= in the unit): running at 0",

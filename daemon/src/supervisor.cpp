@@ -42,7 +42,7 @@ class Supervisor {
   Result<std::monostate> run(const std::atomic<bool>& stop);
 
  private:
-  Result<std::monostate> open_publisher();
+  Result<std::monostate> open_publisher(bool live);
   Result<std::monostate> open_output(const Input& input);
   void drain();
   void report_plan(const std::vector<PlanOutcome>& outcomes);
@@ -83,7 +83,7 @@ class Supervisor {
   std::set<std::string> mixed_reported_;
 };
 
-Result<std::monostate> Supervisor::open_publisher() {
+Result<std::monostate> Supervisor::open_publisher(bool live) {
   if (!config_.publisher.enabled) return std::monostate{};
   ipc::PublisherProcessConfig config;
   config.executable = options_.publisher_executable;
@@ -94,6 +94,10 @@ Result<std::monostate> Supervisor::open_publisher() {
   config.topic_prefix = config_.publisher.topic_prefix;
   config.ring_capacity = kPublisherSlots;
   if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
+  const Result<ThreadPlan> plan = make_thread_plan(config_, live);
+  if (!plan) return plan.error();
+  if (plan->fifo) config.imu_pose_priority = plan->imu_pose_priority;
+  config.lock_memory = plan->lock_memory;
   config.wait_for_subscribers = Duration::from_seconds(config_.publisher.wait_for_subscribers_s);
   auto publisher = ipc::PublisherProcess::create(std::move(config));
   if (!publisher) return publisher.error();
@@ -127,7 +131,7 @@ Result<std::monostate> Supervisor::open() {
   for (const std::string& note : input->notes) spdlog::info("{}", note);
   for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
   if (auto opened = open_output(*input); !opened) return opened;
-  if (auto opened = open_publisher(); !opened) return opened;
+  if (auto opened = open_publisher(input->live || options_.as_live); !opened) return opened;
   can_watch_ = std::move(input->can_watch);
   PipelineOptions pipeline_options;
   pipeline_options.paced = options_.paced;

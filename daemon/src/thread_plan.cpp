@@ -1,5 +1,7 @@
 #include "nilio/daemon/thread_plan.hpp"
 
+#include "nilio/ipc/kernel_requests.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -55,14 +57,6 @@ cpu_set_t to_set(const CpuList& cpus) {
 }
 
 /// Empty when the kernel does as it is asked, else what it has against it.
-std::string request_policy(int priority) {
-  const sched_param parameters{priority};
-  const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
-  if (error == 0) return {};
-  return "FIFO " + std::to_string(priority) + " refused (" + std::strerror(error) +
-         "): grant CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
-}
-
 std::string request_processors(const CpuList& cpus, ThreadRole role) {
   const cpu_set_t set = to_set(cpus);
   if (sched_setaffinity(0, sizeof set, &set) != 0) {
@@ -91,6 +85,7 @@ Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
   plan.fifo = section.policy == "fifo" || (section.policy == "auto" && live);
   plan.lock_memory = section.lock_memory && live;
   plan.strict = section.strict;
+  plan.imu_pose_priority = section.imu_pose_priority;
   plan.odometry_threads = config.odometry.threads;
   // The guard must get the processor from the registration that is late.
   const int guard_priority = std::min(section.odometry_priority + 1, sched_get_priority_max(SCHED_FIFO));
@@ -140,7 +135,7 @@ PlanOutcome apply_to_this_thread(const ThreadPlan& plan, ThreadRole role) {
   const ThreadPlan::Role& wanted = plan.of(role);
   pthread_setname_np(pthread_self(), name.c_str());
   std::string refused;
-  if (plan.fifo) refused = request_policy(wanted.priority);
+  if (plan.fifo) refused = ipc::request_fifo(wanted.priority);
   if (!wanted.cpus.empty()) {
     const std::string cpus = request_processors(wanted.cpus, role);
     refused += (refused.empty() || cpus.empty() ? "" : "; ") + cpus;

@@ -101,7 +101,7 @@ double HistogramSnapshot::deviation() const {
 }
 
 std::vector<HistogramBucket> HistogramSnapshot::coarse_buckets() const {
-  return grouped(Histogram::kSubBuckets / 8);
+  return grouped(Histogram::kCoarseGroup);
 }
 
 std::vector<HistogramBucket> HistogramSnapshot::grouped(std::size_t group) const {

@@ -168,12 +168,16 @@ std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_sub
       "--base-frame=" + config_.base_frame,
       "--nice=" + std::to_string(config_.nice),
       "--wait-for-subscribers=" + std::to_string(wait_for_subscribers.seconds())};
+  if (config_.lock_memory) arguments.emplace_back("--lock-memory");
   if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
   for (const std::string& address : config_.interface_whitelist)
     arguments.push_back("--interface=" + address);
   int descriptor = kFirstDescriptor;
   for (const char* option : kDescriptorOptions) arguments.push_back(option + std::to_string(descriptor++));
-  if (config_.imu_poses) add_imu_arguments(*config_.imu_poses, arguments);
+  if (!config_.imu_poses) return arguments;
+  add_imu_arguments(*config_.imu_poses, arguments);
+  if (config_.imu_pose_priority > 0)
+    arguments.push_back("--imu-priority=" + std::to_string(config_.imu_pose_priority));
   return arguments;
 }
 

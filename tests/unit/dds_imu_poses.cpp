@@ -11,7 +11,11 @@
 #include <cmath>
 #include <csignal>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <sched.h>
 #include <sstream>
+#include <string>
 #include <sys/wait.h>
 #include <thread>
 #include <vector>
@@ -62,6 +66,36 @@ std::unique_ptr<PublisherProcess> imu_process(const std::filesystem::path& execu
   return std::move(process).value();
 }
 
+/// The threads of that process which have this name.
+std::vector<pid_t> threads_named(pid_t process, const std::string& name) {
+  std::vector<pid_t> threads;
+  for (const auto& entry :
+       std::filesystem::directory_iterator("/proc/" + std::to_string(process) + "/task")) {
+    std::ifstream file(entry.path() / "comm");
+    std::string found;
+    std::getline(file, found);
+    if (found == name) threads.push_back(static_cast<pid_t>(std::stol(entry.path().filename().string())));
+  }
+  return threads;
+}
+
+/// Kibibytes that the kernel counts as locked.
+long locked_kib(pid_t process) {
+  std::ifstream status("/proc/" + std::to_string(process) + "/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.starts_with("VmLck:")) return std::stol(line.substr(6));
+  }
+  return 0;
+}
+
+bool may_have_fifo() {
+  const sched_param fifo{10};
+  const sched_param normal{0};
+  if (sched_setscheduler(0, SCHED_FIFO, &fifo) != 0) return false;
+  sched_setscheduler(0, SCHED_OTHER, &normal);
+  return true;
+}
+
 /// Pushes scans and samples until the subscriber hears the status of one and the pose of the other: then it
 /// has found both writers, and nothing is on its way any more. Returns the stamp of the last sample.
 std::int64_t connect(PublisherProcess& process, OdometrySubscriber& subscriber, std::int64_t stamp_ns) {
@@ -83,6 +117,35 @@ std::int64_t connect(PublisherProcess& process, OdometrySubscriber& subscriber, 
 }
 
 }  // namespace
+
+TEST_CASE(
+    "the thread of the poses at IMU rate alone has the priority that is asked for, and memory is locked") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  if (!may_have_fifo()) {
+    WARN("skipped: no permission for FIFO threads");
+    return;
+  }
+  const std::uint32_t domain = test_domain();
+  ipc::PublisherProcessConfig config = process_config(*executable, domain);
+  config.imu_poses.emplace();
+  config.imu_pose_priority = 7;
+  config.lock_memory = true;
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  const auto pid = (*process)->start();
+  REQUIRE(pid.ok());
+  std::vector<pid_t> threads;
+  REQUIRE(eventually([&] {
+    threads = threads_named(*pid, "imu-poses");
+    return threads.size() == 1 && sched_getscheduler(threads[0]) == SCHED_FIFO;
+  }));
+  sched_param parameters{};
+  REQUIRE(sched_getparam(threads[0], &parameters) == 0);
+  CHECK(parameters.sched_priority == 7);
+  CHECK(sched_getscheduler(*pid) == SCHED_OTHER);
+  CHECK(locked_kib(*pid) > 0);
+}
 
 TEST_CASE("poses at IMU rate go on while the scans are silent for seconds, each sample's once") {
   const auto executable = built_program("nilio-publisher");

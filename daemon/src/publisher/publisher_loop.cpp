@@ -50,18 +50,16 @@ void PublishLatency::record(const ipc::PoseRecord& record, Time taken, Time writ
     received_to_written_.record_corrected((written - received).ns, record.stamp_ns - record.scan_start_ns);
 }
 
-std::vector<dds::StageLatency> PublishLatency::rows() const {
-  std::vector<dds::StageLatency> rows;
+void PublishLatency::fill(std::span<dds::StageLatency, kRows> rows) const {
+  auto row = rows.begin();
   for (std::size_t i = 0; i < ipc::kLatencyStageCount; ++i) {
     const auto stage = static_cast<ipc::LatencyStage>(i);
-    // The map is fed after the pose has come here.
     if (stage != ipc::LatencyStage::kMap)
-      rows.push_back(dds::stage_latency(ipc::kLatencyStageNames[i], stages_.histogram(stage)));
+      dds::fill_stage_latency(ipc::kLatencyStageNames[i], stages_.histogram(stage), *row++);
   }
-  rows.push_back(dds::stage_latency("pick_up", pick_up_));
-  rows.push_back(dds::stage_latency("write", write_));
-  rows.push_back(dds::stage_latency("received_to_written", received_to_written_));
-  return rows;
+  dds::fill_stage_latency("pick_up", pick_up_, *row++);
+  dds::fill_stage_latency("write", write_, *row++);
+  dds::fill_stage_latency("received_to_written", received_to_written_, *row);
 }
 
 PublisherLoop::PublisherLoop(pid_t parent, ipc::Ring<ipc::PoseRecord> ring, ipc::WakeEvent wake_event,
@@ -73,7 +71,9 @@ PublisherLoop::PublisherLoop(pid_t parent, ipc::Ring<ipc::PoseRecord> ring, ipc:
       signals_(signals),
       publisher_(std::move(publisher)),
       imu_poses_(std::move(imu_poses)),
-      latency_(std::make_unique<PublishLatency>()) {}
+      latency_(std::make_unique<PublishLatency>()) {
+  report_.stages.resize(PublishLatency::kRows + (imu_poses_ ? dds::ImuPoseLoop::kLatencyRows : 0));
+}
 
 int PublisherLoop::run(Duration wait_for_subscribers) {
   wait_for_first_subscriber(wait_for_subscribers);
@@ -95,7 +95,9 @@ int PublisherLoop::run(Duration wait_for_subscribers) {
 std::string PublisherLoop::imu_summary() const {
   if (!imu_poses_) return "";
   const dds::ImuPoseLoop::Counts counts = imu_poses_->counts();
-  const dds::StageLatency latency = imu_poses_->latency().back();
+  std::array<dds::StageLatency, dds::ImuPoseLoop::kLatencyRows> rows;
+  imu_poses_->fill_latency(rows);
+  const dds::StageLatency& latency = rows.back();
   return fmt::format(
       "; at IMU rate {} poses, {} writes failed, {} samples dropped, {} jumps; CAN to DDS p50 {:.0f}, p99 "
       "{:.0f}, max {:.0f} us",
@@ -190,28 +192,28 @@ bool PublisherLoop::report() {
 }
 
 void PublisherLoop::publish_reports() {
-  publisher_->publish_latency(latency_report());
+  fill_report();
+  publisher_->publish_latency(report_);
   if (!latest_) return;
   publisher_->publish_diagnostics(
       dds::make_diagnostics(*latest_, read_clock(CLOCK_REALTIME), monotonic_now() - latest_taken_));
 }
 
-dds::LatencyReport PublisherLoop::latency_report() const {
-  dds::LatencyReport report;
-  report.stamp = read_clock(CLOCK_REALTIME);
-  report.stages = latency_->rows();
-  report.poses_published = published_;
-  report.failed_writes = failed_;
-  report.ring_dropped = ring_.dropped();
-  report.ring_high_water = ring_.high_water();
-  if (!imu_poses_) return report;
+void PublisherLoop::fill_report() {
+  const std::span<dds::StageLatency> rows(report_.stages);
+  report_.stamp = read_clock(CLOCK_REALTIME);
+  latency_->fill(rows.first<PublishLatency::kRows>());
+  report_.poses_published = published_;
+  report_.failed_writes = failed_;
+  report_.ring_dropped = ring_.dropped();
+  report_.ring_high_water = ring_.high_water();
+  if (!imu_poses_) return;
   const dds::ImuPoseLoop::Counts counts = imu_poses_->counts();
-  report.imu_poses_published = counts.published;
-  report.failed_writes += counts.failed_writes;
-  report.imu_ring_dropped = counts.ring_dropped;
-  report.imu_ring_high_water = counts.ring_high_water;
-  for (dds::StageLatency& row : imu_poses_->latency()) report.stages.push_back(std::move(row));
-  return report;
+  report_.imu_poses_published = counts.published;
+  report_.failed_writes += counts.failed_writes;
+  report_.imu_ring_dropped = counts.ring_dropped;
+  report_.imu_ring_high_water = counts.ring_high_water;
+  imu_poses_->fill_latency(rows.last<dds::ImuPoseLoop::kLatencyRows>());
 }
 
 void PublisherLoop::sleep_until(Time time) {

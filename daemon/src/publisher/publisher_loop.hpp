@@ -9,12 +9,13 @@
 #include "nilio/ipc/ring.hpp"
 #include "nilio/ipc/wake_event.hpp"
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <sys/types.h>
-#include <vector>
 
 namespace nilio::daemon {
 
@@ -22,7 +23,9 @@ namespace nilio::daemon {
 class PublishLatency {
  public:
   void record(const ipc::PoseRecord& record, core::Time taken, core::Time written) noexcept;
-  [[nodiscard]] std::vector<dds::StageLatency> rows() const;
+  /// Feeding the map is left out: it comes after the pose has come here.
+  static constexpr std::size_t kRows = ipc::kLatencyStageCount - 1 + 3;
+  void fill(std::span<dds::StageLatency, kRows> rows) const;
 
  private:
   ipc::LatencyHistograms stages_;
@@ -53,7 +56,7 @@ class PublisherLoop {
   void publish(const ipc::PoseRecord& record);
   bool report();
   void publish_reports();
-  [[nodiscard]] dds::LatencyReport latency_report() const;
+  void fill_report();
   [[nodiscard]] std::string imu_summary() const;
   void sleep_until(core::Time time);
   void note_signals();
@@ -66,6 +69,8 @@ class PublisherLoop {
   std::unique_ptr<dds::ImuPoseLoop> imu_poses_;  ///< after the publisher, whose participant it uses
   const std::string host_id_ = dds::read_host_id();
   std::unique_ptr<PublishLatency> latency_;
+  /// Filled anew every time in the memory that it has: that of the process stays level.
+  dds::LatencyReport report_;
   std::optional<ipc::PoseRecord> latest_;
   core::Time latest_taken_;
   core::Time next_report_;

@@ -17,6 +17,7 @@ void add_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--base-frame", publisher.base_frame, "Frame of the vehicle");
   app.add_option("--topic-prefix", publisher.topic_prefix, "Put before the topic names");
   app.add_option("--nice", options.nice, "Scheduling priority of this process")->check(CLI::Range(-20, 19));
+  app.add_flag("--lock-memory", options.lock_memory, "Keep all memory of this process resident");
   app.add_option("--wait-for-subscribers", options.wait_for_subscribers_s,
                  "Seconds to wait for a first subscriber before reading the ring")
       ->check(CLI::Range(0.0, 3600.0));
@@ -24,6 +25,9 @@ void add_options(CLI::App& app, PublisherOptions& options) {
 
 void add_imu_options(CLI::App& app, PublisherOptions& options) {
   app.add_flag("--imu-rate", options.imu_rate, "Publish a pose for every IMU sample, too");
+  app.add_option("--imu-priority", options.imu_priority,
+                 "SCHED_FIFO priority of the thread that does; 0: none")
+      ->check(CLI::Range(0, 99));
   app.add_option("--imu-pose-ring-fd", options.imu_pose_ring_descriptor,
                  "Inherited memfd of the poses' second ring");
   app.add_option("--imu-ring-fd", options.imu_ring_descriptor, "Inherited memfd of the ring of samples");

@@ -16,10 +16,12 @@ struct PublisherOptions {
   int wake_descriptor = -1;
   pid_t parent = 0;
   int nice = 0;
+  bool lock_memory = false;
   double wait_for_subscribers_s = 0.0;
   dds::OdometryPublisherConfig publisher;
 
   bool imu_rate = false;
+  int imu_priority = 0;
   int imu_pose_ring_descriptor = -1;
   int imu_ring_descriptor = -1;
   int imu_wake_descriptor = -1;

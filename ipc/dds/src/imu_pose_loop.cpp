@@ -4,10 +4,7 @@
 
 #include "monotonic_clock.hpp"
 
-#include <future>
 #include <pthread.h>
-#include <sys/resource.h>
-#include <unistd.h>
 #include <utility>
 
 namespace nilio::dds {
@@ -24,16 +21,12 @@ ImuPoseLoop::ImuPoseLoop(ImuPoseInputs inputs, const ipc::ImuPoseConfig& config,
 
 ImuPoseLoop::~ImuPoseLoop() { stop(); }
 
-bool ImuPoseLoop::start(int nice) {
-  std::promise<bool> granted;
-  std::future<bool> outcome = granted.get_future();
-  thread_ = std::thread([this, nice, granted = std::move(granted)]() mutable {
+void ImuPoseLoop::start(std::function<void()> prepare) {
+  thread_ = std::thread([this, prepare = std::move(prepare)] {
     pthread_setname_np(pthread_self(), "imu-poses");
-    // Of this thread alone, as Linux has it.
-    granted.set_value(setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), nice) == 0);
+    prepare();
     run();
   });
-  return outcome.get();
 }
 
 void ImuPoseLoop::stop() {
@@ -106,9 +99,10 @@ ImuPoseLoop::Counts ImuPoseLoop::counts() const {
           jumps_.load(std::memory_order_relaxed), inputs_.samples.dropped(), inputs_.samples.high_water()};
 }
 
-std::vector<StageLatency> ImuPoseLoop::latency() const {
-  return {stage_latency("imu_pick_up", pick_up_), stage_latency("imu_write", write_),
-          stage_latency("imu_received_to_written", received_to_written_)};
+void ImuPoseLoop::fill_latency(std::span<StageLatency, kLatencyRows> rows) const {
+  fill_stage_latency("imu_pick_up", pick_up_, rows[0]);
+  fill_stage_latency("imu_write", write_, rows[1]);
+  fill_stage_latency("imu_received_to_written", received_to_written_, rows[2]);
 }
 
 }  // namespace nilio::dds

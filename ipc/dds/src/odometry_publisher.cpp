@@ -94,13 +94,12 @@ bool OdometryPublisher::publish_transform(const ipc::PoseRecord& record) {
   return entities_->transform_writer->write(&entities_->transform);
 }
 
-bool OdometryPublisher::publish_latency(const LatencyReport& report) {
-  LatencyReport copy = report;  // write() takes a pointer to something mutable
-  return entities_->latency_writer->write(&copy);
+bool OdometryPublisher::publish_latency(LatencyReport& report) {
+  return entities_->latency_writer->write(&report);
 }
 
 bool OdometryPublisher::publish_scan_report(const ScanReport& report) {
-  ScanReport copy = report;
+  ScanReport copy = report;  // write() takes a pointer to something mutable
   return entities_->scan_report_writer->write(&copy);
 }
 

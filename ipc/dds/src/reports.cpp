@@ -57,16 +57,22 @@ ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, cor
   return report;
 }
 
-StageLatency stage_latency(std::string_view name, const ipc::Histogram& histogram) {
+void fill_stage_latency(std::string_view name, const ipc::Histogram& histogram, StageLatency& row) {
   const ipc::HistogramSnapshot snapshot = histogram.snapshot();
   const ipc::LatencySummary summary = ipc::summarize(name, snapshot);
-  StageLatency stage{summary.name,   summary.count,    summary.p50_us, summary.p90_us,
-                     summary.p99_us, summary.p99_9_us, summary.max_us, {}};
+  row.name = name;
+  row.count = summary.count;
+  row.p50_us = summary.p50_us;
+  row.p90_us = summary.p90_us;
+  row.p99_us = summary.p99_us;
+  row.p99_9_us = summary.p99_9_us;
+  row.max_us = summary.max_us;
+  row.buckets.clear();
+  row.buckets.reserve(ipc::Histogram::kBuckets / ipc::Histogram::kCoarseGroup);
   for (const ipc::HistogramBucket& bucket : snapshot.coarse_buckets()) {
-    stage.buckets.push_back({static_cast<double>(bucket.from_ns) * kUsPerNs,
-                             static_cast<double>(bucket.to_ns) * kUsPerNs, bucket.count});
+    row.buckets.push_back({static_cast<double>(bucket.from_ns) * kUsPerNs,
+                           static_cast<double>(bucket.to_ns) * kUsPerNs, bucket.count});
   }
-  return stage;
 }
 
 }  // namespace nilio::dds

@@ -19,7 +19,7 @@ constexpr std::size_t kEncapsulationBytes = 4;
 // one reallocation.
 constexpr std::size_t kTypicalName = 64;
 constexpr std::size_t kTypicalStages = 16;
-constexpr std::size_t kTypicalBuckets = 32;
+constexpr std::size_t kTypicalBuckets = 80;
 // With empty names.
 constexpr std::size_t kSmallestTransform = 8 + 2 * 4 + 7 * 8;
 constexpr std::size_t kSmallestBucket = 3 * 8;

@@ -138,6 +138,7 @@ struct RealtimeSection {
   int lidar_priority = 60;
   int imu_priority = 55;
   int odometry_priority = 40;
+  int imu_pose_priority = 20;
   /// Processors of the threads, as parse_cpu_list() takes them; empty = any.
   std::string lidar_cpus;
   std::string imu_cpus;

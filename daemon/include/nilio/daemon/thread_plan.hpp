@@ -23,6 +23,8 @@ struct ThreadPlan {
   bool fifo = false;
   bool lock_memory = false;
   bool strict = false;
+  /// FIFO priority of nilio-publisher's thread of poses at IMU rate.
+  int imu_pose_priority = 0;
   /// Threads that the odometry computes with.
   int odometry_threads = 1;
   std::array<Role, kThreadRoles> roles;

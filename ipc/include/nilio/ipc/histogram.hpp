@@ -66,6 +66,8 @@ class Histogram {
   static constexpr std::size_t kRangeBits = 36;
   static constexpr std::size_t kSubBuckets = std::size_t{1} << kSubBucketBits;
   static constexpr std::size_t kBuckets = kSubBuckets * (kRangeBits - kSubBucketBits + 1);
+  /// Buckets that a coarse one holds.
+  static constexpr std::size_t kCoarseGroup = kSubBuckets / 8;
 
  private:
   friend class HistogramSnapshot;

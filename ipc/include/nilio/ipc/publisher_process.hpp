@@ -32,6 +32,9 @@ struct PublisherProcessConfig {
   std::optional<ImuPoseConfig> imu_poses;
   std::size_t sample_ring_capacity = 4096;  ///< IMU samples that survive while the publisher is away
   int nice = -5;  ///< of the process; without the privilege it stays at 0 and says so
+  /// SCHED_FIFO of its thread of poses at IMU rate; 0: that thread only comes before the process's others.
+  int imu_pose_priority = 0;
+  bool lock_memory = false;  ///< all of the process's
   core::Duration wait_for_subscribers{
       0};  ///< how long the first start waits for a subscriber before it reads the ring
   core::Duration initial_back_off =

@@ -10,12 +10,12 @@
 #include "nilio/ipc/wake_event.hpp"
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <string>
+#include <span>
 #include <thread>
-#include <vector>
 
 namespace nilio::dds {
 
@@ -46,15 +46,16 @@ class ImuPoseLoop {
   ImuPoseLoop(const ImuPoseLoop&) = delete;
   ImuPoseLoop& operator=(const ImuPoseLoop&) = delete;
 
-  /// Starts the thread; false where it may not have the priority `nice`, and then runs without.
-  bool start(int nice);
+  /// Starts the thread, which first does `prepare`: that asks for its priority.
+  void start(std::function<void()> prepare);
   /// Publishes what is in the rings and ends the thread.
   void stop();
 
   // From any thread.
   [[nodiscard]] Counts counts() const;
+  static constexpr std::size_t kLatencyRows = 3;
   /// From a sample's last CAN frame to its being taken, to the return of write(), and both.
-  [[nodiscard]] std::vector<StageLatency> latency() const;
+  void fill_latency(std::span<StageLatency, kLatencyRows> rows) const;
 
  private:
   void run();

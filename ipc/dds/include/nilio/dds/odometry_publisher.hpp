@@ -36,7 +36,8 @@ class OdometryPublisher {
   /// Each returns false when DDS refused the write.
   bool publish_odometry(const ipc::PoseRecord& record);
   bool publish_transform(const ipc::PoseRecord& record);
-  bool publish_latency(const LatencyReport& report);
+  /// Leaves `report` as it is: write() takes a pointer to something mutable.
+  bool publish_latency(LatencyReport& report);
   bool publish_scan_report(const ScanReport& report);
   bool publish_diagnostics(const DiagnosticArray& diagnostics);
 

@@ -19,7 +19,7 @@ std::string read_host_id();
 ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, core::Time written,
                             const std::string& host_id);
 
-/// The row of a latency report, with its buckets, eight to the octave.
-StageLatency stage_latency(std::string_view name, const ipc::Histogram& histogram);
+/// Makes `row` that of a latency report, with its buckets, eight to the octave. Its memory is used again.
+void fill_stage_latency(std::string_view name, const ipc::Histogram& histogram, StageLatency& row);
 
 }  // namespace nilio::dds
