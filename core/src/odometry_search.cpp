@@ -10,6 +10,8 @@ namespace {
 
 // Enough to tell a right pose from a wrong one, where many are tried.
 constexpr std::size_t kStartPoints = 250;
+// From here ICP finds the pose; the one that is kept is registered once more.
+constexpr CoarseEpsilon kSearchEpsilon{0.1, 0.01};
 // Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
 // those that look likely, so many are tried, and not two that lead to the same place.
 constexpr double kLeastStartDisplacementMetres = -2.0;
@@ -42,7 +44,8 @@ void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, Odometr
   RegistrationResult coarse;
   coarse.T_map_moving = T_guess;
   if (method.coarse)
-    coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations, &budget);
+    coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations, &budget,
+                               kSearchEpsilon);
   const RegistrationResult fine = register_fine(search_points, coarse.T_map_moving, std::nullopt, result);
   result.coarse_iterations += coarse.iterations;
   if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;

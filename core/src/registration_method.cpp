@@ -55,12 +55,13 @@ constexpr std::array<RegistrationMethodInfo, 5> kMethods = {{
 }  // namespace
 
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
-                                     const SE3& T_map_guess, int max_iterations, WorkBudget* budget) {
+                                     const SE3& T_map_guess, int max_iterations, WorkBudget* budget,
+                                     const CoarseEpsilon& epsilon) {
   SolverOptions options;
   options.max_iterations = max_iterations;
   options.budget = budget;
-  options.translation_epsilon_m = 0.01;
-  options.rotation_epsilon_rad = 1e-3;
+  options.translation_epsilon_m = epsilon.translation_m;
+  options.rotation_epsilon_rad = epsilon.rotation_rad;
   return register_ndt(gaussians, points, T_map_guess, kNdtKernelSchedule, options);
 }
 

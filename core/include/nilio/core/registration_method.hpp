@@ -18,11 +18,17 @@ enum class RegistrationMethod : std::uint8_t { kNdtIcp, kNdt, kIcpPlane, kIcpLin
 /// see (3 m at 2 m voxels).
 inline constexpr std::array<double, 2> kNdtKernelSchedule = {5.0, 2.0};
 
+/// A smaller step ends NDT at each of its scales, metres and radians.
+struct CoarseEpsilon {
+  double translation_m = 0.01;
+  double rotation_rad = 1e-3;
+};
+
 /// The coarse stage: NDT through its kernel schedule, at most `max_iterations` at each scale, as far as ICP
 /// needs. `budget` as in SolverOptions.
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
-                                     const SE3& T_map_guess, int max_iterations,
-                                     WorkBudget* budget = nullptr);
+                                     const SE3& T_map_guess, int max_iterations, WorkBudget* budget = nullptr,
+                                     const CoarseEpsilon& epsilon = {});
 
 /// What methods register against. `points` only has to be there for those that need it.
 struct RegistrationMaps {
