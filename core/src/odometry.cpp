@@ -58,6 +58,7 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   }
   time = scan.end;
   ++scans;
+  last_fine_iterations = static_cast<std::size_t>(result.fine_iterations);
   result.T_odom_base = T_odom_map * T_map_base;
   count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
@@ -87,7 +88,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
     if (s.scans > 1) s.select_points();
     s.budget.done(Work::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
-    s.arena.execute([&] {
+    s.registration_arena().execute([&] {
       s.register_sweep(result);
       s.reconsider_imu(result);
     });

@@ -15,6 +15,8 @@ namespace {
 constexpr double kPlaneReachMetres = 45.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
+// Fewer points are fed to both maps before a second thread has woken up.
+constexpr std::size_t kLeastSharedPoints = 8000;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
@@ -38,7 +40,9 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
   feeds_densely = scans < kInitialScans;
-  scan_points = budget.choose_scan_points(std::min(config.scan_points, scan.points.size()));
+  // Where points stand for the surface between them, all are needed.
+  const std::size_t most_points = method.needs_points ? scan.points.size() : config.scan_points;
+  scan_points = budget.choose_scan_points(std::min(most_points, scan.points.size()));
   const float share = scans == 0 ? kFirstVoxelShare : feeds_densely ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
                                        config.elevation_correction_rad, scan_points};
@@ -152,7 +156,9 @@ void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) 
 }
 
 void Odometry::State::catch_up_with_map() {
-  if (std::exchange(map_is_behind, false)) arena.execute([this] { update_maps(); });
+  if (!std::exchange(map_is_behind, false)) return;
+  tbb::task_arena& threads = sweep.size() < kLeastSharedPoints ? lone_arena : arena;
+  threads.execute([this] { update_maps(); });
 }
 
 void Odometry::State::update_maps() {

@@ -18,6 +18,8 @@ constexpr double kKernelSigmas = 0.5;
 // Deskewing again pays only when the ends of the sweep move by more than registration resolves.
 constexpr double kMotionEpsilonMetres = 2.5e-3;
 constexpr double kMotionEpsilonRadians = 2.5e-4;
+// Points times iterations of ICP, about 0.2 ms, for which a second thread is worth waking.
+constexpr std::size_t kLeastSharedWork = 4000;
 constexpr double kCoarseTriggerErrorMetres = 0.5;
 constexpr double kCoarseTriggerGap = 1.5;
 constexpr double kPeriodMemory = 0.9;
@@ -195,6 +197,13 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
                          so3_log(change.rotation).norm() < kMotionEpsilonRadians;
     if (settled || motion_compensated) return;
   }
+}
+
+/// The same bits from either.
+tbb::task_arena& Odometry::State::registration_arena() {
+  const bool is_little = scans > 1 && !coarse_is_due() && failures == 0 &&
+                         last_fine_iterations * selected_sweep.size() < kLeastSharedWork;
+  return is_little ? lone_arena : arena;
 }
 
 void Odometry::State::register_sweep(OdometryResult& result) {

@@ -60,6 +60,7 @@ struct Odometry::State {
         clock(clock_function),
         method(info_of(config.registration)),
         arena(configuration.threads),
+        lone_arena(1),
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
         felt_velocity(config.T_base_imu.translation, config.max_imu_gap),
@@ -117,6 +118,7 @@ struct Odometry::State {
   void select_points();
   [[nodiscard]] bool coarse_is_due() const;
   [[nodiscard]] bool after_gap() const;
+  tbb::task_arena& registration_arena();
   void register_sweep(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
   RegistrationResult register_coarse(OdometryResult& result);
@@ -174,6 +176,7 @@ struct Odometry::State {
   ClockFunction clock;
   const RegistrationMethodInfo& method;
   tbb::task_arena arena;
+  tbb::task_arena lone_arena;  ///< where others would take longer to wake up than to help
   ImuBuffer imu;
   ImuMonitor monitor;
   FeltVelocity felt_velocity;
@@ -186,6 +189,7 @@ struct Odometry::State {
   SweepMotion motion;
 
   std::uint64_t scans = 0;
+  std::size_t last_fine_iterations = 0;
   /// The scan registered last has not been fed to the map yet.
   bool map_is_behind = false;
   /// The first scans feed the map more densely.

@@ -289,13 +289,14 @@ void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
                   0,
                   0,
                   {"auto", "always"}});
-  keys.push_back({"odometry.scan_points",
-                  &c.scan_points,
-                  "points of a scan that are looked at, spread evenly over it",
-                  "",
-                  2000,
-                  10000000,
-                  {}});
+  keys.push_back(
+      {"odometry.scan_points",
+       &c.scan_points,
+       "points of a scan that are looked at, spread evenly over it; icp_line and icp_point look at all",
+       "",
+       2000,
+       10000000,
+       {}});
   keys.push_back({"odometry.registration_points",
                   &c.registration_points,
                   "points that registration uses",

@@ -39,7 +39,7 @@ struct OdometryConfig {
   /// Voxel of the points that feed the map.
   float filter_voxel_m = 0.5F;
   std::size_t max_filtered_points = 40000;
-  /// Points of a scan that are looked at, spread evenly over it.
+  /// Points of a scan that are looked at, spread evenly over it; all by methods that register against points.
   std::size_t scan_points = 35000;
   /// Points that registration uses.
   std::size_t registration_points = 2000;
