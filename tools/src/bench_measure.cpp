@@ -172,6 +172,7 @@ Result<Measurement> measure_odometry(const BenchDataset& dataset, const std::str
     cpu.add(billed->results);
     if (repeat > 0) continue;
     measurement.work = count_work(*timed);
+    measurement.consistency = judge_consistency(dataset.truth, timed->results);
     measurement.peak_resident_bytes = timed->peak_resident_bytes;
     measurement.resident_before_bytes = timed->resident_before_bytes;
     measurement.trajectory = std::move(timed->trajectory);

@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 
 #include "bench_run.hpp"
+#include "consistency.hpp"
 #include "metrics.hpp"
 
 #include <array>
@@ -73,6 +74,7 @@ struct Measurement {
   std::string name;
   int threads = 1;
   Accuracy accuracy;
+  Consistency consistency;
   StageTimes wall;
   StageTimes cpu;
   WorkCounts work;

@@ -67,6 +67,23 @@ BenchTable accuracy_table(std::span<const Measurement> measurements) {
   return table;
 }
 
+BenchTable consistency_table(std::span<const Measurement> measurements) {
+  BenchTable table{{"registration", "steps", "NEES of a step", "within 95 %", "of a second", "within 95 %",
+                    "of the twist", "within 95 %"},
+                   {}};
+  for (const Measurement& m : measurements) {
+    const Consistency& c = m.consistency;
+    if (c.step.count == 0 || (!table.rows.empty() && table.rows.back().front() == m.name)) continue;
+    std::vector<std::string> row{m.name, std::to_string(c.step.count)};
+    for (const Nees& nees : {c.step, c.second, c.twist}) {
+      row.push_back(fixed(nees.mean, 2));
+      row.push_back(fixed(100.0 * nees.within_95, 1) + " %");
+    }
+    table.rows.push_back(std::move(row));
+  }
+  return table;
+}
+
 BenchTable cost_table(std::span<const Measurement> measurements) {
   BenchTable table{
       {"registration", "CPU ms/scan", "CPU from packets on", "wall ms/scan", "peak memory MiB, before",

@@ -10,6 +10,8 @@ namespace nilio::tools {
 
 /// Errors of each method.
 BenchTable accuracy_table(std::span<const Measurement> measurements);
+/// Are errors as large as covariances say? Methods whose truth does not tell are left out.
+BenchTable consistency_table(std::span<const Measurement> measurements);
 /// Time, memory and allocations of each run.
 BenchTable cost_table(std::span<const Measurement> measurements);
 /// Median time of each stage.
