@@ -2,6 +2,7 @@
 
 #include "nilio/daemon/config_terms.hpp"
 #include "nilio/daemon/memory_plan.hpp"
+#include "nilio/ipc/kernel_requests.hpp"
 
 #include <algorithm>
 #include <atomic>
@@ -204,7 +205,7 @@ void Pipeline::start_odometry(std::vector<PlanOutcome>& outcomes) {
   // Shared by preparation and body, which run in one thread, one after the other.
   struct Prepared {
     /// Of the workers, as long as they run.
-    tbb::global_control stacks{tbb::global_control::thread_stack_size, kThreadStackBytes};
+    tbb::global_control stacks{tbb::global_control::thread_stack_size, ipc::kThreadStackBytes};
     std::unique_ptr<OdometryLoop> loop;
   };
   const auto prepared = std::make_shared<std::unique_ptr<Prepared>>();

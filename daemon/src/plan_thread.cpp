@@ -1,6 +1,7 @@
 #include "nilio/daemon/plan_thread.hpp"
 
 #include "nilio/daemon/thread_plan.hpp"
+#include "nilio/ipc/kernel_requests.hpp"
 
 #include <system_error>
 #include <utility>
@@ -11,7 +12,7 @@ PlanThread::PlanThread(std::function<void()> body)
     : body_(std::make_unique<std::function<void()>>(std::move(body))) {
   pthread_attr_t attributes;
   pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, kThreadStackBytes);
+  pthread_attr_setstacksize(&attributes, ipc::kThreadStackBytes);
   const auto run = [](void* data) -> void* {
     (*static_cast<std::function<void()>*>(data))();
     return nullptr;

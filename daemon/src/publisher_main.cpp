@@ -18,7 +18,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
-#include <cstddef>
 #include <cstring>
 #include <malloc.h>
 #include <memory>
@@ -43,8 +42,6 @@ constexpr int kExitFailed = 1;
 // How much before the rest of the process the thread of the IMU-rate poses comes.
 constexpr int kImuNice = -5;
 constexpr int kLeastNice = -20;
-// Of Fast DDS's threads, too; the default of 8 MiB would all be locked.
-constexpr std::size_t kThreadStackBytes = std::size_t{1} << 20U;
 
 // Blocks SIGTERM and SIGINT (in this thread and in those of Fast DDS, made later) and makes a descriptor of
 // them.
@@ -69,7 +66,8 @@ bool end_with_parent(pid_t parent) {
 void lock_memory() {
   pthread_attr_t attributes;
   pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, kThreadStackBytes);
+  // Of Fast DDS's threads, too; the default of 8 MiB would all be locked.
+  pthread_attr_setstacksize(&attributes, ipc::kThreadStackBytes);
   pthread_setattr_default_np(&attributes);
   pthread_attr_destroy(&attributes);
   mallopt(M_TRIM_THRESHOLD, -1);

@@ -96,7 +96,7 @@ Result<std::monostate> Supervisor::open_publisher(bool live) {
   if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
   const Result<ThreadPlan> plan = make_thread_plan(config_, live);
   if (!plan) return plan.error();
-  if (plan->fifo) config.imu_pose_priority = plan->imu_pose_priority;
+  if (plan->fifo) config.imu_pose_priority = config_.realtime.imu_pose_priority;
   config.lock_memory = plan->lock_memory;
   config.wait_for_subscribers = Duration::from_seconds(config_.publisher.wait_for_subscribers_s);
   auto publisher = ipc::PublisherProcess::create(std::move(config));

@@ -85,7 +85,6 @@ Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
   plan.fifo = section.policy == "fifo" || (section.policy == "auto" && live);
   plan.lock_memory = section.lock_memory && live;
   plan.strict = section.strict;
-  plan.imu_pose_priority = section.imu_pose_priority;
   plan.odometry_threads = config.odometry.threads;
   // The guard must get the processor from the registration that is late.
   const int guard_priority = std::min(section.odometry_priority + 1, sched_get_priority_max(SCHED_FIFO));

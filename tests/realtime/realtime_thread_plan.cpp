@@ -3,9 +3,8 @@
 #include "nilio/daemon/pipeline.hpp"
 
 #include "../unit/live_run.hpp"
+#include "../unit/threads.hpp"
 
-#include <filesystem>
-#include <fstream>
 #include <sched.h>
 #include <string>
 #include <sys/types.h>
@@ -15,28 +14,10 @@
 
 using namespace nilio;
 using namespace nilio::daemon;
+using tests::may_have_fifo;
+using tests::threads_named;
 
 namespace {
-
-/// Whether this computer lets the test have FIFO at all.
-bool may_have_fifo() {
-  const sched_param fifo{10};
-  const sched_param normal{0};
-  if (sched_setscheduler(0, SCHED_FIFO, &fifo) != 0) return false;
-  sched_setscheduler(0, SCHED_OTHER, &normal);
-  return true;
-}
-
-std::vector<pid_t> threads_named(const std::string& name) {
-  std::vector<pid_t> threads;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/task")) {
-    std::ifstream file(entry.path() / "comm");
-    std::string found;
-    std::getline(file, found);
-    if (found == name) threads.push_back(static_cast<pid_t>(std::stol(entry.path().filename().string())));
-  }
-  return threads;
-}
 
 bool any_contains(const std::vector<PlanOutcome>& outcomes, bool granted, const std::string& text) {
   return std::any_of(outcomes.begin(), outcomes.end(), [&](const PlanOutcome& outcome) {
@@ -82,18 +63,18 @@ TEST_CASE("the odometry, its workers and the receive threads have the policy and
   config.realtime.odometry_cpus = std::to_string(cpus.back());
   const Started started = start(config);
   // Workers have the name of the thread that started them.
-  const std::vector<pid_t> odometry = threads_named("nilio-odometry");
+  const std::vector<pid_t> odometry = threads_named("self", "nilio-odometry");
   const std::size_t expected = cpus.size() > 1 ? 2 : 1;
   CHECK(odometry.size() >= expected);
   for (const pid_t thread : odometry)
     CHECK(scheduling_of(thread) == ThreadScheduling{SCHED_FIFO, 13, {cpus.back()}});
-  const std::vector<pid_t> receivers = threads_named("nilio-lidar");
+  const std::vector<pid_t> receivers = threads_named("self", "nilio-lidar");
   REQUIRE(receivers.size() == 1);
   CHECK(scheduling_of(receivers[0]) == ThreadScheduling{SCHED_FIFO, 17, {cpus.front()}});
   // It names itself after the start.
   std::vector<pid_t> searching;
   tests::eventually([&] {
-    searching = threads_named("nilio-search");
+    searching = threads_named("self", "nilio-search");
     return !searching.empty();
   });
   REQUIRE(searching.size() == 1);

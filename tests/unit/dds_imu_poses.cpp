@@ -5,13 +5,13 @@
 #include "nilio/dds/types.hpp"
 
 #include "dds_support.hpp"
+#include "threads.hpp"
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <csignal>
 #include <cstdint>
-#include <filesystem>
 #include <fstream>
 #include <sched.h>
 #include <sstream>
@@ -66,19 +66,6 @@ std::unique_ptr<PublisherProcess> imu_process(const std::filesystem::path& execu
   return std::move(process).value();
 }
 
-/// The threads of that process which have this name.
-std::vector<pid_t> threads_named(pid_t process, const std::string& name) {
-  std::vector<pid_t> threads;
-  for (const auto& entry :
-       std::filesystem::directory_iterator("/proc/" + std::to_string(process) + "/task")) {
-    std::ifstream file(entry.path() / "comm");
-    std::string found;
-    std::getline(file, found);
-    if (found == name) threads.push_back(static_cast<pid_t>(std::stol(entry.path().filename().string())));
-  }
-  return threads;
-}
-
 /// Kibibytes that the kernel counts as locked.
 long locked_kib(pid_t process) {
   std::ifstream status("/proc/" + std::to_string(process) + "/status");
@@ -94,14 +81,6 @@ constexpr bool kLocksMemory = false;
 #else
 constexpr bool kLocksMemory = true;
 #endif
-
-bool may_have_fifo() {
-  const sched_param fifo{10};
-  const sched_param normal{0};
-  if (sched_setscheduler(0, SCHED_FIFO, &fifo) != 0) return false;
-  sched_setscheduler(0, SCHED_OTHER, &normal);
-  return true;
-}
 
 /// Pushes scans and samples until the subscriber hears the status of one and the pose of the other: then it
 /// has found both writers, and nothing is on its way any more. Returns the stamp of the last sample.
@@ -144,7 +123,7 @@ TEST_CASE(
   REQUIRE(pid.ok());
   std::vector<pid_t> threads;
   REQUIRE(eventually([&] {
-    threads = threads_named(*pid, "imu-poses");
+    threads = threads_named(std::to_string(*pid), "imu-poses");
     return threads.size() == 1 && sched_getscheduler(threads[0]) == SCHED_FIFO;
   }));
   sched_param parameters{};

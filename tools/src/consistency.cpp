@@ -19,8 +19,6 @@ constexpr double kDegreesOfFreedom = 6.0;
 constexpr core::Duration kMaxGap = core::Duration::from_milliseconds(30.0);
 constexpr std::size_t kScansOfASecond = 10;
 
-SE3 se3_of(const Pose& pose) { return {Eigen::Quaterniond(pose.linear()).normalized(), pose.translation()}; }
-
 class NeesSum {
  public:
   void add(const Vector6& error, const Matrix6& covariance) {
@@ -59,19 +57,13 @@ Matrix6 adjoint(const SE3& T_to_from) {
   return result;
 }
 
-Vector6 small_motion(const SE3& T) {
-  Vector6 motion;
-  motion << T.translation, core::so3_log(T.rotation);
-  return motion;
-}
-
 /// `from` and `to` with the truth at both.
 void add_motion(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
                 const SE3& true_to, NeesSum& sum) {
   const SE3 T_to_from = to.T_odom_base.inverse() * from.T_odom_base;
   const SE3 true_motion = true_from.inverse() * true_to;
   const Matrix6 A = adjoint(T_to_from);
-  sum.add(small_motion(true_motion.inverse() * T_to_from.inverse()),
+  sum.add(core::se3_log(true_motion.inverse() * T_to_from.inverse()),
           body_covariance(to) + A * body_covariance(from) * A.transpose());
 }
 

@@ -9,6 +9,8 @@
 
 namespace nilio::tools {
 
+core::SE3 se3_of(const Pose& pose) { return core::se3_from_matrix(pose.matrix().topRows<3>()); }
+
 namespace {
 
 constexpr std::size_t kTumColumns = 8;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 
 #include <cstddef>
@@ -17,6 +18,9 @@ namespace nilio::tools {
 /// Pose of a body in a fixed frame, T_world_body, metres. A matrix as the files have it: metrics of published
 /// trajectories agree with other tools to the last digit only when their rotations are not normalised first.
 using Pose = Eigen::Isometry3d;
+
+/// The same with its rotation normalised.
+core::SE3 se3_of(const Pose& pose);
 
 enum class TrajectoryFormat {
   kTum,    ///< "seconds x y z qx qy qz qw" per line

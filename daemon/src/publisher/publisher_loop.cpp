@@ -95,9 +95,7 @@ int PublisherLoop::run(Duration wait_for_subscribers) {
 std::string PublisherLoop::imu_summary() const {
   if (!imu_poses_) return "";
   const dds::ImuPoseLoop::Counts counts = imu_poses_->counts();
-  std::array<dds::StageLatency, dds::ImuPoseLoop::kLatencyRows> rows;
-  imu_poses_->fill_latency(rows);
-  const dds::StageLatency& latency = rows.back();
+  const dds::StageLatency& latency = report_.stages.back();
   return fmt::format(
       "; at IMU rate {} poses, {} writes failed, {} samples dropped, {} jumps; CAN to DDS p50 {:.0f}, p99 "
       "{:.0f}, max {:.0f} us",

@@ -57,6 +57,7 @@ class PublisherLoop {
   bool report();
   void publish_reports();
   void fill_report();
+  /// As the last report has it.
   [[nodiscard]] std::string imu_summary() const;
   void sleep_until(core::Time time);
   void note_signals();

@@ -20,8 +20,6 @@ using core::Vector3;
 constexpr double kMaxSpeedMPerS = 100.0;
 constexpr double kSetOffAcceleration = 1.4;
 
-SE3 to_se3(const Pose& pose) { return core::se3_from_matrix(pose.matrix().topRows<3>()); }
-
 /// Poses of the camera in the frame of the first one.
 Result<std::vector<SE3>> read_camera_poses(const std::string& path) {
   const Result<tools::Trajectory> file = read_trajectory(path);
@@ -34,7 +32,7 @@ Result<std::vector<SE3>> read_camera_poses(const std::string& path) {
   }
   std::vector<SE3> poses;
   poses.reserve(file->poses.size());
-  for (const Pose& pose : file->poses) poses.push_back(to_se3(pose));
+  for (const Pose& pose : file->poses) poses.push_back(se3_of(pose));
   return poses;
 }
 
@@ -114,7 +112,7 @@ Result<std::vector<SE3>> make_recorded_drive(const RecordedDriveConfig& config) 
   if (!config.calibration_file.empty()) {
     const Result<Pose> calibration = read_kitti_calibration(config.calibration_file);
     if (!calibration) return calibration.error();
-    T_camera_lidar = to_se3(*calibration);
+    T_camera_lidar = se3_of(*calibration);
   }
   const SE3 T_camera_base = T_camera_lidar * config.T_base_lidar.inverse();
   const SE3 T_base_world = (camera_poses->front() * T_camera_base).inverse();

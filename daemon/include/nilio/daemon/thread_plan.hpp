@@ -23,8 +23,6 @@ struct ThreadPlan {
   bool fifo = false;
   bool lock_memory = false;
   bool strict = false;
-  /// FIFO priority of nilio-publisher's thread of poses at IMU rate.
-  int imu_pose_priority = 0;
   /// Threads that the odometry computes with.
   int odometry_threads = 1;
   std::array<Role, kThreadRoles> roles;
@@ -55,14 +53,6 @@ ThreadScheduling scheduling_of(pid_t thread);
 /// Has the calling thread run like that; what came of it, scheduling_of() tells.
 void run_as(const ThreadScheduling& scheduling);
 
-/// Stack of every thread that a plan is made for, and of the odometry's workers: more than any has used, and
-/// little enough to lock.
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-// Sanitizers keep what they know of a thread on its stack, and make its frames larger.
-inline constexpr std::size_t kThreadStackBytes = std::size_t{8} << 20U;
-#else
-inline constexpr std::size_t kThreadStackBytes = std::size_t{1} << 20U;
-#endif
 /// Touches the pages of the stack that the thread will use.
 void touch_stack();
 
