@@ -44,15 +44,23 @@ void AccelerometerJudge::learn(const Evidence& evidence) {
   const double least_square = std::min(felt_square, held_square) / 3.0;
   learn_noise(least_square);
   const double noise_square = std::max(noise_square_, least_square);
-  support_variance_ += kVariancePerSecond * evidence.seconds;
+  if (!evidence.only_weigh) support_variance_ += kVariancePerSecond * evidence.seconds;
   // What is not known of the support yet does not speak against the accelerometer.
   const double squared_s = evidence.seconds * evidence.seconds;
   const double uncertain_square = noise_square + support_variance_ * squared_s;
   const double change = (held_square - felt_square) / (2.0 * uncertain_square);
   log_likelihood_ratio_ = std::clamp(log_likelihood_ratio_ + change, -kMostRatio, kMostRatio);
+  if (evidence.only_weigh) return;
   const double gain = support_variance_ * squared_s / uncertain_square;
   support_ += gain * innovation;
   support_variance_ *= 1.0 - gain;
+}
+
+void AccelerometerJudge::know_support(const Vector3& support, double variance) {
+  if (spans_ == 0) log_likelihood_ratio_ = kFirstRatio;
+  spans_ = std::max(spans_, kLeastSpans);
+  support_ = support;
+  support_variance_ = variance;
 }
 
 bool AccelerometerJudge::helps() const {

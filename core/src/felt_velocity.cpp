@@ -35,7 +35,7 @@ std::optional<Vector3> FeltVelocity::acceleration(const TurnRate& rate, Time fro
 }
 
 void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
-                         const Vector3& share) {
+                         const Vector3& share, bool only_weigh) {
   // A mean velocity is that of the middle.
   const Time time = motion.from + (motion.to - motion.from) / 2;
   const Eigen::Quaterniond rotation = motion.T_odom_from.rotation.slerp(0.5, motion.T_odom_to.rotation);
@@ -52,6 +52,7 @@ void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, c
     const Matrix3 R = rotation.toRotationMatrix();
     evidence.seen = R * share.asDiagonal() * R.transpose();
     evidence.seconds = (time - last_->time).seconds();
+    evidence.only_weigh = only_weigh;
     judge_.learn(evidence);
   }
   last_ = now;

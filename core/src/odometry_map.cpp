@@ -26,9 +26,6 @@ constexpr double kStandingRadians = 0.002;
 // Fewer points make no map to register against.
 constexpr std::size_t kMinStartPoints = 500;
 constexpr double kStillForceDeviation = 0.5;
-constexpr double kGravity = 9.81;
-// No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
-constexpr double kLeastUprightness = 0.9;
 
 }  // namespace
 
@@ -57,10 +54,8 @@ void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
 
 void Odometry::State::align_with_gravity(const Scan& scan) {
   const ImuStatistics statistics = imu_statistics(imu, scan.start, scan.end);
-  const double force = statistics.mean_acceleration.norm();
   if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
-  if (std::abs(force - kGravity) > kStillForceDeviation) return;
-  if (statistics.mean_acceleration.z() < kLeastUprightness * force) return;
+  if (!shows_gravity(statistics.mean_acceleration)) return;
   T_odom_map.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
 }
 
@@ -79,6 +74,7 @@ void Odometry::State::forget_map() {
   scans_with_ndt = kLeastScansWithNdt;
   prediction_error_m = 0.0;
   prediction_square.setZero();
+  standing_start.end();
   registration = {};
 }
 

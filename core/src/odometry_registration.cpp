@@ -37,6 +37,14 @@ constexpr double kMaxTurnRate = 6.0;
 constexpr double kGyroBiasGain = 0.02;
 constexpr double kMaxGyroBias = 0.1;
 constexpr double kCalmTurnRate = 0.02;
+// What an IMU tells of a vehicle that stands, and what velocities and supports are not known better than by
+// scans alone.
+constexpr double kStandingSpeedVariance = 0.02 * 0.02;
+constexpr double kStandingSupportVariance = 0.02 * 0.02;
+constexpr double kLeastVelocityVariance = 0.1 * 0.1;
+constexpr double kLeastSupportVariance = 0.01 * 0.01;
+// Half a step of the search for a start.
+constexpr double kStartSpeedError = 5.0;
 
 /// However well the last scans were predicted, the next one may begin a gentle manoeuvre: 1 m/s^2, or what
 /// turns a point 30 m away as far, over a tenth of a second.
@@ -82,6 +90,40 @@ std::optional<Vector3> Odometry::State::felt_acceleration(const Outlook& next) c
                                     twist.twist().head<3>());
 }
 
+/// What stands is held still and shows what its accelerometer feels while it does.
+bool Odometry::State::stands_since_start() {
+  const bool is_felt = ahead.imu_covers && monitor.force_usable(ahead.span.previous);
+  if (is_felt) {
+    const Time end = ahead.span.end;
+    return standing_start.observe(imu_statistics(imu, end - StandingStart::kWindow, end),
+                                  T_map_base.translation);
+  }
+  if (scans >= kInitialScans) standing_start.end();
+  return false;
+}
+
+/// How exact the prediction is where the accelerometer carries it on.
+void Odometry::State::advance_felt_motion() {
+  if (ahead.stands) {
+    felt_motion.begin({kStandingSpeedVariance, kStandingSupportVariance});
+    return;
+  }
+  const AccelerometerJudge& judge = felt_velocity.judge();
+  if (!ahead.acceleration) {
+    felt_motion.begin({std::max(kLeastVelocityVariance, judge.velocity_variance()),
+                       std::max(kLeastSupportVariance, judge.support_variance())});
+  }
+  const double seconds = motion.between_s(last_sweep_s);
+  felt_motion.advance(seconds, seconds * motion.mean_angular_velocity().norm());
+}
+
+/// Between the middles of the last sweep and of this one.
+TwistStep Odometry::State::measured_step() const {
+  const double seconds = motion.between_s(last_sweep_s);
+  const Matrix3 R = T_predicted.rotation.toRotationMatrix();
+  return {seconds, ahead.acceleration, seconds * felt_motion.velocity_gain(R)};
+}
+
 /// Over the middle of the span, which the prediction is for.
 Vector6 Odometry::State::expected_twist(const Outlook& next) const {
   return twist.predict({next.span_s(), next.acceleration});
@@ -96,7 +138,10 @@ SE3 Odometry::State::expected_pose(const Outlook& next, SweepMotion& target) con
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   ahead = outlook(scan);
   relocated = failures > 0;
+  ahead.stands = stands_since_start();
+  if (ahead.stands && scans > 1) ahead.acceleration = Vector3::Zero();
   T_predicted = expected_pose(ahead, motion);
+  advance_felt_motion();
   result.imu_used = ahead.imu_used;
 }
 
@@ -148,8 +193,14 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
 
 /// Nothing where the prediction is worth nothing.
 std::optional<PosePrior> Odometry::State::pose_prior() const {
-  if (scans < kInitialScans || relocated || after_gap()) return std::nullopt;
-  return PosePrior{T_predicted, prediction_square.cwiseMax(least_prediction_square())};
+  const bool stands = ahead.stands && scans > 1;
+  if (relocated || (!stands && (scans < kInitialScans || after_gap()))) return std::nullopt;
+  PosePrior prior{T_predicted, prediction_square.cwiseMax(least_prediction_square())};
+  if (ahead.acceleration) {
+    prior.variance.head<3>() = felt_motion.place_variance(T_predicted.rotation.toRotationMatrix());
+    prior.translation_is_felt = true;
+  }
+  return prior;
 }
 
 /// Returns by how much the motion that is known now moves the end of the sweep.
@@ -159,9 +210,8 @@ SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   measured_twist = motion.measure(T_previous_end, last_half_sweep, last_sweep_s);
   // Nothing is predicted yet that could be worth keeping.
   const bool initial = scans < kInitialScans;
-  const Vector6 wanted = initial ? measured_twist
-                                 : twist.correct(measured_twist, registration.observed_share,
-                                                 {motion.between_s(last_sweep_s), ahead.acceleration});
+  const Vector6 wanted =
+      initial ? measured_twist : twist.correct(measured_twist, registration.observed_share, measured_step());
   T_map_end = T_map_base * motion.refine(T_previous_end, wanted);
   deskew_rate = motion.mean_angular_velocity();
   return T_registered.inverse() * T_map_end;
@@ -326,7 +376,7 @@ Vector3 Odometry::State::seen_share() const {
 void Odometry::State::learn_felt_velocity() {
   if (ahead.imu_covers && monitor.force_usable(ahead.span.previous)) {
     felt_velocity.learn(turn_rate(ahead.imu_used), registered_motion(), measured_twist.head<3>(),
-                        seen_share());
+                        seen_share(), ahead.acceleration.has_value());
   } else {
     felt_velocity.interrupt();
   }
@@ -347,12 +397,30 @@ void Odometry::State::learn_motion() {
     felt_velocity.interrupt();
   }
   learn_prediction_error();
+  learn_velocity();
+}
+
+void Odometry::State::learn_velocity() {
   if (scans < kInitialScans) {
     twist.reset(measured_twist);
   } else {
-    twist.learn(measured_twist, registration.observed_share,
-                {motion.between_s(last_sweep_s), ahead.acceleration});
+    twist.learn(measured_twist, registration.observed_share, measured_step());
   }
+  if (ahead.stands && scans == 1 && measured_twist.head<3>().norm() > kStartSpeedError) standing_start.end();
+  if (ahead.stands && !standing_start.is_over()) {
+    twist.stand();
+    felt_velocity.know_support(registration.T_map_moving.rotation * standing_start.mean_force(),
+                               kStandingSupportVariance);
+  } else if (ahead.acceleration) {
+    correct_felt_motion();
+  }
+}
+
+void Odometry::State::correct_felt_motion() {
+  const Vector3 moved = (T_predicted.inverse() * registration.T_map_moving).translation;
+  const Vector3 change = felt_motion.correct(T_predicted.rotation.toRotationMatrix(), moved,
+                                             registration.observed_share.head<3>());
+  felt_velocity.know_support(felt_velocity.judge().support() + change, felt_motion.support_variance());
 }
 
 void Odometry::State::forget_prediction_error() {
@@ -368,6 +436,7 @@ void Odometry::State::count_scan_with_ndt() {
 void Odometry::State::accept(OdometryResult& result) {
   if (relocated) {
     skip_motion();
+    felt_motion.forget_place();
     forget_prediction_error();
   } else {
     learn_motion();
@@ -398,7 +467,7 @@ void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   skip_motion();
   motion.predict(expected_twist(ahead).head<3>());
-  twist.hold();
+  twist.hold(measured_step());
   T_map_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
   result.predicted = true;

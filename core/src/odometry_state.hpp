@@ -1,11 +1,13 @@
 #pragma once
 
+#include "nilio/core/felt_motion_filter.hpp"
 #include "nilio/core/felt_velocity.hpp"
 #include "nilio/core/imu_buffer.hpp"
 #include "nilio/core/imu_monitor.hpp"
 #include "nilio/core/odometry.hpp"
 #include "nilio/core/point_selection.hpp"
 #include "nilio/core/pose_covariance.hpp"
+#include "nilio/core/standing_start.hpp"
 #include "nilio/core/sweep.hpp"
 #include "nilio/core/sweep_motion.hpp"
 #include "nilio/core/twist_filter.hpp"
@@ -103,6 +105,7 @@ struct Odometry::State {
     SweepMotion::Span span;
     bool imu_covers = false;  ///< the span
     bool imu_used = false;    ///< covers it and is trusted
+    bool stands = false;      ///< has been standing since the beginning
     /// Mean over the time from the middle of the sweep before to that of this one.
     std::optional<Vector3> acceleration;
     [[nodiscard]] double span_s() const { return (span.end - span.previous).seconds(); }
@@ -152,6 +155,9 @@ struct Odometry::State {
                     SweepMotion& target) const;
   [[nodiscard]] std::optional<Vector3> felt_acceleration(const Outlook& next) const;
   [[nodiscard]] Vector6 expected_twist(const Outlook& next) const;
+  [[nodiscard]] bool stands_since_start();
+  void advance_felt_motion();
+  [[nodiscard]] TwistStep measured_step() const;
   [[nodiscard]] SE3 expected_pose(const Outlook& next, SweepMotion& target) const;
   void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
               const SE3& T_odom_moving);
@@ -168,6 +174,8 @@ struct Odometry::State {
   [[nodiscard]] TurnRate turn_rate(bool by_gyro) const;
   [[nodiscard]] Vector3 seen_share() const;
   void learn_felt_velocity();
+  void learn_velocity();
+  void correct_felt_motion();
   void learn_prediction_error();
   void forget_prediction_error();
   void count_scan_with_ndt();
@@ -180,6 +188,8 @@ struct Odometry::State {
   ImuBuffer imu;
   ImuMonitor monitor;
   FeltVelocity felt_velocity;
+  FeltMotionFilter felt_motion;
+  StandingStart standing_start;
   VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;

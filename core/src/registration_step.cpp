@@ -109,14 +109,16 @@ Matrix6 with_error(const Matrix6& information) {
 }
 
 /// Gauss-Newton step of scan and prior together. Vehicles mostly do as predicted and seldom something else,
-/// so an axis that the scan has moved away from the prediction is held less (Cauchy's weight).
+/// so an axis that the scan has moved away from the prediction is held less (Cauchy's weight), unless what
+/// they do is felt.
 StepOutcome step_with_prior(const NormalEquations& equations, const SolverOptions& options,
                             RegistrationResult& result) {
   const PosePrior& prior = *options.prior;
   const SE3 moved = prior.T_map_moving.inverse() * result.T_map_moving;
   Vector6 offset;
   offset << moved.rotation.conjugate() * moved.translation, so3_log(moved.rotation);
-  const Vector6 held = (prior.variance.array() + offset.array().square()).inverse().matrix();
+  Vector6 held = (prior.variance.array() + offset.array().square()).inverse().matrix();
+  if (prior.translation_is_felt) held.head<3>() = prior.variance.head<3>().cwiseInverse();
   // Turning is seen by levers of many lengths, for which the other directions' weight is no measure.
   Matrix6 shrink = Matrix6::Identity();
   const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);

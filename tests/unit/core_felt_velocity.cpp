@@ -44,7 +44,7 @@ Run run(const Drive& drive, double noise, bool by_gyro, const Eigen::Quaterniond
     if (!by_gyro) rate.held = Vector3(0.0, 0.0, Drive::rate(middle));
     const Vector3 truth(Drive::speed(middle), 0.0, 0.0);
     felt.learn(rate, motion_of(t, t + kScanSeconds),
-               truth + Vector3(normal(random), normal(random), normal(random)), Vector3::Ones());
+               truth + Vector3(normal(random), normal(random), normal(random)), Vector3::Ones(), false);
     const double next = middle + kScanSeconds;
     const auto acceleration = felt.acceleration(rate, Time::from_seconds(middle), Time::from_seconds(next),
                                                 Drive::rotation(middle), truth);

@@ -19,12 +19,19 @@ class AccelerometerJudge {
     double seconds = 0.0;
     /// Takes from a change what the scans have shown of it, where they did not show every direction.
     Matrix3 seen = Matrix3::Identity();
+    /// The support is corrected elsewhere, together with place and velocity.
+    bool only_weigh = false;
   };
   void learn(const Evidence& evidence);
+  /// As it is found elsewhere, with its variance along each axis, m^2/s^4.
+  void know_support(const Vector3& support, double variance);
 
   [[nodiscard]] bool helps() const;
   /// Specific force at constant velocity, m/s^2.
   [[nodiscard]] const Vector3& support() const { return support_; }
+  [[nodiscard]] double support_variance() const { return support_variance_; }
+  /// Of a measured velocity along each axis, m^2/s^2.
+  [[nodiscard]] double velocity_variance() const { return noise_square_; }
 
  private:
   void learn_noise(double square);

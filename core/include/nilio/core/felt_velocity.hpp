@@ -46,9 +46,12 @@ class FeltVelocity {
                                                     const Eigen::Quaterniond& rotation,
                                                     const Vector3& velocity) const;
   /// A registered motion and its velocity in axes of base_link, of which the scan showed `share`, 0 to 1,
-  /// along each.
+  /// along each. `only_weigh` as in AccelerometerJudge::Evidence.
   void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
-             const Vector3& share);
+             const Vector3& share, bool only_weigh);
+  /// What AccelerometerJudge subtracts from what is felt.
+  void know_support(const Vector3& support, double variance) { judge_.know_support(support, variance); }
+  [[nodiscard]] const AccelerometerJudge& judge() const { return judge_; }
   /// What follows does not go on from the motion before.
   void interrupt() { last_.reset(); }
 

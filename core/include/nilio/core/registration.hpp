@@ -67,6 +67,8 @@ struct PosePrior {
   SE3 T_map_moving;
   /// Translation then rotation, in axes of the moving frame; m^2, rad^2. All positive.
   Vector6 variance = Vector6::Ones();
+  /// No manoeuvre goes unfelt: a translation far from the prior is as unlikely as a normal distribution says.
+  bool translation_is_felt = false;
 };
 
 struct SolverOptions {

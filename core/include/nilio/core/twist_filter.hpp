@@ -11,6 +11,8 @@ namespace nilio::core {
 struct TwistStep {
   double seconds = 0.0;
   std::optional<Vector3> acceleration;
+  /// Part of a mean velocity's error by which a felt velocity is corrected, 0 to 1 along each axis.
+  Vector3 felt_gain = Vector3::Zero();
 };
 
 /// Twist of base_link in its own axes (linear m/s, then angular rad/s) and how it changes, from noisy
@@ -18,7 +20,8 @@ struct TwistStep {
 /// innovations keep their sign the filter lags, and its gain rises; where they alternate it follows noise,
 /// and its gain falls. Where a registration followed the prediction instead of the scan, it says nothing new:
 /// the gain is bounded by what an alpha-beta filter makes of a place that is known to that share, and the
-/// change of the twist is forgotten. Where the change is felt, nothing of it is learnt.
+/// change of the twist is forgotten. Where the change is felt, nothing of it is learnt, and the gain is given
+/// (FeltMotionFilter).
 class TwistFilter {
  public:
   /// Starts anew from a twist that is simply believed.
@@ -32,8 +35,10 @@ class TwistFilter {
   [[nodiscard]] Vector6 correct(const Vector6& mean, const Vector6& share, const TwistStep& step) const;
   /// Goes on to it.
   void learn(const Vector6& mean, const Vector6& share, const TwistStep& step);
-  /// Goes on without a measurement: the twist stays as it is.
-  void hold() { slope_.setZero(); }
+  /// Goes on without a measurement: the twist stays as it is but for what is felt.
+  void hold(const TwistStep& step);
+  /// The vehicle is known to stand; how it turns is not.
+  void stand();
 
  private:
   struct Gains {
