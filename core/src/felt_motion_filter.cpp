@@ -13,7 +13,7 @@ constexpr double kPlaceVariance = 0.007 * 0.007;
 constexpr double kAccelerationVariance = 0.1 * 0.1;
 // The attitude that takes gravity off wanders by less than 0.1 deg in a second.
 constexpr double kSupportVariancePerSecond = 0.0002;
-// A bias of 0.1 m/s^2 turns with the vehicle.
+// A bias of 0.1 m/s^2 turns with the vehicle's heading.
 constexpr double kSupportVariancePerRadian = 0.1 * 0.1;
 
 }  // namespace

@@ -114,7 +114,7 @@ void Odometry::State::advance_felt_motion() {
                        std::max(kLeastSupportVariance, judge.support_variance())});
   }
   const double seconds = motion.between_s(last_sweep_s);
-  felt_motion.advance(seconds, seconds * motion.mean_angular_velocity().norm());
+  felt_motion.advance(seconds, seconds * motion.mean_angular_velocity().z());
 }
 
 /// Between the middles of the last sweep and of this one.

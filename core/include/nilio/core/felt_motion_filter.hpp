@@ -17,7 +17,7 @@ class FeltMotionFilter {
   };
   /// At a place that was just registered.
   void begin(const Variances& variances);
-  /// So much time is predicted, s, in which the vehicle turns by so much, rad.
+  /// So much time is predicted, s, in which the vehicle's heading turns by so much, rad.
   void advance(double seconds, double turn_rad);
   /// The place was searched for: the prediction has no part in it.
   void forget_place();
