@@ -38,6 +38,10 @@ inline constexpr float kCoarseVoxelMetres = 1.0F;
 inline constexpr int kRestartAfterFailures = 30;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
+/// What turns rotation into distance where errors are put together.
+inline constexpr double kErrorLeverMetres = 30.0;
+/// Of the support as an IMU has it that stands.
+inline constexpr double kStandingSupportVariance = 0.02 * 0.02;
 
 /// The last sample may be so much older than the end of the scan, live, where the next one was not waited
 /// for: a vehicle turns on as it did.
@@ -54,8 +58,8 @@ void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
                  std::vector<Eigen::Vector3f>& output);
 
 /// What the odometry keeps from scan to scan, and its steps: filtering and map in odometry_map.cpp,
-/// prediction and registration in odometry_registration.cpp, the search for a start or a lost vehicle in
-/// odometry_search.cpp.
+/// prediction in odometry_prediction.cpp, registration in odometry_registration.cpp, what it teaches in
+/// odometry_learning.cpp, the search for a start or a lost vehicle in odometry_search.cpp.
 struct Odometry::State {
   explicit State(const OdometryConfig& configuration, ClockFunction clock_function)
       : config(configuration),
