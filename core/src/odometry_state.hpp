@@ -13,6 +13,7 @@
 #include "nilio/core/twist_filter.hpp"
 #include "nilio/core/voxel_map.hpp"
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -38,6 +39,8 @@ inline constexpr float kCoarseVoxelMetres = 1.0F;
 inline constexpr int kRestartAfterFailures = 30;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
+/// An acceleration that is sampled more seldom says little of the velocity between its samples.
+inline constexpr Duration kMaxFeltGap = Duration::from_milliseconds(50.0);
 /// What turns rotation into distance where errors are put together.
 inline constexpr double kErrorLeverMetres = 30.0;
 /// Of the support as an IMU has it that stands.
@@ -69,7 +72,7 @@ struct Odometry::State {
         lone_arena(1),
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
-        felt_velocity(config.T_base_imu.translation, config.max_imu_gap),
+        felt_velocity(config.T_base_imu.translation, std::min(config.max_imu_gap, kMaxFeltGap)),
         planes(plane_map_config(config)),
         coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
         budget(config.budget, clock),
