@@ -15,6 +15,10 @@ constexpr double kAccelerationVariance = 0.1 * 0.1;
 constexpr double kSupportVariancePerSecond = 0.0002;
 // A bias of 0.1 m/s^2 turns with the vehicle's heading.
 constexpr double kSupportVariancePerRadian = 0.1 * 0.1;
+// Three standard deviations over some scans.
+constexpr double kInnovationMemory = 0.8;
+constexpr double kMostNormalisedSquare = 9.0;
+constexpr double kLeastInnovations = 1.0;
 
 }  // namespace
 
@@ -22,6 +26,8 @@ void FeltMotionFilter::begin(const Variances& variances) {
   covariance_.setZero();
   covariance_.diagonal() << Vector3::Constant(kPlaceVariance), Vector3::Constant(variances.velocity),
       Vector3::Constant(variances.support);
+  normalised_squares_ = 0.0;
+  innovations_ = 0.0;
 }
 
 void FeltMotionFilter::advance(double seconds, double turn_rad) {
@@ -58,6 +64,9 @@ Vector3 FeltMotionFilter::velocity_gain(const Matrix3& R_odom_base) const {
 Vector3 FeltMotionFilter::correct(const Matrix3& R_odom_base, const Vector3& moved, const Vector3& share) {
   // One axis after the other, as if each were a measurement of its own.
   Vector9 change = Vector9::Zero();
+  normalised_squares_ = kInnovationMemory * normalised_squares_ +
+                        moved.cwiseAbs2().cwiseQuotient(place_variance(R_odom_base)).sum();
+  innovations_ = kInnovationMemory * innovations_ + share.sum();
   for (int axis = 0; axis < 3; ++axis) {
     const Vector3 direction = R_odom_base.col(axis);
     const Vector9 common = covariance_.leftCols<3>() * direction;
@@ -68,6 +77,10 @@ Vector3 FeltMotionFilter::correct(const Matrix3& R_odom_base, const Vector3& mov
   for (int axis = 0; axis < 3; ++axis) bound_place(R_odom_base.col(axis));
   covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
   return change.tail<3>();
+}
+
+bool FeltMotionFilter::is_contradicted() const {
+  return innovations_ > kLeastInnovations && normalised_squares_ > kMostNormalisedSquare * innovations_;
 }
 
 void FeltMotionFilter::bound_place(const Vector3& direction) {

@@ -132,6 +132,7 @@ void Odometry::State::correct_felt_motion() {
   const Vector3 change = felt_motion.correct(T_predicted.rotation.toRotationMatrix(), moved,
                                              registration.observed_share.head<3>());
   felt_velocity.know_support(felt_velocity.judge().support() + change, felt_motion.support_variance());
+  if (felt_motion.is_contradicted()) felt_velocity.reset();
 }
 
 void Odometry::State::forget_prediction_error() {

@@ -75,6 +75,7 @@ void Odometry::State::forget_map() {
   prediction_error_m = 0.0;
   prediction_square.setZero();
   standing_start.end();
+  felt_velocity.reset();
   registration = {};
 }
 

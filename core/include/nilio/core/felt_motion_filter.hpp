@@ -29,6 +29,9 @@ class FeltMotionFilter {
   /// A registration moved the predicted place by `moved`, m, of which the scan, not the prediction, decided
   /// `share`, 0 to 1; both along base_link's axes. Returns what to add to the support, in odom axes.
   Vector3 correct(const Matrix3& R_odom_base, const Vector3& moved, const Vector3& share);
+  /// Whether scans lately moved places farther than the filter can explain: what it takes to be known, the
+  /// support above all, is wrong.
+  [[nodiscard]] bool is_contradicted() const;
   /// Mean of its axes.
   [[nodiscard]] double support_variance() const { return covariance_.block<3, 3>(6, 6).trace() / 3.0; }
 
@@ -39,6 +42,9 @@ class FeltMotionFilter {
   void bound_place(const Vector3& direction);
 
   Matrix9 covariance_ = Matrix9::Zero();  ///< place, velocity, support
+  /// Squares of innovations over their variances, and how many the scans' shares make of them, fading.
+  double normalised_squares_ = 0.0;
+  double innovations_ = 0.0;
 };
 
 }  // namespace nilio::core

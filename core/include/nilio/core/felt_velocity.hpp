@@ -52,6 +52,11 @@ class FeltVelocity {
   /// What AccelerometerJudge subtracts from what is felt.
   void know_support(const Vector3& support, double variance) { judge_.know_support(support, variance); }
   [[nodiscard]] const AccelerometerJudge& judge() const { return judge_; }
+  /// As if nothing had been learnt: the accelerometer has to show anew that it helps.
+  void reset() {
+    judge_ = {};
+    last_.reset();
+  }
   /// What follows does not go on from the motion before.
   void interrupt() { last_.reset(); }
 
