@@ -1,5 +1,7 @@
 #include "nilio/core/accelerometer_judge.hpp"
 
+#include "gravity.hpp"
+
 #include <algorithm>
 #include <cmath>
 
@@ -18,7 +20,6 @@ constexpr double kVariancePerSecond = 0.002;
 // An accelerometer that shows gravity is likely to be a sound one; it takes as much again to be certain.
 constexpr double kFirstRatio = 2.0;
 constexpr double kMostRatio = 20.0;
-constexpr double kGravity = 9.81;
 constexpr double kGravityTolerance = 1.0;
 
 }  // namespace

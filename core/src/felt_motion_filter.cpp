@@ -1,14 +1,16 @@
 #include "nilio/core/felt_motion_filter.hpp"
 
+#include "registration_solver.hpp"
+
 #include <cmath>
 
 namespace nilio::core {
 
 namespace {
 
-// No scan tells its place in the map better; what is known of it grows no worse than that either while
-// nothing shows, since the scans before made the map.
-constexpr double kPlaceVariance = 0.007 * 0.007;
+// What is known of a place grows no worse than a scan tells it either while nothing shows, since the scans
+// before made the map.
+constexpr double kPlaceVariance = kScanErrorMetres * kScanErrorMetres;
 // What axes, scale and sampling leave of an acceleration: a hundredth of 1 g.
 constexpr double kAccelerationVariance = 0.1 * 0.1;
 // The attitude that takes gravity off wanders by less than 0.1 deg in a second.

@@ -1,5 +1,7 @@
 #include "imu_correction_force.hpp"
 
+#include "gravity.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -11,7 +13,6 @@ namespace nilio::core {
 namespace {
 
 constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
-constexpr double kGravity = 9.81;
 // Scans over which a velocity is taken: the noise of a position has to fade against 1 m/s^2.
 constexpr std::size_t kSpan = 5;
 constexpr double kUnevenness = 0.1;

@@ -1,5 +1,7 @@
 #include "imu_monitor_table.hpp"
 
+#include "gravity.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,7 +13,6 @@ namespace nilio::core {
 namespace {
 
 constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
-constexpr double kGravity = 9.81;
 // From here on, a direction belongs to another axis rather than to a crooked mounting.
 constexpr double kOtherAxisDegrees = 45.0;
 constexpr double kOtherUnit = 2.0;

@@ -85,7 +85,7 @@ Vector3 Odometry::State::seen_share() const {
 }
 
 void Odometry::State::learn_felt_velocity() {
-  if (ahead.imu_covers && monitor.force_usable(ahead.span.previous)) {
+  if (is_felt()) {
     felt_velocity.learn(turn_rate(ahead.imu_used), registered_motion(), measured_twist.head<3>(),
                         seen_share(), ahead.acceleration.has_value());
   } else {

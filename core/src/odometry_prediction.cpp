@@ -40,8 +40,7 @@ std::optional<Vector3> Odometry::State::felt_acceleration(const Outlook& next) c
 
 /// What stands is held still and shows what its accelerometer feels while it does.
 bool Odometry::State::stands_since_start() {
-  const bool is_felt = ahead.imu_covers && monitor.force_usable(ahead.span.previous);
-  if (is_felt) {
+  if (is_felt()) {
     const Time end = ahead.span.end;
     return standing_start.observe(imu_statistics(imu, end - StandingStart::kWindow, end),
                                   T_map_base.translation);
@@ -87,7 +86,7 @@ void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   ahead = outlook(scan);
   relocated = failures > 0;
   ahead.stands = stands_since_start();
-  if (ahead.stands && scans > 1) ahead.acceleration = Vector3::Zero();
+  if (is_held_still()) ahead.acceleration = Vector3::Zero();
   T_predicted = expected_pose(ahead, motion);
   advance_felt_motion();
   result.imu_used = ahead.imu_used;

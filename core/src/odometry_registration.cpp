@@ -85,8 +85,7 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
 
 /// Nothing where the prediction is worth nothing.
 std::optional<PosePrior> Odometry::State::pose_prior() const {
-  const bool stands = ahead.stands && scans > 1;
-  if (relocated || (!stands && (scans < kInitialScans || after_gap()))) return std::nullopt;
+  if (relocated || (!is_held_still() && (scans < kInitialScans || after_gap()))) return std::nullopt;
   PosePrior prior{T_predicted, prediction_square.cwiseMax(least_prediction_square())};
   if (ahead.acceleration) {
     prior.variance.head<3>() = felt_motion.place_variance(T_predicted.rotation.toRotationMatrix());

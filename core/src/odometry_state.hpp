@@ -162,7 +162,11 @@ struct Odometry::State {
                     SweepMotion& target) const;
   [[nodiscard]] std::optional<Vector3> felt_acceleration(const Outlook& next) const;
   [[nodiscard]] Vector6 expected_twist(const Outlook& next) const;
+  /// The accelerometer has seen the whole of the motion, and is not known to be broken.
+  [[nodiscard]] bool is_felt() const { return ahead.imu_covers && monitor.force_usable(ahead.span.previous); }
   [[nodiscard]] bool stands_since_start();
+  /// The second scan still has to tell whether standing is what a smooth ride is taken for.
+  [[nodiscard]] bool is_held_still() const { return ahead.stands && scans > 1; }
   void advance_felt_motion();
   [[nodiscard]] TwistStep measured_step() const;
   [[nodiscard]] SE3 expected_pose(const Outlook& next, SweepMotion& target) const;

@@ -12,6 +12,10 @@
 
 namespace nilio::core {
 
+/// The points of a voxel share the error of its plane, which no residual shows and no number of points
+/// averages out: no scan tells its place in the map better than this.
+inline constexpr double kScanErrorMetres = 0.007;
+
 /// Sums `accumulate(point, equations)` over all points in a fixed order; `accumulate` fills the upper
 /// triangle of H only.
 template <class Accumulate>

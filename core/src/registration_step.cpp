@@ -17,10 +17,8 @@ namespace {
 // Measured on simulated drives with the floors of the pose's covariance, where the true error is 0.5 to 0.7
 // of what is said.
 constexpr double kCorrelatedResiduals = 2.0;
-// The points of a voxel share the error of its plane, which no residual shows and no number of points
-// averages out: no scan tells its pose better than this.
-constexpr double kLeastMetres = 0.007;
-constexpr double kLeastRadians = kLeastMetres / 30.0;
+// What turns a point 30 m away by as much as no scan's place is known better than.
+constexpr double kLeastRadians = kScanErrorMetres / 30.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,
 // and what turns a point 30 m away by as much.
@@ -98,10 +96,10 @@ std::uint8_t find_weak_axes(const Matrix6& information) {
   return axes;
 }
 
-/// Information of what is uncertain by kLeastMetres, or what turns a point 30 m away by as much, beside.
+/// Information of what is uncertain by kScanErrorMetres, or what turns a point 30 m away by as much, beside.
 Matrix6 with_error(const Matrix6& information) {
   Vector6 variance;
-  variance << Vector3::Constant(kLeastMetres * kLeastMetres),
+  variance << Vector3::Constant(kScanErrorMetres * kScanErrorMetres),
       Vector3::Constant(kLeastRadians * kLeastRadians);
   const Matrix6 spread = Matrix6::Identity() + information * variance.asDiagonal();
   const Matrix6 result = spread.partialPivLu().solve(information);

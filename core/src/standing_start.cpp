@@ -1,5 +1,7 @@
 #include "nilio/core/standing_start.hpp"
 
+#include "gravity.hpp"
+
 #include <cmath>
 
 namespace nilio::core {
@@ -13,7 +15,6 @@ constexpr double kMostRateDeviation = 0.01;
 // Setting off is felt as a change of the mean, long before it can be seen.
 constexpr double kMostForceChange = 0.05;
 constexpr double kMostMetres = 0.1;
-constexpr double kGravity = 9.81;
 constexpr double kGravityTolerance = 0.5;
 // No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
 constexpr double kLeastUprightness = 0.9;
