@@ -28,14 +28,35 @@ write_command() {
   chmod +x "$file"
 }
 
-# run_guest FOLDER PROGRAM [ARGUMENT...]: ends with the status of the guest's command, which the guest's console in
-# FOLDER/console.log tells. A guest that ends without one may hang or have starved: the run has failed, and how much of a
-# processor the guest was given is said.
+# run_guest FOLDER PROGRAM [ARGUMENT...]: until the guest has ended, whose console is FOLDER/console.log.
 run_guest() {
-  local folder=$1 limit=${VM_TIMEOUT:-560} status=0 result wall user system
+  local folder=$1 limit=${VM_TIMEOUT:-560}
   shift
+  guest_status=0
   local TIMEFORMAT='%R %U %S'
-  { time timeout -k 5 "$limit" "$@" </dev/null >>"$folder/program.log" 2>&1 || status=$?; } 2>"$folder/times"
+  { time timeout -k 5 "$limit" "$@" </dev/null >>"$folder/program.log" 2>&1 || guest_status=$?; } 2>"$folder/times"
+}
+
+# boot_debian_kernel FOLDER KERNEL [ARGUMENT...]: run_guest with Debian's own kernel, of tier3_prepare.sh, in QEMU; the arguments add
+# devices to the machine.
+boot_debian_kernel() {
+  local folder=$1 kernel=$2
+  shift 2
+  : >"$folder/console.log"
+  : >"$folder/program.log"
+  # The processor is emulated also where KVM is at hand: it is quick enough, and every machine then does the same. One processor:
+  # with two, a burst overruns the emulated controller's buffer.
+  run_guest "$folder" qemu-system-x86_64 -M q35 -accel tcg,thread=multi -cpu max -smp 1 -m 1024 \
+    -display none -vga none -nodefaults -no-user-config -no-reboot -monitor none -serial file:"$folder/console.log" \
+    -kernel "$kernel/vmlinux" -initrd "$kernel/initrd.gz" \
+    -append "console=ttyS0 quiet panic=-1 mitigations=off no_timer_check nilio_run=$folder/command.sh" \
+    -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap -device virtio-9p-pci,fsdev=host,mount_tag=host "$@"
+}
+
+# end_as_guest FOLDER: ends with the status of the guest's command, which the guest's console tells. A guest that ended without one
+# may have hung or starved: the run has failed, and how much of a processor the guest was given is said.
+end_as_guest() {
+  local folder=$1 result wall user system
   read -r wall user system < <(tail -1 "$folder/times")
   tr -d '\r' <"$folder/console.log"
   echo "guest: $wall s, of them $user s + $system s of processor time; load average $(cut -d' ' -f1-3 /proc/loadavg)"
@@ -44,10 +65,10 @@ run_guest() {
   [[ $result == 0 ]] && grep --quiet '^undecided:' "$folder/console.log" && exit "$kSkipped"
   [[ -n $result ]] && exit "$result"
   tail -5 "$folder/program.log"
-  if ((status == 124)); then
-    echo "failed: the guest was not done after $limit s; run it again on a quieter machine, or with a larger VM_TIMEOUT (s)"
+  if ((guest_status == 124)); then
+    echo "failed: the guest was not done after ${VM_TIMEOUT:-560} s; run it again on a quieter machine, or with a larger VM_TIMEOUT (s)"
   else
-    echo "failed: the guest ended without a result, with status $status; see $folder"
+    echo "failed: the guest ended without a result, with status $guest_status; see $folder"
   fi
   exit 1
 }

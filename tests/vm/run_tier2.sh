@@ -1,13 +1,16 @@
 #!/usr/bin/env bash
 # Runs a command inside user-mode-linux: a Linux kernel as a program, with CAN, as any user and without hardware
-# virtualisation. The guest sees this computer's files; what it writes is gone afterwards.
-#   run_tier2.sh FOLDER COMMAND [ARGUMENT...]     FOLDER takes the guest's console; exit status: the command's, 77 = skipped
+# virtualisation. The guest sees this computer's files; what it writes is gone afterwards. Where that kernel cannot run, Debian's own
+# does in QEMU.
+#   run_tier2.sh FOLDER KERNEL COMMAND [ARGUMENT...]    KERNEL: folder of tier3_prepare.sh, shared by builds
+# FOLDER takes the guest's console; exit status: the command's, 77 = skipped
 set -euo pipefail
 here=$(dirname "$(realpath "$0")")
 # shellcheck source=guest.sh
 source "$here/guest.sh"
 folder=$(realpath -m "$1")
-shift
+kernel=$(realpath -m "$2")
+shift 2
 
 need linux.uml:user-mode-linux busybox:busybox-static
 mkdir -p "$folder"
@@ -32,3 +35,13 @@ export TMPDIR
 processor=$(taskset --cpu-list --pid $$ | sed 's/.*: //; s/[-,].*//')
 run_guest "$folder" taskset --cpu-list "$processor" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro "mem=${memory_mib}M" quiet \
   uml_dir="$folder/" con=null "con0=null,fd:3" init="$here/tier2_init.sh" nilio_run="$folder/command.sh" 3>"$folder/console.log"
+
+# That kernel (6.1) keeps the floating-point registers of its processes in a space of one size, and Linux here refuses to set a part
+# of them: a processor with AMX has more.
+if grep --quiet 'ptrace set fp regs failed' "$folder/console.log"; then
+  echo "user-mode-linux cannot run processes on this processor, which has more registers than it knows; Debian's kernel does it, in QEMU"
+  need qemu-system-x86_64:qemu-system-x86
+  "$here/tier3_prepare.sh" --offline "$kernel"
+  boot_debian_kernel "$folder" "$kernel"
+fi
+end_as_guest "$folder"

@@ -16,13 +16,5 @@ need qemu-system-x86_64:qemu-system-x86
 mkdir -p "$folder"
 write_command "$folder" "NILIO_KERNEL='$kernel'" "$@"
 
-: >"$folder/console.log"
-: >"$folder/program.log"
-# The processor is emulated also where KVM is at hand: it is quick enough, and every machine then does the same. One processor:
-# with two, a burst overruns the emulated controller's buffer.
-run_guest "$folder" qemu-system-x86_64 -M q35 -accel tcg,thread=multi -cpu max -smp 1 -m 1024 \
-  -display none -vga none -nodefaults -no-user-config -no-reboot -monitor none -serial file:"$folder/console.log" \
-  -kernel "$kernel/vmlinux" -initrd "$kernel/initrd.gz" \
-  -append "console=ttyS0 quiet panic=-1 mitigations=off no_timer_check nilio_run=$folder/command.sh" \
-  -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap -device virtio-9p-pci,fsdev=host,mount_tag=host \
-  -object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus
+boot_debian_kernel "$folder" "$kernel" -object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus
+end_as_guest "$folder"
