@@ -3,6 +3,10 @@ set(NILIO_SANITIZE "" CACHE STRING "Sanitizers to build with, as -fsanitize take
 if(NILIO_SANITIZE)
   add_compile_options(-fsanitize=${NILIO_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${NILIO_SANITIZE})
+  if(NILIO_SANITIZE MATCHES "undefined")
+    # What the address sanitizer stops as well, or Clang's fuzz targets check; without them GCC builds in two thirds of the time.
+    add_compile_options($<$<CXX_COMPILER_ID:GNU>:-fno-sanitize=null,nonnull-attribute,returns-nonnull-attribute,object-size,pointer-overflow,vptr,alignment>)
+  endif()
   # Sees ghosts in instrumented code.
   add_compile_options($<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
 endif()

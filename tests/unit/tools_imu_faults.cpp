@@ -1,14 +1,12 @@
 #include "commands.hpp"
 #include "simulation/imu_faults.hpp"
+#include "tools_run_command.hpp"
 #include "tools_simulate_support.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <iostream>
-#include <sstream>
 #include <string>
 
-#include <CLI/CLI.hpp>
 #include <catch2/catch.hpp>
 
 using namespace nilio;
@@ -35,17 +33,9 @@ std::string problem_with(const std::string& fault) {
   return config ? std::string() : config.error().message;
 }
 
-/// Exit status of "nilio simulate <arguments>"; what it says on standard error goes to `errors`.
-int simulate(const std::string& arguments, std::string& errors) {
-  CLI::App app;
-  int status = 0;
-  tools::add_simulate_command(app, status);
-  std::ostringstream text;
-  std::streambuf* const before = std::cerr.rdbuf(text.rdbuf());
-  app.parse("simulate " + arguments);
-  std::cerr.rdbuf(before);
-  errors = text.str();
-  return status;
+/// "nilio simulate <arguments>".
+tests::CommandResult simulate(const std::string& arguments) {
+  return tests::hear_command(tools::add_simulate_command, "simulate " + arguments);
 }
 
 }  // namespace
@@ -114,16 +104,17 @@ TEST_CASE("a fault that is misspelt or out of range is refused with what there i
 TEST_CASE("nilio simulate plants several faults, and refuses them without an IMU or when misspelt") {
   const tests::SimulationFolder folder;
   const std::string options = folder.path().string() + " --duration 1 --moving-start --moving-cars 0";
-  std::string errors;
-  REQUIRE(simulate(options, errors) == 0);
+  REQUIRE(simulate(options).status == 0);
   const std::string sound = tests::read_whole(folder.path() / "imu.candump.log");
-  REQUIRE(simulate(options + " --imu-fault dropout=0.5 --imu-fault gyro_bias=2", errors) == 0);
+  REQUIRE(simulate(options + " --imu-fault dropout=0.5 --imu-fault gyro_bias=2").status == 0);
   const std::string faulty = tests::read_whole(folder.path() / "imu.candump.log");
   CHECK(std::count(faulty.begin(), faulty.end(), '\n') <
         std::count(sound.begin(), sound.end(), '\n') * 3 / 5);
   CHECK(faulty.substr(0, 60) != sound.substr(0, 60));
-  CHECK(simulate(options + " --imu none --imu-fault stuck", errors) == 1);
-  CHECK(errors.find("--imu none") != std::string::npos);
-  CHECK(simulate(options + " --imu-fault stack", errors) == 1);
-  CHECK(errors.find("stuck") != std::string::npos);
+  const tests::CommandResult without = simulate(options + " --imu none --imu-fault stuck");
+  CHECK(without.status == 1);
+  CHECK(without.errors.find("--imu none") != std::string::npos);
+  const tests::CommandResult misspelt = simulate(options + " --imu-fault stack");
+  CHECK(misspelt.status == 1);
+  CHECK(misspelt.errors.find("stuck") != std::string::npos);
 }

@@ -3,15 +3,12 @@
 #include "commands.hpp"
 #include "drivers_support.hpp"
 #include "inspect_recording.hpp"
+#include "tools_run_command.hpp"
 
 #include <cstdint>
-#include <iostream>
 #include <span>
-#include <sstream>
 #include <string>
 #include <vector>
-
-#include <CLI/CLI.hpp>
 
 namespace nilio::tests {
 
@@ -74,27 +71,9 @@ inline tools::RecordingFindings inspect_bytes(const std::string& bytes, const st
   return tools::inspect_recording({file.path()});
 }
 
-struct CommandResult {
-  int status = 0;
-  std::string output;
-  std::string errors;
-};
-
 /// "nilio inspect <arguments>".
 inline CommandResult run_inspect(const std::string& arguments) {
-  std::ostringstream output;
-  std::ostringstream errors;
-  std::streambuf* const cout = std::cout.rdbuf(output.rdbuf());
-  std::streambuf* const cerr = std::cerr.rdbuf(errors.rdbuf());
-  CLI::App app;
-  CommandResult result;
-  tools::add_inspect_command(app, result.status);
-  app.parse("inspect " + arguments);
-  std::cout.rdbuf(cout);
-  std::cerr.rdbuf(cerr);
-  result.output = output.str();
-  result.errors = errors.str();
-  return result;
+  return hear_command(tools::add_inspect_command, "inspect " + arguments);
 }
 
 }  // namespace nilio::tests

@@ -3,6 +3,7 @@
 #include "nilio/drivers/velodyne_model.hpp"
 
 #include "commands.hpp"
+#include "tools_run_command.hpp"
 #include "tools_simulate_support.hpp"
 #include "trajectory.hpp"
 
@@ -10,7 +11,6 @@
 #include <fstream>
 #include <string>
 
-#include <CLI/CLI.hpp>
 #include <catch2/catch.hpp>
 
 using namespace nilio;
@@ -18,24 +18,12 @@ using tests::SimulationFolder;
 
 namespace {
 
-/// Exit status of "nilio simulate <arguments>".
-int simulate(const std::string& arguments) {
-  CLI::App app;
-  int status = 0;
-  tools::add_simulate_command(app, status);
-  app.parse("simulate " + arguments);
-  return status;
+/// "nilio simulate <arguments>".
+tests::CommandResult hear_simulate(const std::string& arguments) {
+  return tests::hear_command(tools::add_simulate_command, "simulate " + arguments);
 }
 
-/// What a command says on standard error.
-template <class Run>
-std::string captured_errors(Run run) {
-  std::ostringstream text;
-  std::streambuf* const before = std::cerr.rdbuf(text.rdbuf());
-  run();
-  std::cerr.rdbuf(before);
-  return text.str();
-}
+int simulate(const std::string& arguments) { return hear_simulate(arguments).status; }
 
 const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
 
@@ -102,54 +90,53 @@ TEST_CASE("options out of range, not a number and unknown names are refused whil
                              "--sensor os1", "--return-mode triple", "--gps maybe", "--network-jitter-us -1",
                              "--rpm 1300", "--imu foo", "--moving-cars -1", "--seed x"}) {
     INFO(option);
-    CHECK_THROWS_AS(simulate("somewhere " + std::string(option)), CLI::ParseError);
+    CHECK(simulate("somewhere " + std::string(option)) == tests::kNotAccepted);
   }
 }
 
 TEST_CASE("what cannot be done is said with place and remedy") {
   const SimulationFolder folder;
-  int status = 0;
+  tests::CommandResult result;
   SECTION("a folder that cannot be made") {
     std::ofstream(folder.path() / "file") << "x";
     const std::string path = (folder.path() / "file" / "below").string();
-    const std::string text = captured_errors([&] { status = simulate(path + kShort); });
-    CHECK_THAT(text, Catch::Contains(path) && Catch::Contains("cannot be made"));
+    result = hear_simulate(path + kShort);
+    CHECK_THAT(result.errors, Catch::Contains(path) && Catch::Contains("cannot be made"));
   }
   SECTION("a full disk") {
     std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap");
-    const std::string text = captured_errors([&] { status = simulate(folder.path().string() + kShort); });
-    CHECK_THAT(text, Catch::Contains("lidar.pcap") && Catch::Contains("disk"));
+    result = hear_simulate(folder.path().string() + kShort);
+    CHECK_THAT(result.errors, Catch::Contains("lidar.pcap") && Catch::Contains("disk"));
   }
   SECTION("a bad line in a pose file") {
     const auto poses = folder.path() / "poses.txt";
     std::ofstream(poses) << "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 nan 0 0 1 0\n";
-    const std::string text = captured_errors(
-        [&] { status = simulate(folder.path().string() + " --trajectory " + poses.string()); });
-    CHECK_THAT(text, Catch::Contains("poses.txt:2"));
+    result = hear_simulate(folder.path().string() + " --trajectory " + poses.string());
+    CHECK_THAT(result.errors, Catch::Contains("poses.txt:2"));
   }
   SECTION("an option that the trajectory does not use") {
-    const std::string text =
-        captured_errors([&] { status = simulate(folder.path().string() + " --calib x"); });
-    CHECK_THAT(text, Catch::Contains("--calib"));
+    result = hear_simulate(folder.path().string() + " --calib x");
+    CHECK_THAT(result.errors, Catch::Contains("--calib"));
   }
-  CHECK(status == 1);
+  CHECK(result.status == 1);
 }
 
 TEST_CASE("every model can be asked for by name, and what it cannot do is said") {
   const SimulationFolder folder;
-  int status = 0;
+  tests::CommandResult result;
   const auto errors = [&](const std::string& options) {
-    return captured_errors([&] { status = simulate(folder.path().string() + kShort + options); });
+    result = hear_simulate(folder.path().string() + kShort + options);
+    return result.errors;
   };
   CHECK_THAT(errors(" --sensor vlp-32c --return-mode dual_confidence"),
              Catch::Contains("VLP-32C has only single, dual"));
-  CHECK(status == 1);
+  CHECK(result.status == 1);
   CHECK_THAT(errors(" --sensor HDL-64E-S1 --gps none"), Catch::Contains("--gps: HDL-64E-S1 sends no time"));
-  CHECK(status == 1);
+  CHECK(result.status == 1);
   CHECK_THAT(errors(" --stream-calibration on"), Catch::Contains("VLP-16 sends no calibration"));
-  CHECK(status == 1);
+  CHECK(result.status == 1);
   CHECK(errors(" --sensor puckhires --return-mode dual --gps nmea --rpm 1200").empty());
-  CHECK(status == 0);
+  CHECK(result.status == 0);
   CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("model: Puck-Hi-Res"));
 }
 

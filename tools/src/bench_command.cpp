@@ -6,6 +6,8 @@
 #include "bench_soak.hpp"
 #include "commands.hpp"
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 void add_bench_command(CLI::App& app) {

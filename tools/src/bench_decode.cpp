@@ -10,6 +10,8 @@
 #include <random>
 #include <vector>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 namespace {

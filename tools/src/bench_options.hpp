@@ -7,7 +7,9 @@
 #include <variant>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+namespace CLI {
+class App;
+}
 
 namespace nilio::tools {
 

@@ -6,6 +6,8 @@
 #include <memory>
 #include <vector>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 namespace {
 

@@ -19,6 +19,8 @@
 #include <numbers>
 #include <string>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 namespace fs = std::filesystem;

@@ -9,6 +9,8 @@
 #include <map>
 #include <memory>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 namespace {

@@ -11,6 +11,8 @@
 #include <map>
 #include <memory>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 namespace {

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 namespace {

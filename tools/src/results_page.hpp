@@ -8,7 +8,9 @@
 #include <string>
 #include <variant>
 
-#include <CLI/CLI.hpp>
+namespace CLI {
+class App;
+}
 
 namespace nilio::tools {
 

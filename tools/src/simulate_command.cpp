@@ -22,6 +22,8 @@
 #include <system_error>
 #include <utility>
 
+#include <CLI/CLI.hpp>
+
 namespace nilio::tools {
 
 namespace fs = std::filesystem;
