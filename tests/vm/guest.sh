@@ -2,6 +2,8 @@
 
 # Exit status that ctest takes as "skipped".
 readonly kSkipped=77
+# Seconds after which a guest is given up.
+readonly kGuestLimit=${VM_TIMEOUT:-560}
 
 # need PROGRAM:PACKAGE...: ends with one line that names what is missing.
 need() {
@@ -30,11 +32,13 @@ write_command() {
 
 # run_guest FOLDER PROGRAM [ARGUMENT...]: until the guest has ended, whose console is FOLDER/console.log.
 run_guest() {
-  local folder=$1 limit=${VM_TIMEOUT:-560}
+  local folder=$1
   shift
   guest_status=0
+  # A guest that does not start must not leave the result of one before.
+  : >"$folder/console.log"
   local TIMEFORMAT='%R %U %S'
-  { time timeout -k 5 "$limit" "$@" </dev/null >>"$folder/program.log" 2>&1 || guest_status=$?; } 2>"$folder/times"
+  { time timeout -k 5 "$kGuestLimit" "$@" </dev/null >"$folder/program.log" 2>&1 || guest_status=$?; } 2>"$folder/times"
 }
 
 # boot_debian_kernel FOLDER KERNEL [ARGUMENT...]: run_guest with Debian's own kernel, of tier3_prepare.sh, in QEMU; the arguments add
@@ -42,8 +46,6 @@ run_guest() {
 boot_debian_kernel() {
   local folder=$1 kernel=$2
   shift 2
-  : >"$folder/console.log"
-  : >"$folder/program.log"
   # The processor is emulated also where KVM is at hand: it is quick enough, and every machine then does the same. One processor:
   # with two, a burst overruns the emulated controller's buffer.
   run_guest "$folder" qemu-system-x86_64 -M q35 -accel tcg,thread=multi -cpu max -smp 1 -m 1024 \
@@ -66,7 +68,7 @@ end_as_guest() {
   [[ -n $result ]] && exit "$result"
   tail -5 "$folder/program.log"
   if ((guest_status == 124)); then
-    echo "failed: the guest was not done after ${VM_TIMEOUT:-560} s; run it again on a quieter machine, or with a larger VM_TIMEOUT (s)"
+    echo "failed: the guest was not done after $kGuestLimit s; run it again on a quieter machine, or with a larger VM_TIMEOUT (s)"
   else
     echo "failed: the guest ended without a result, with status $guest_status; see $folder"
   fi

@@ -28,8 +28,6 @@ for TMPDIR in /dev/shm "${TMPDIR:-/tmp}" "$folder"; do
 done
 export TMPDIR
 
-: >"$folder/console.log"
-: >"$folder/program.log"
 # The kernel and each process of the guest are processes here that run in turns. On one processor they pass the turn directly; else
 # each waits for a processor of its own to be free.
 processor=$(taskset --cpu-list --pid $$ | sed 's/.*: //; s/[-,].*//')
