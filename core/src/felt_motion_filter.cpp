@@ -30,6 +30,7 @@ void FeltMotionFilter::begin(const Variances& variances) {
       Vector3::Constant(variances.support);
   normalised_squares_ = 0.0;
   innovations_ = 0.0;
+  has_begun_ = true;
 }
 
 void FeltMotionFilter::advance(double seconds, double turn_rad) {
@@ -46,12 +47,6 @@ void FeltMotionFilter::advance(double seconds, double turn_rad) {
   covariance_.block<3, 3>(3, 3) += kAccelerationVariance * square * I;
   covariance_.block<3, 3>(6, 6) +=
       (kSupportVariancePerSecond * seconds + kSupportVariancePerRadian * std::abs(turn_rad)) * I;
-}
-
-void FeltMotionFilter::forget_place() {
-  covariance_.topRows<3>().setZero();
-  covariance_.leftCols<3>().setZero();
-  covariance_.diagonal().head<3>().setConstant(kPlaceVariance);
 }
 
 Vector3 FeltMotionFilter::place_variance(const Matrix3& R_odom_base) const {

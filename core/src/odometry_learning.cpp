@@ -7,22 +7,25 @@ namespace nilio::core {
 
 namespace {
 
-// The prediction error that the gate follows: forgetting factor and least value.
+// Forgetting factor of the prediction error that the gate follows.
 constexpr double kErrorMemory = 0.9;
 constexpr int kGuessIsForgotten = 100;
-constexpr double kMinSigmaMetres = 0.1;
 constexpr double kPeriodMemory = 0.9;
 // An inlier share below this part of its running mean is not tracking.
-constexpr double kInlierCollapse = 0.6;
-// Where the prediction is worth little a wrong pose is as easily found as the right one: more is asked for.
-// Few points that happen to meet a plane agree with it anywhere, so their number counts, too.
-constexpr double kInlierReturn = 0.75;
+constexpr double kInlierCollapse = 0.75;
+// Where the prediction is worth little a wrong pose is as easily found as the right one, and the ground alone
+// agrees with any: nearly as much as while tracking is asked for. Few points that happen to meet a plane
+// agree with it anywhere, so their number counts, too.
+constexpr double kInlierReturn = 0.95;
 constexpr double kInlierCountReturn = 0.25;
 constexpr double kInlierMemory = 0.95;
 constexpr int kLostAfterFailures = 5;
 // No road vehicle is faster, or turns faster.
 constexpr double kMaxSpeed = 90.0;
 constexpr double kMaxTurnRate = 6.0;
+// Nor is it pushed or turned harder without being wrecked.
+constexpr double kMaxAcceleration = 50.0;
+constexpr double kMaxTurnAcceleration = 10.0;
 constexpr double kGyroBiasGain = 0.02;
 constexpr double kMaxGyroBias = 0.1;
 constexpr double kCalmTurnRate = 0.02;
@@ -40,9 +43,22 @@ bool Odometry::State::is_plausible(const OdometryResult& result) const {
   if (motion.body_velocity().norm() > kMaxSpeed || motion.mean_angular_velocity().norm() > kMaxTurnRate)
     return false;
   if (scans < kInitialScans) return true;
-  if (failures == 0 && !after_gap()) return result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
-  return result.inlier_ratio > kInlierReturn * mean_inlier_ratio &&
+  if (!relocated && searches == 0 && !after_gap())
+    return result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
+  // Where an axis that was shown is hidden, what agrees may be no more than the ground.
+  const bool shows_less = relocated && (registration.degenerate_axes & ~hidden_axes) != 0;
+  return !shows_less && result.inlier_ratio > kInlierReturn * mean_inlier_ratio &&
          registration.equations.inliers > kInlierCountReturn * mean_inliers;
+}
+
+/// Farther from where it is predicted to be than any acceleration brings it since it was seen last.
+bool Odometry::State::is_out_of_reach() const {
+  if (scans < kInitialScans) return false;
+  const SE3 error = T_predicted.inverse() * registration.T_map_moving;
+  const double seconds = ahead.span_s() * (failures + 1);
+  const double square = seconds * seconds;
+  return error.translation.norm() > kMinSigmaMetres + kMaxAcceleration * square ||
+         so3_log(error.rotation).norm() > kMinSigmaMetres / kErrorLeverMetres + kMaxTurnAcceleration * square;
 }
 
 void Odometry::State::learn_gyro_bias() {
@@ -124,6 +140,8 @@ void Odometry::State::learn_velocity() {
                                kStandingSupportVariance);
   } else if (ahead.acceleration) {
     correct_felt_motion();
+  } else {
+    felt_motion.forget();
   }
 }
 
@@ -132,7 +150,12 @@ void Odometry::State::correct_felt_motion() {
   const Vector3 change = felt_motion.correct(T_predicted.rotation.toRotationMatrix(), moved,
                                              registration.observed_share.head<3>());
   felt_velocity.know_support(felt_velocity.judge().support() + change, felt_motion.support_variance());
-  if (felt_motion.is_contradicted()) felt_velocity.reset();
+  if (felt_motion.is_contradicted()) forget_felt_motion();
+}
+
+void Odometry::State::forget_felt_motion() {
+  felt_velocity.reset();
+  felt_motion.forget();
 }
 
 void Odometry::State::forget_prediction_error() {
@@ -148,10 +171,13 @@ void Odometry::State::count_scan_with_ndt() {
 void Odometry::State::accept(OdometryResult& result) {
   if (relocated) {
     skip_motion();
-    felt_motion.forget_place();
+    felt_motion.forget();
     forget_prediction_error();
+    if (is_out_of_reach()) forget_felt_motion();
   } else {
     learn_motion();
+    searches = 0;
+    hidden_axes = registration.degenerate_axes;
   }
   if (!motion_compensated) result.deskew_rate = deskew_rate;
   const double memory = mean_inlier_ratio == 0.0 ? 0.0 : kInlierMemory;

@@ -60,14 +60,18 @@ void Odometry::State::align_with_gravity(const Scan& scan) {
 }
 
 bool Odometry::State::restart_is_due() const {
-  return failures >= kRestartAfterFailures && sweep.size() >= kMinStartPoints;
+  const bool has_not_begun = failures > 0 && scans < kInitialScans;
+  const bool is_elsewhere = failures >= kRestartAfterFailures || searches >= kRestartAfterSearches;
+  return (has_not_begun || is_elsewhere) && sweep.size() >= kMinStartPoints;
 }
 
 /// To begin again from the predicted pose. What the vehicle did meanwhile is not known: its speed least of
-/// all.
+/// all, and nothing could be predicted yet where it had not begun.
 void Odometry::State::forget_map() {
+  if (scans < kInitialScans) T_map_base = T_accepted;
   scans = 0;
   failures = 0;
+  searches = 0;
   twist.reset(Vector6::Zero());
   mean_inlier_ratio = 0.0;
   forget_prediction_error();
@@ -75,7 +79,7 @@ void Odometry::State::forget_map() {
   prediction_error_m = 0.0;
   prediction_square.setZero();
   standing_start.end();
-  felt_velocity.reset();
+  forget_felt_motion();
   registration = {};
 }
 
@@ -88,6 +92,7 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   ahead.span = first_span;
   plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;
+  T_accepted = T_map_base;
   rebuild_first_map();
   result.stop_reason = StopReason::kConverged;
   for (const auto stage : {OdometryStage::kFiltered, OdometryStage::kCoarse, OdometryStage::kFine})

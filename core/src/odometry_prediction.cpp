@@ -56,11 +56,12 @@ void Odometry::State::advance_felt_motion() {
     return;
   }
   const AccelerometerJudge& judge = felt_velocity.judge();
-  if (!ahead.acceleration) {
-    felt_motion.begin({std::max(kLeastVelocityVariance, judge.velocity_variance()),
+  const double seconds = motion.between_s(last_sweep_s);
+  if (!ahead.acceleration || !felt_motion.has_begun()) {
+    const double by_error = prediction_square.head<3>().maxCoeff() / (seconds * seconds);
+    felt_motion.begin({std::max({kLeastVelocityVariance, judge.velocity_variance(), by_error}),
                        std::max(kLeastSupportVariance, judge.support_variance())});
   }
-  const double seconds = motion.between_s(last_sweep_s);
   felt_motion.advance(seconds, seconds * motion.mean_angular_velocity().z());
 }
 

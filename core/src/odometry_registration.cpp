@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace nilio::core {
 
@@ -160,9 +161,12 @@ void Odometry::State::register_sweep(OdometryResult& result) {
   }
   register_points(coarse_was_due, result);
   count_inliers(result);
-  if (scans < kInitialScans || is_plausible(result) || sweep.empty() || has_no_time()) return;
+  const bool is_tracked = is_plausible(result) && !is_out_of_reach();
+  if (scans < kInitialScans || is_tracked || sweep.empty() || has_no_time()) return;
   search_lost_vehicle(result);
+  const double searched_sigma_m = std::exchange(sigma_m, kMinSigmaMetres);
   register_points(false, result);
+  sigma_m = searched_sigma_m;
   count_inliers(result);
 }
 

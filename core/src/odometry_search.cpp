@@ -101,6 +101,7 @@ void Odometry::State::search_lost_vehicle(OdometryResult& result) {
     if (!budget.allows(Work::kNdt, kSearchIterations * search_points.size())) break;
     try_hypothesis(lost_hypothesis(next_hypothesis), search, result);
     next_hypothesis = (next_hypothesis + 1) % (kLostHypotheses.size() + 1);
+    if (tried == kLostHypotheses.size()) ++searches;
   }
   registration.T_map_moving = search.T_best;
   // The points were chosen for the pose that was wrong.

@@ -35,10 +35,13 @@ inline constexpr float kInitialVoxelShare = 0.7F;
 /// Voxel of the points that the coarse map is fed with and that registration chooses from.
 inline constexpr float kCoarseVoxelMetres = 1.0F;
 /// Scans without a pose after which the old map is given up: it has moved out of sight, or the search would
-/// have found it.
+/// have found it. So many searches in a row that did not lead back to tracking saw another place.
 inline constexpr int kRestartAfterFailures = 30;
+inline constexpr int kRestartAfterSearches = 10;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
+/// Least one. A place that was searched for has to agree as closely.
+inline constexpr double kMinSigmaMetres = 0.1;
 /// An acceleration that is sampled more seldom says little of the velocity between its samples.
 inline constexpr Duration kMaxFeltGap = Duration::from_milliseconds(50.0);
 /// What turns rotation into distance where errors are put together.
@@ -146,6 +149,7 @@ struct Odometry::State {
   [[nodiscard]] TrackingState state_without_registration(int failures_in_a_row) const;
   [[nodiscard]] BudgetRung rung_of(const OdometryResult& result) const;
   [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
+  [[nodiscard]] bool is_out_of_reach() const;
   void judge(OdometryResult& result);
   void accept(OdometryResult& result);
   void fall_back(OdometryResult& result);
@@ -181,6 +185,7 @@ struct Odometry::State {
   [[nodiscard]] RegisteredMotion registered_motion() const;
   void learn_motion();
   void skip_motion();
+  void forget_felt_motion();
   void learn_gyro_bias();
   [[nodiscard]] TurnRate turn_rate(bool by_gyro) const;
   [[nodiscard]] Vector3 seen_share() const;
@@ -229,6 +234,10 @@ struct Odometry::State {
   /// The previous pose was a prediction, or this one was searched for: what lies between them is no motion of
   /// this scan.
   bool relocated = false;
+  /// Since a scan was tracked last: which axes that one did not show, and how often the vehicle was looked
+  /// for everywhere.
+  std::uint8_t hidden_axes = 0;
+  int searches = 0;
   SE3 last_half_sweep;  ///< of the scan before: from the middle of its sweep to its end
   double last_sweep_s = 0.0;
   TwistFilter twist;

@@ -106,6 +106,35 @@ TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, 
   CHECK(run_command(add_bench, {"soak", "--minutes", "nan"}) == -1);
 }
 
+TEST_CASE("at each seam to another place the way is lost, said, and found again within twenty scans",
+          "[drives]") {
+  const TemporaryFolder folder;
+  const std::string forest = folder.file("forest");
+  REQUIRE(run_command(add_simulate_command, {"simulate", forest, "--scene", "forest", "--duration", "5"}) ==
+          0);
+  for (const bool with_imu : {true, false}) {
+    auto drives = open_sensor_drives({tests::town_drive(), forest});
+    REQUIRE(drives.ok());
+    if (!with_imu) {
+      for (SensorDrive& drive : *drives) drive.files.can_logs.clear();
+    }
+    StopSignals signals;
+    SoakConfig config;
+    config.length = core::Duration::from_seconds(30.0);
+    config.domain = 231;
+    const auto soak = run_soak(*drives, config, signals);
+    REQUIRE(soak.ok());
+    const auto [initialising, tracking, degraded, lost] = soak->states;
+    const std::uint64_t seams = soak->laps - 1;
+    REQUIRE(seams == 5);
+    CHECK(lost >= seams);
+    CHECK(initialising > 4 * seams);
+    CHECK(initialising + degraded + lost < 20 * (seams + 1));
+    CHECK(tracking + 20 * (seams + 1) > soak->poses);
+    CHECK((soak->scans_with_imu > 0) == with_imu);
+  }
+}
+
 TEST_CASE("five minutes of driving and two of standing take no more memory after a while", "[.soak]") {
   const TemporaryFolder folder;
   const std::string drive = tests::simulate_town(folder, "30");

@@ -140,11 +140,17 @@ TEST_CASE("a support is less certain after a turn, with which biases turn") {
   CHECK(std::sqrt(turned.support_variance()) > 0.1);
 }
 
-TEST_CASE("a place that was searched for has nothing to say of velocity") {
+TEST_CASE("what was forgotten has to begin anew, and then knows nothing of before") {
   FeltMotionFilter filter;
+  CHECK_FALSE(filter.has_begun());
   filter.begin({1.0, 1.0});
+  CHECK(filter.has_begun());
   filter.advance(1.0, 0.0);
   CHECK(filter.velocity_gain(Matrix3::Identity()).minCoeff() > 0.5);
-  filter.forget_place();
+  filter.forget();
+  CHECK_FALSE(filter.has_begun());
+  filter.begin({0.0, 0.0});
+  CHECK(filter.has_begun());
   CHECK(filter.velocity_gain(Matrix3::Identity()).norm() == 0.0);
+  CHECK(filter.support_variance() == 0.0);
 }

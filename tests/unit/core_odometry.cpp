@@ -2,6 +2,7 @@
 
 #include "synthetic_room.hpp"
 
+#include <algorithm>
 #include <functional>
 #include <limits>
 
@@ -210,4 +211,43 @@ TEST_CASE("a vehicle that left its map unseen begins a new one where it is predi
   CHECK(run.results[70].state == TrackingState::kTracking);
   const SE3 since = run.results[70].T_odom_base.inverse() * run.results[89].T_odom_base;
   CHECK(since.translation.x() == Approx(1.9).margin(0.1));
+}
+
+TEST_CASE("a drive that goes on in another place is lost, begun anew there and tracked within twenty scans") {
+  constexpr int kSeam = 40;
+  Room other;
+  other.low = {-60.0, -9.0, -1.8};
+  other.high = {45.0, 60.0, 7.0};
+  for (int i = 0; i < 6; ++i) other.pillars.push_back({-25.0 + 9.0 * i, 4.0 + 3.0 * i, 0.6});
+  const PoseFunction slower = [](double t) {
+    const SE3 begin{Eigen::Quaterniond(Eigen::AngleAxisd(0.6, Vector3::UnitZ())), Vector3(-20.0, -3.0, 0.0)};
+    return begin * SE3{Eigen::Quaterniond::Identity(), Vector3(3.0 * t - 12.0, 0.0, 0.0)};
+  };
+  const Room room = Room::with_pillars();
+  for (const bool with_imu : {true, false}) {
+    Odometry odometry(OdometryConfig{});
+    std::vector<OdometryResult> results;
+    int imu_index = -20;
+    for (int i = 0; i < 2 * kSeam; ++i) {
+      for (; with_imu && imu_index * 0.005 < (i + 1) * kPeriod + 0.01; ++imu_index) {
+        const double time = imu_index * 0.005;
+        odometry.add_imu(imu_sample(time < kSeam * kPeriod ? winding : slower, time, Vector3::Zero()));
+      }
+      const bool is_other = i >= kSeam;
+      results.push_back(odometry.register_scan(scan_room(is_other ? other : room, is_other ? slower : winding,
+                                                         i * kPeriod, static_cast<std::uint64_t>(i))));
+    }
+    CHECK(results[kSeam - 1].state == TrackingState::kTracking);
+    const auto said = [&](TrackingState state) {
+      return std::any_of(results.begin() + kSeam, results.begin() + kSeam + 20,
+                         [&](const OdometryResult& result) { return result.state == state; });
+    };
+    CHECK(said(TrackingState::kLost));
+    CHECK(said(TrackingState::kInitialising));
+    for (int i = kSeam; i < kSeam + 10; ++i) CHECK(results[i].state != TrackingState::kTracking);
+    for (int i = kSeam + 20; i < 2 * kSeam; ++i) CHECK(results[i].state == TrackingState::kTracking);
+    const SE3 moved = results[kSeam + 20].T_odom_base.inverse() * results.back().T_odom_base;
+    CHECK(moved.translation.x() == Approx(3.0 * kPeriod * (kSeam - 21)).margin(0.05));
+    CHECK(so3_log(moved.rotation).norm() < 0.005);
+  }
 }

@@ -19,8 +19,9 @@ class FeltMotionFilter {
   void begin(const Variances& variances);
   /// So much time is predicted, s, in which the vehicle's heading turns by so much, rad.
   void advance(double seconds, double turn_rad);
-  /// The place was searched for: the prediction has no part in it.
-  void forget_place();
+  /// Nothing of before says anything of what follows: it has to begin anew.
+  void forget() { has_begun_ = false; }
+  [[nodiscard]] bool has_begun() const { return has_begun_; }
   /// Of the place along base_link's axes, m^2.
   [[nodiscard]] Vector3 place_variance(const Matrix3& R_odom_base) const;
   /// By how much a velocity has to be corrected for each metre that its place was, along base_link's axes,
@@ -41,6 +42,7 @@ class FeltMotionFilter {
 
   void bound_place(const Vector3& direction);
 
+  bool has_begun_ = false;
   Matrix9 covariance_ = Matrix9::Zero();  ///< place, velocity, support
   /// Squares of innovations over their variances, and how many the scans' shares make of them, fading.
   double normalised_squares_ = 0.0;
