@@ -32,6 +32,12 @@ constexpr double kCalmTurnRate = 0.02;
 // Half a step of the search for a start.
 constexpr double kStartSpeedError = 5.0;
 
+/// How far it moves a point at the lever's end, at most.
+double metres_of(const SE3& error) {
+  const double angle = so3_log(error.rotation).norm();
+  return error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
+}
+
 }  // namespace
 
 bool Odometry::State::is_plausible(const OdometryResult& result) const {
@@ -51,14 +57,14 @@ bool Odometry::State::is_plausible(const OdometryResult& result) const {
          registration.equations.inliers > kInlierCountReturn * mean_inliers;
 }
 
-/// Farther from where it is predicted to be than any acceleration brings it since it was seen last.
+/// Farther from its prediction than scans lately were from theirs, and than any acceleration brings it since
+/// it was seen last.
 bool Odometry::State::is_out_of_reach() const {
-  if (scans < kInitialScans) return false;
   const SE3 error = T_predicted.inverse() * registration.T_map_moving;
+  if (scans < kInitialScans || metres_of(error) < kGateSigmas * sigma_m) return false;
   const double seconds = ahead.span_s() * (failures + 1);
-  const double square = seconds * seconds;
-  return error.translation.norm() > kMinSigmaMetres + kMaxAcceleration * square ||
-         so3_log(error.rotation).norm() > kMinSigmaMetres / kErrorLeverMetres + kMaxTurnAcceleration * square;
+  return error.translation.norm() > kMaxAcceleration * seconds * seconds ||
+         so3_log(error.rotation).norm() > kMaxTurnAcceleration * seconds * seconds;
 }
 
 void Odometry::State::learn_gyro_bias() {
@@ -82,8 +88,7 @@ void Odometry::State::learn_prediction_error() {
   // axis that follows the prediction teaches nothing of its errors.
   const Vector6 expected = prediction_square.cwiseProduct(registration.observed_share);
   prediction_square = squares.cwiseMax(prediction_square + (1.0 - kErrorMemory) * (squares - expected));
-  const double angle = turn.norm();
-  prediction_error_m = error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
+  prediction_error_m = metres_of(error);
   // What it begins with is a guess, worth one scan.
   sigma_scans = std::min(sigma_scans + 1, kGuessIsForgotten);
   const double memory = std::min(kErrorMemory, 1.0 - 1.0 / (sigma_scans + 1));

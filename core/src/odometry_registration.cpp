@@ -8,8 +8,7 @@ namespace nilio::core {
 
 namespace {
 
-// The gate follows the prediction error.
-constexpr double kGateSigmas = 3.0;
+// The kernel, as the gate, follows the prediction error.
 constexpr double kKernelSigmas = 0.5;
 // Deskewing again pays only when the ends of the sweep move by more than registration resolves.
 constexpr double kMotionEpsilonMetres = 2.5e-3;

@@ -40,6 +40,8 @@ inline constexpr int kRestartAfterFailures = 30;
 inline constexpr int kRestartAfterSearches = 10;
 /// Largest prediction error that the gate follows; also where it starts.
 inline constexpr double kMaxSigmaMetres = 2.0;
+/// Where the gate is, in such errors.
+inline constexpr double kGateSigmas = 3.0;
 /// Least one. A place that was searched for has to agree as closely.
 inline constexpr double kMinSigmaMetres = 0.1;
 /// An acceleration that is sampled more seldom says little of the velocity between its samples.
