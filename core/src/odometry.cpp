@@ -85,7 +85,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
   } else {
     s.predict(scan, result);
     // The second scan tells first how fast the vehicle is, then what to select.
-    if (s.scans > 1) s.select_points();
+    if (s.scans > 1) s.select_points(s.T_predicted);
     s.budget.done(Work::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
     s.registration_arena().execute([&] {

@@ -57,10 +57,12 @@ bool Odometry::State::is_plausible(const OdometryResult& result) const {
          registration.equations.inliers > kInlierCountReturn * mean_inliers;
 }
 
+SE3 Odometry::State::prediction_error() const { return T_predicted.inverse() * registration.T_map_moving; }
+
 /// Farther from its prediction than scans lately were from theirs, and than any acceleration brings it since
 /// it was seen last.
 bool Odometry::State::is_out_of_reach() const {
-  const SE3 error = T_predicted.inverse() * registration.T_map_moving;
+  const SE3 error = prediction_error();
   if (scans < kInitialScans || metres_of(error) < kGateSigmas * sigma_m) return false;
   const double seconds = ahead.span_s() * (failures + 1);
   return error.translation.norm() > kMaxAcceleration * seconds * seconds ||
@@ -80,7 +82,7 @@ void Odometry::State::learn_gyro_bias() {
 }
 
 void Odometry::State::learn_prediction_error() {
-  const SE3 error = T_predicted.inverse() * registration.T_map_moving;
+  const SE3 error = prediction_error();
   const Vector3 turn = so3_log(error.rotation);
   Vector6 squares;
   squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
@@ -151,7 +153,7 @@ void Odometry::State::learn_velocity() {
 }
 
 void Odometry::State::correct_felt_motion() {
-  const Vector3 moved = (T_predicted.inverse() * registration.T_map_moving).translation;
+  const Vector3 moved = prediction_error().translation;
   const Vector3 change = felt_motion.correct(T_predicted.rotation.toRotationMatrix(), moved,
                                              registration.observed_share.head<3>());
   felt_velocity.know_support(felt_velocity.judge().support() + change, felt_motion.support_variance());
@@ -177,8 +179,9 @@ void Odometry::State::accept(OdometryResult& result) {
   if (relocated) {
     skip_motion();
     felt_motion.forget();
+    // Something brought it there that the accelerometer did not feel.
+    if (is_out_of_reach()) felt_velocity.reset();
     forget_prediction_error();
-    if (is_out_of_reach()) forget_felt_motion();
   } else {
     learn_motion();
     searches = 0;

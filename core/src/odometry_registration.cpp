@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 namespace nilio::core {
 
@@ -37,11 +36,11 @@ bool has_found_pose(const RegistrationResult& coarse) {
 
 }  // namespace
 
-void Odometry::State::select_points() {
+void Odometry::State::select_points(const SE3& T_guess) {
   motion.deskew(sweep, deskewed);
   const std::size_t target = budget.choose_registration_points(config.registration_points, coarse_is_due());
-  const SelectionConfig selection_config{target, kCoarseVoxelMetres, plane_metric().max_planarity};
-  selector.select(planes, filter, deskewed, T_predicted, selection_config, selection);
+  const SelectionConfig selection_config{target, kCoarseVoxelMetres, PlaneMetric{}.max_planarity};
+  selector.select(planes, filter, deskewed, T_guess, selection_config, selection);
   selected_sweep.clear();
   for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
   thin_evenly(deskewed, kCoarsePoints, coarse_points);
@@ -55,7 +54,7 @@ bool Odometry::State::coarse_is_due() const {
 
 bool Odometry::State::after_gap() const { return ahead.span_s() > kCoarseTriggerGap * period_s; }
 
-PlaneMetric Odometry::State::plane_metric() const {
+PlaneMetric plane_metric(double sigma_m) {
   PlaneMetric metric;
   metric.gate_m = kGateSigmas * sigma_m;
   metric.kernel_scale_m = kKernelSigmas * sigma_m;
@@ -63,14 +62,15 @@ PlaneMetric Odometry::State::plane_metric() const {
 }
 
 RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vector3f>& points,
-                                                  const SE3& T_guess, const std::optional<PosePrior>& prior,
+                                                  const SE3& T_guess, const PlaneMetric& metric,
+                                                  const std::optional<PosePrior>& prior,
                                                   OdometryResult& result) {
   SolverOptions options;
   options.max_iterations = config.max_fine_iterations;
   options.prior = prior;
   options.budget = &budget;
   const RegistrationMaps maps{&planes, &coarse_map, point_map ? &*point_map : nullptr};
-  const RegistrationResult fine = method.refine(maps, points, T_guess, plane_metric(), options);
+  const RegistrationResult fine = method.refine(maps, points, T_guess, metric, options);
   result.fine_iterations += fine.iterations;
   return fine;
 }
@@ -116,7 +116,7 @@ RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse) const
   return coarse;
 }
 
-void Odometry::State::register_points(bool coarse, OdometryResult& result) {
+void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, OdometryResult& result) {
   const std::optional<PosePrior> prior = pose_prior();
   RegistrationResult by_coarse;
   for (int pass = 0; pass < config.max_passes; ++pass) {
@@ -127,7 +127,7 @@ void Odometry::State::register_points(bool coarse, OdometryResult& result) {
     motion.deskew(selected_sweep, selected);
     if (coarse && pass == 0) by_coarse = register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
-    registration = register_fine(selected, registration.T_map_moving, prior, result);
+    registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
     if (has_no_time() && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse);
     ++result.passes;
     if (has_no_time()) return;
@@ -156,16 +156,14 @@ void Odometry::State::register_sweep(OdometryResult& result) {
     twist.reset(measured_twist);
     if (!motion_compensated) rebuild_first_map();
     T_predicted = registration.T_map_moving;
-    select_points();
+    select_points(T_predicted);
   }
-  register_points(coarse_was_due, result);
+  register_points(coarse_was_due, plane_metric(sigma_m), result);
   count_inliers(result);
   const bool is_tracked = is_plausible(result) && !is_out_of_reach();
   if (scans < kInitialScans || is_tracked || sweep.empty() || has_no_time()) return;
   search_lost_vehicle(result);
-  const double searched_sigma_m = std::exchange(sigma_m, kMinSigmaMetres);
-  register_points(false, result);
-  sigma_m = searched_sigma_m;
+  register_points(false, plane_metric(kMinSigmaMetres), result);
   count_inliers(result);
 }
 
@@ -210,7 +208,7 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
   expected.tail<3>() = monitor.registered_rate();
   set_rotation(ahead.span, false, expected, motion);
   T_predicted = T_map_base * motion.predict(expected.head<3>());
-  select_points();
+  select_points(T_predicted);
   register_sweep(result);
 }
 

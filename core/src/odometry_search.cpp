@@ -46,7 +46,8 @@ void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, Odometr
   if (method.coarse)
     coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations, &budget,
                                kSearchEpsilon);
-  const RegistrationResult fine = register_fine(search_points, coarse.T_map_moving, std::nullopt, result);
+  const RegistrationResult fine =
+      register_fine(search_points, coarse.T_map_moving, plane_metric(sigma_m), std::nullopt, result);
   result.coarse_iterations += coarse.iterations;
   if (!fine.T_map_moving.is_finite() || fine.equations.inliers <= search.inliers) return;
   search.inliers = fine.equations.inliers;
@@ -105,10 +106,7 @@ void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   }
   registration.T_map_moving = search.T_best;
   // The points were chosen for the pose that was wrong.
-  const SE3 T_before = T_predicted;
-  T_predicted = search.T_best;
-  select_points();
-  T_predicted = T_before;
+  select_points(search.T_best);
 }
 
 }  // namespace nilio::core

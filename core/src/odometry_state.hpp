@@ -61,6 +61,9 @@ inline constexpr std::size_t kCoarsePoints = 800;
 /// Points whose beams differ by this come from different ones.
 inline constexpr float kBeamSpread = 0.5F;
 
+/// For a scan whose prediction errs by so much.
+[[nodiscard]] PlaneMetric plane_metric(double sigma_m);
+
 /// Every k-th element, at most `target` of them.
 void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
                  std::vector<Eigen::Vector3f>& output);
@@ -130,7 +133,7 @@ struct Odometry::State {
   void forget_map();
   void start(const Scan& scan, OdometryResult& result);
   void predict(const Scan& scan, OdometryResult& result);
-  void select_points();
+  void select_points(const SE3& T_guess);
   [[nodiscard]] bool coarse_is_due() const;
   [[nodiscard]] bool after_gap() const;
   tbb::task_arena& registration_arena();
@@ -145,12 +148,13 @@ struct Odometry::State {
   void search_lost_vehicle(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
   SE3 refine_motion(SE3& T_map_end);
-  void register_points(bool coarse, OdometryResult& result);
+  void register_points(bool coarse, const PlaneMetric& metric, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool has_no_time() const;
   [[nodiscard]] TrackingState state_without_registration(int failures_in_a_row) const;
   [[nodiscard]] BudgetRung rung_of(const OdometryResult& result) const;
   [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
+  [[nodiscard]] SE3 prediction_error() const;
   [[nodiscard]] bool is_out_of_reach() const;
   void judge(OdometryResult& result);
   void accept(OdometryResult& result);
@@ -180,10 +184,10 @@ struct Odometry::State {
               const SE3& T_odom_moving);
   void insert_planes(const std::vector<SweepPoint>& seen);
   void insert_coarse(const std::vector<Eigen::Vector3f>& points);
-  [[nodiscard]] PlaneMetric plane_metric() const;
   [[nodiscard]] std::optional<PosePrior> pose_prior() const;
   RegistrationResult register_fine(const std::vector<Eigen::Vector3f>& points, const SE3& T_guess,
-                                   const std::optional<PosePrior>& prior, OdometryResult& result);
+                                   const PlaneMetric& metric, const std::optional<PosePrior>& prior,
+                                   OdometryResult& result);
   [[nodiscard]] RegisteredMotion registered_motion() const;
   void learn_motion();
   void skip_motion();
