@@ -1,11 +1,9 @@
 #pragma once
 
+#include "command_line_fwd.hpp"
+
 #include <string>
 #include <vector>
-
-namespace CLI {
-class App;
-}
 
 namespace nilio::tests {
 

@@ -2,14 +2,12 @@
 
 #include "nilio/core/result.hpp"
 
+#include "command_line_fwd.hpp"
+
 #include <cstdint>
 #include <string>
 #include <variant>
 #include <vector>
-
-namespace CLI {
-class App;
-}
 
 namespace nilio::tools {
 

@@ -1,8 +1,6 @@
 #pragma once
 
-namespace CLI {
-class App;
-}
+#include "command_line_fwd.hpp"
 
 namespace nilio::tools {
 

@@ -3,14 +3,11 @@
 #include "nilio/core/result.hpp"
 
 #include "bench_table.hpp"
+#include "command_line_fwd.hpp"
 #include "plot_canvas.hpp"
 
 #include <string>
 #include <variant>
-
-namespace CLI {
-class App;
-}
 
 namespace nilio::tools {
 

@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/drivers/velodyne_model.hpp"
 
+#include "command_line_fwd.hpp"
 #include "simulation/gps_reception.hpp"
 #include "simulation/scene.hpp"
 #include "simulation/vehicle_trajectory.hpp"
@@ -11,10 +12,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
-namespace CLI {
-class App;
-}
 
 namespace nilio::tools {
 
