@@ -46,10 +46,10 @@ void store(const core::Vector3& position, core::Point& point) {
 
 }  // namespace
 
-MergedScanFeed::MergedScanFeed(PacketScanFeed& first, std::vector<Other> others, const Options& options,
-                               ipc::WakeEvent& data_event, FeedLog& log)
+MergedScanFeed::MergedScanFeed(PacketScanFeed& first, const std::vector<Other>& others,
+                               const Options& options, ipc::WakeEvent& data_event, FeedLog& log)
     : first_(first), options_(options), data_event_(data_event), log_(log) {
-  for (Other& other : others) {
+  for (const Other& other : others) {
     Lane lane;
     lane.other = other;
     lane.first_ring = static_cast<std::uint16_t>(kRingsOfLidar * (lanes_.size() + 1));

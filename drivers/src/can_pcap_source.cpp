@@ -20,8 +20,6 @@
 namespace nilio::drivers {
 namespace {
 
-using core::Error;
-
 /// An interface for status(): its name or number, cut to what Linux allows.
 using Label = std::array<char, 16>;
 

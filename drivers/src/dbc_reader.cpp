@@ -126,6 +126,7 @@ std::vector<std::string> DbcNotes::texts() const {
   std::stable_sort(sorted.begin(), sorted.end(),
                    [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<std::string> texts;
+  texts.reserve(sorted.size() + 1);
   for (auto& [line, text] : sorted) texts.push_back(std::move(text));
   if (left_out_ > 0) texts.push_back("and " + std::to_string(left_out_) + " further remarks");
   return texts;

@@ -1,7 +1,9 @@
 #include "imu_sample_monitor.hpp"
 
 #include <algorithm>
-#include <cstring>
+#include <array>
+#include <bit>
+#include <cstdint>
 
 namespace nilio::drivers {
 namespace {
@@ -9,11 +11,14 @@ namespace {
 /// Long enough that noise moves at least one of six values, for devices of any resolution.
 constexpr std::uint64_t kMostSame = 100;
 
+std::array<std::uint64_t, 3> bits_of(const std::array<double, 3>& values) {
+  return std::bit_cast<std::array<std::uint64_t, 3>>(values);
+}
+
 /// Bit by bit, since axes that are not there are not numbers.
 bool same_values(const core::ImuSample& a, const core::ImuSample& b) {
-  return std::memcmp(a.angular_velocity.data(), b.angular_velocity.data(), sizeof(a.angular_velocity)) == 0 &&
-         std::memcmp(a.linear_acceleration.data(), b.linear_acceleration.data(),
-                     sizeof(a.linear_acceleration)) == 0;
+  return bits_of(a.angular_velocity) == bits_of(b.angular_velocity) &&
+         bits_of(a.linear_acceleration) == bits_of(b.linear_acceleration);
 }
 
 }  // namespace

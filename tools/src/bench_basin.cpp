@@ -16,7 +16,6 @@ namespace nilio::tools {
 
 namespace {
 
-using core::Error;
 using core::Result;
 
 constexpr std::array<double, 7> kTranslationsMetres = {0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0};
@@ -44,6 +43,7 @@ std::vector<core::RegistrationMethodInfo> chosen_methods(const std::vector<std::
   const auto all = core::registration_methods();
   if (std::find(names.begin(), names.end(), "all") != names.end()) return {all.begin(), all.end()};
   std::vector<core::RegistrationMethodInfo> methods;
+  methods.reserve(names.size());
   for (const std::string& name : names) methods.push_back(*core::find_registration_method(name));
   return methods;
 }

@@ -71,6 +71,7 @@ Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vec
   std::vector<std::string> words{program.string()};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;
+  argv.reserve(words.size() + 1);
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
   std::vector<char*> envp = environment_with(more_environment);

@@ -29,6 +29,7 @@ const std::vector<std::pair<std::string, GpsReception>> kGpsReceptions{
 template <class Value>
 std::vector<std::string> names_of(const std::vector<std::pair<std::string, Value>>& values) {
   std::vector<std::string> names;
+  names.reserve(values.size());
   for (const auto& [name, value] : values) names.push_back(name);
   return names;
 }

@@ -68,8 +68,7 @@ bool has_status_stream(drivers::VelodyneModel model) {
   return model == kHdl64eS2 || model == kHdl64eS21 || model == kHdl64eS3;
 }
 
-Hdl64eStream::Hdl64eStream(GpsReception gps, Hdl64eStatusWriter writer)
-    : gps_(gps), writer_(std::move(writer)) {
+Hdl64eStream::Hdl64eStream(GpsReception gps, Hdl64eStatusWriter writer) : gps_(gps), writer_(writer) {
   Hdl64eStatusWriter pass = writer_;
   std::generate(pass_.begin(), pass_.end(), [&] { return pass.next(readings(gps_, {})); });
 }

@@ -12,7 +12,6 @@ namespace nilio::tools::simulation {
 
 namespace {
 
-using core::SE3;
 using core::Vector3;
 
 constexpr int kStoreys = 4;

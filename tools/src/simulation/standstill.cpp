@@ -59,6 +59,7 @@ std::vector<MovingCar> make_passing_traffic(const RoadLine& line, const SceneCon
   RandomStream random(config.seed, 261);
   const std::vector<BusStop> stops = bus_stops(duration_s);
   std::vector<MovingCar> cars;
+  cars.reserve(stops.size());
   for (const BusStop& stop : stops) cars.push_back(make_bus(line, stop));
   const auto blocked = [&](double time_s) {
     return std::any_of(stops.begin(), stops.end(), [&](const BusStop& stop) {

@@ -50,7 +50,7 @@ class MergedScanFeed : public ScanFeed {
   };
 
   /// The references have to outlive the feed.
-  MergedScanFeed(PacketScanFeed& first, std::vector<Other> others, const Options& options,
+  MergedScanFeed(PacketScanFeed& first, const std::vector<Other>& others, const Options& options,
                  ipc::WakeEvent& data_event, FeedLog& log);
 
   FeedState next(core::Scan& scan, core::Duration timeout) override;
