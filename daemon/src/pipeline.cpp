@@ -126,8 +126,7 @@ void Pipeline::make_merged_feed() {
   }
   const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar),
                                         options_.decisions.empty() ? nullptr : &options_.decisions};
-  merged_feed_ =
-      std::make_unique<MergedScanFeed>(*packet_feed_, others, options, data_event_, feed_log_);
+  merged_feed_ = std::make_unique<MergedScanFeed>(*packet_feed_, others, options, data_event_, feed_log_);
   feed_ = merged_feed_.get();
 }
 
