@@ -1,5 +1,6 @@
 #include "nilio/daemon/scan_feed.hpp"
 
+#include <algorithm>
 #include <utility>
 
 namespace nilio::daemon {
@@ -21,7 +22,8 @@ bool PacketScanFeed::drain(core::Scan& scan) {
     ++packets_in_scan_;
     if (complete) {
       take(scan);
-      scan.popped_ns = popped_ns;
+      // What is caught up with counts as received only when it is taken up.
+      scan.popped_ns = std::max(popped_ns, scan.received_ns);
       return true;
     }
   }

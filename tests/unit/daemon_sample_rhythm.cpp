@@ -3,7 +3,6 @@
 #include <catch2/catch.hpp>
 
 using nilio::core::Duration;
-using nilio::core::Time;
 using nilio::daemon::SampleRhythm;
 
 TEST_CASE("the next sample is due a period after the last one, and before two samples nothing is known") {

@@ -2,6 +2,7 @@
 #include "nilio/ipc/histogram.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <random>
@@ -87,7 +88,7 @@ TEST_CASE(
       if (i + 1 < found.rows.size()) REQUIRE(1.0 - row.share >= (1.0 - before.share) * 0.79);
     }
     const auto not_above =
-        std::upper_bound(values.begin(), values.end(), static_cast<std::int64_t>(row.value_ms * 1e6 + 0.5)) -
+        std::upper_bound(values.begin(), values.end(), std::int64_t{std::llround(row.value_ms * 1e6)}) -
         values.begin();
     REQUIRE(static_cast<std::uint64_t>(not_above) == row.count);
     REQUIRE(static_cast<double>(row.count) >= row.share * static_cast<double>(values.size()) - 1e-6);

@@ -265,7 +265,7 @@ TEST_CASE("an impossible consumer index is a full ring for the producer, until a
     std::uint64_t accepted = 0;
     for (std::uint64_t i = 0; i < 100; ++i) accepted += ring->try_push(i) ? 1U : 0U;
     CHECK(accepted <= ring->capacity());
-    CHECK(ring->begin_write(100).size() == 0);
+    CHECK(ring->begin_write(100).empty());
     CHECK(ring->size() <= ring->capacity());
     CHECK(ring->impossible_fills() > 0);
 

@@ -14,7 +14,6 @@
 
 using namespace nilio;
 using namespace nilio::tests;
-using Catch::Matchers::Contains;
 using drivers::CanBusState;
 
 TEST_CASE(
