@@ -1,8 +1,7 @@
 #include "nilio/core/odometry.hpp"
 
-#include "nilio/core/pose_covariance.hpp"
-
-#include "odometry_state.hpp"
+#include "core/src/estimation/pose_covariance.hpp"
+#include "core/src/odometry_impl.hpp"
 
 namespace nilio::core {
 

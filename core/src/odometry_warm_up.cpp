@@ -1,4 +1,4 @@
-#include "odometry_state.hpp"
+#include "core/src/odometry_impl.hpp"
 
 #include <atomic>
 #include <chrono>

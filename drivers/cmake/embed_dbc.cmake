@@ -1,5 +1,5 @@
 # cmake -DINPUTS="a.dbc;b.dbc" -DOUTPUT=x.cpp -P embed_dbc.cmake: the files' texts as constants, named by their stems.
-set(code "#include \"embedded_dbc.hpp\"\n\nnamespace nilio::drivers {\n\n")
+set(code "#include \"drivers/can/dbc/embedded_dbc.hpp\"\n\nnamespace nilio::drivers {\n\n")
 string(APPEND code "namespace {\n\nconstexpr EmbeddedDbc kFiles[] = {\n")
 foreach(input IN LISTS INPUTS)
   file(READ ${input} text)

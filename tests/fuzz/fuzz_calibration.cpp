@@ -1,8 +1,8 @@
 // Bytes as a calibration file of each model.
 
-#include "nilio/drivers/velodyne_model.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
 
-#include "fuzz_support.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <cmath>
 

@@ -1,9 +1,9 @@
 // Bytes as a candump log, as its lines, and as a capture.
 
-#include "nilio/drivers/can_capture.hpp"
-#include "nilio/drivers/candump.hpp"
+#include "nilio/drivers/can/can_capture.hpp"
+#include "nilio/drivers/can/log/candump.hpp"
 
-#include "fuzz_support.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,8 +1,8 @@
 // Bytes as a DBC file; its signals decode and encode payloads of every length.
 
-#include "nilio/drivers/dbc.hpp"
+#include "nilio/drivers/can/dbc/dbc.hpp"
 
-#include "fuzz_support.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,10 +1,10 @@
 // Bytes as CAN frames of every preset: the decoder's counts add up, times go forward, and nothing is
 // allocated.
 
-#include "nilio/drivers/imu_decoder.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
 
-#include "can_in_frame.hpp"
-#include "fuzz_support.hpp"
+#include "drivers/can/can_in_frame.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <algorithm>
 #include <array>

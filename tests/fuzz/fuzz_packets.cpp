@@ -1,10 +1,10 @@
 // Packets in any order and state to scans.
 
-#include "nilio/drivers/velodyne_decoder.hpp"
-#include "nilio/drivers/velodyne_packet.hpp"
+#include "nilio/drivers/velodyne/decoder.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
-#include "fuzz_support.hpp"
-#include "packet_input.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
+#include "tests/fuzz/packet_input.hpp"
 
 #include <algorithm>
 #include <cmath>

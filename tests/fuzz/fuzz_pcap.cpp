@@ -1,9 +1,9 @@
 // Bytes as a capture file, and as a frame of every link type.
 
-#include "nilio/drivers/pcap.hpp"
-#include "nilio/drivers/udp_in_frame.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
+#include "nilio/drivers/network/udp_in_frame.hpp"
 
-#include "fuzz_support.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <array>
 

@@ -1,14 +1,14 @@
 // Writes the inputs that the fuzz targets start from: fuzz_seeds FOLDER SOURCES makes a folder per target.
 
-#include "nilio/drivers/candump.hpp"
-#include "nilio/drivers/hdl64e_status.hpp"
-#include "nilio/drivers/imu_decoder.hpp"
-#include "nilio/drivers/pcap.hpp"
-#include "nilio/drivers/position_packet.hpp"
-#include "nilio/drivers/velodyne_packet.hpp"
+#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
+#include "nilio/drivers/velodyne/clock/position_packet.hpp"
+#include "nilio/drivers/velodyne/hdl64e/status.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
-#include "../unit/capture_bytes.hpp"
-#include "packet_input.hpp"
+#include "tests/fuzz/packet_input.hpp"
+#include "tests/support/capture_bytes.hpp"
 
 #include <cstdio>
 #include <filesystem>

@@ -1,8 +1,8 @@
 // The HDL-64E's status stream: pairs of type and value, some of them lost.
 
-#include "nilio/drivers/hdl64e_status.hpp"
+#include "nilio/drivers/velodyne/hdl64e/status.hpp"
 
-#include "fuzz_support.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <cmath>
 

@@ -1,9 +1,9 @@
 // Position packets and their NMEA sentences.
 
-#include "nilio/drivers/nmea.hpp"
-#include "nilio/drivers/position_packet.hpp"
+#include "nilio/drivers/velodyne/clock/nmea.hpp"
+#include "nilio/drivers/velodyne/clock/position_packet.hpp"
 
-#include "fuzz_support.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 
 #include <cmath>
 #include <string_view>

@@ -1,6 +1,6 @@
 // Functions of the C library and of C++ that a real-time thread must not call, in a library before theirs:
 // the dynamic linker then binds the program's and every library's calls to these.
-#include "interpose.hpp"
+#include "tests/realtime/interpose.hpp"
 
 #include <cerrno>
 #include <cstdarg>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "watch.hpp"
+#include "tests/realtime/watch.hpp"
 
 /// Between the replaced functions and the watch.
 namespace nilio::tests::interpose {

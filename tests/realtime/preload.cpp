@@ -2,7 +2,7 @@
 //
 // NILIO_WATCH_REPORT=FILE  written at the program's end: what was counted, in JSON
 // NILIO_WATCH_PLANT=1      the odometry thread allocates, releases and locks once, to be caught at it
-#include "watch.hpp"
+#include "tests/realtime/watch.hpp"
 
 #include <atomic>
 #include <cstdio>

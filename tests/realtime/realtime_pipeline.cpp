@@ -1,12 +1,12 @@
-#include "nilio/daemon/config_schema.hpp"
-#include "nilio/daemon/pipeline.hpp"
-#include "nilio/daemon/replay_files.hpp"
-#include "nilio/drivers/imu_decoder.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
 
-#include "../unit/eventually.hpp"
-#include "../unit/udp_support.hpp"
-#include "replayed_drive.hpp"
-#include "watch.hpp"
+#include "daemon/config/schema.hpp"
+#include "daemon/input/replay_files.hpp"
+#include "daemon/odometry/pipeline.hpp"
+#include "tests/realtime/replayed_drive.hpp"
+#include "tests/realtime/watch.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/udp_support.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,6 +1,6 @@
-#include "../unit/eventually.hpp"
-#include "../unit/room_drive.hpp"
-#include "../unit/udp_support.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/room_drive.hpp"
+#include "tests/support/udp_support.hpp"
 
 #include <array>
 #include <chrono>

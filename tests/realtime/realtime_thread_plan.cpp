@@ -1,9 +1,8 @@
-#include "nilio/daemon/config_schema.hpp"
-#include "nilio/daemon/memory_plan.hpp"
-#include "nilio/daemon/pipeline.hpp"
-
-#include "../unit/live_run.hpp"
-#include "../unit/threads.hpp"
+#include "daemon/config/schema.hpp"
+#include "daemon/odometry/pipeline.hpp"
+#include "daemon/realtime/memory_plan.hpp"
+#include "tests/support/live_run.hpp"
+#include "tests/support/threads.hpp"
 
 #include <sched.h>
 #include <string>

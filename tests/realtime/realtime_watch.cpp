@@ -1,6 +1,5 @@
-#include "nilio/daemon/thread_plan.hpp"
-
-#include "watch.hpp"
+#include "daemon/realtime/thread_plan.hpp"
+#include "tests/realtime/watch.hpp"
 
 #include <cstdio>
 #include <cstdlib>

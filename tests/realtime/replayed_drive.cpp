@@ -1,11 +1,11 @@
-#include "replayed_drive.hpp"
+#include "tests/realtime/replayed_drive.hpp"
 
-#include "nilio/daemon/receive.hpp"
-#include "nilio/drivers/candump.hpp"
-#include "nilio/drivers/pcap.hpp"
+#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
-#include "../unit/read_all.hpp"
-#include "../unit/room_drive.hpp"
+#include "daemon/input/receive.hpp"
+#include "tests/support/read_all.hpp"
+#include "tests/support/room_drive.hpp"
 
 #include <cstdlib>
 #include <fstream>

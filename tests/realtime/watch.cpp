@@ -1,6 +1,6 @@
-#include "watch.hpp"
+#include "tests/realtime/watch.hpp"
 
-#include "interpose.hpp"
+#include "tests/realtime/interpose.hpp"
 
 #include <algorithm>
 #include <atomic>

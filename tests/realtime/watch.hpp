@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nilio/daemon/thread_hook.hpp"
+#include "daemon/realtime/thread_hook.hpp"
 
 #include <array>
 #include <cstddef>

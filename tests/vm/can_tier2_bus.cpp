@@ -1,7 +1,7 @@
-#include "nilio/drivers/socketcan.hpp"
+#include "nilio/drivers/can/socketcan/socketcan.hpp"
 
-#include "socketcan_state.hpp"
-#include "vm_support.hpp"
+#include "drivers/can/socketcan/state.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <ctime>
 #include <linux/can/error.h>

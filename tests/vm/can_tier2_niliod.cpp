@@ -1,5 +1,5 @@
-#include "niliod_run.hpp"
-#include "vm_support.hpp"
+#include "tests/vm/niliod_run.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <csignal>
 

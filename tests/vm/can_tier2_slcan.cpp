@@ -1,11 +1,11 @@
-#include "nilio/drivers/can_controller.hpp"
-#include "nilio/drivers/socketcan.hpp"
+#include "nilio/drivers/can/can_controller.hpp"
+#include "nilio/drivers/can/socketcan/socketcan.hpp"
 
-#include "can_settings.hpp"
-#include "controller_log.hpp"
-#include "slcan_adapter.hpp"
-#include "socketcan_state.hpp"
-#include "vm_support.hpp"
+#include "drivers/can/can_settings.hpp"
+#include "drivers/can/socketcan/state.hpp"
+#include "tests/vm/controller_log.hpp"
+#include "tests/vm/slcan_adapter.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <linux/can/error.h>
 #include <linux/can/netlink.h>

@@ -1,8 +1,8 @@
-#include "can_settings.hpp"
-#include "emulated_controllers.hpp"
-#include "niliod_run.hpp"
-#include "socketcan_state.hpp"
-#include "vm_support.hpp"
+#include "drivers/can/can_settings.hpp"
+#include "drivers/can/socketcan/state.hpp"
+#include "tests/vm/emulated_controllers.hpp"
+#include "tests/vm/niliod_run.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <csignal>
 

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "nilio/drivers/can_controller.hpp"
+#include "nilio/drivers/can/can_controller.hpp"
 
-#include "vm_support.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <algorithm>
 #include <memory>

@@ -1,7 +1,7 @@
-#include "emulated_controllers.hpp"
+#include "tests/vm/emulated_controllers.hpp"
 
-#include "can_settings.hpp"
-#include "vm_support.hpp"
+#include "drivers/can/can_settings.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <cstdlib>
 #include <fstream>

@@ -1,4 +1,4 @@
-#include "niliod_run.hpp"
+#include "tests/vm/niliod_run.hpp"
 
 #include <algorithm>
 #include <chrono>

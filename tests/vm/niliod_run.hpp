@@ -1,7 +1,7 @@
 #pragma once
 
-#include "../unit/room_drive.hpp"
-#include "vm_support.hpp"
+#include "tests/support/room_drive.hpp"
+#include "tests/vm/vm_support.hpp"
 
 #include <filesystem>
 #include <memory>

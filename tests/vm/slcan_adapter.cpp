@@ -1,4 +1,4 @@
-#include "slcan_adapter.hpp"
+#include "tests/vm/slcan_adapter.hpp"
 
 #include <array>
 #include <cstdlib>

@@ -1,6 +1,6 @@
-#include "vm_support.hpp"
+#include "tests/vm/vm_support.hpp"
 
-#include "nilio/drivers/socketcan.hpp"
+#include "nilio/drivers/can/socketcan/socketcan.hpp"
 
 #include <algorithm>
 #include <array>

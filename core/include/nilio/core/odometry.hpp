@@ -1,13 +1,12 @@
 #pragma once
 
-#include "nilio/core/imu_monitor.hpp"
-#include "nilio/core/registration.hpp"
+#include "nilio/core/compute_budget.hpp"
+#include "nilio/core/imu_health.hpp"
 #include "nilio/core/registration_method.hpp"
 #include "nilio/core/scan.hpp"
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 #include "nilio/core/tracking.hpp"
-#include "nilio/core/work_budget.hpp"
 
 #include <array>
 #include <cstdint>

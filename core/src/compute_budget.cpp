@@ -1,0 +1,221 @@
+#include "nilio/core/compute_budget.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+// What work costs in ops mode, and in wall mode until it is known: nanoseconds a unit on one core of 2020's
+// computers.
+constexpr std::array<double, kWorkKinds> kNominalCostNs = {20.0, 130.0, 60.0, 60'000.0};
+// What a piece of work costs however small it is, in units: fewer points would otherwise seem to be dearer
+// ones, and fewer still would be chosen.
+constexpr std::array<double, kWorkKinds> kLeastUnits = {2000.0, 50.0, 200.0, 0.0};
+// A prediction is made so much larger than what it rests on: most iterations then cost less than predicted.
+constexpr double kMargin = 1.3;
+// What gets dearer is believed at once, what gets cheaper after a while; one preempted moment is no trend.
+constexpr double kRiseGain = 0.3;
+constexpr double kFallGain = 0.05;
+constexpr double kLargestRatio = 4.0;
+constexpr double kDoubt = 0.8;
+constexpr double kIterationGain = 0.05;
+// Shares of the time, from the scan's beginning: preparation, then NDT when it is due. What a stage leaves
+// over goes to the next.
+constexpr double kPrepareShare = 0.5;
+constexpr double kCoarseShare = 0.25;
+// With fewer points no registration is worth its name.
+constexpr std::size_t kLeastScanPoints = 1000;
+constexpr std::size_t kLeastRegistrationPoints = 100;
+constexpr std::size_t kLeastRounds = 2;
+
+}  // namespace
+
+const char* name_of(BudgetMode mode) {
+  switch (mode) {
+    case BudgetMode::kOff:
+      return "off";
+    case BudgetMode::kWall:
+      return "wall";
+    case BudgetMode::kOps:
+      return "ops";
+  }
+  return "unknown";
+}
+
+const char* name_of(BudgetRung rung) {
+  switch (rung) {
+    case BudgetRung::kFull:
+      return "full";
+    case BudgetRung::kFewerPoints:
+      return "fewer_points";
+    case BudgetRung::kIcpOnly:
+      return "icp_only";
+    case BudgetRung::kNdtOnly:
+      return "ndt_only";
+    case BudgetRung::kPredictionOnly:
+      return "prediction";
+    case BudgetRung::kCount:
+      break;
+  }
+  return "unknown";
+}
+
+WorkBudget::WorkBudget(const BudgetConfig& config, ClockFunction clock)
+    : config_(config), clock_(clock), cost_ns_(kNominalCostNs) {
+  if (config_.mode == BudgetMode::kWall && clock_ == nullptr) config_.mode = BudgetMode::kOff;
+}
+
+std::int64_t WorkBudget::now_ns() const {
+  return config_.mode == BudgetMode::kWall && answers_ != Answers::kRepeated ? clock_() : counted_ns_;
+}
+
+std::int64_t WorkBudget::overshoot_ns() const {
+  const std::int64_t rest =
+      config_.mode == BudgetMode::kOps ? static_cast<std::int64_t>(cost_ns(Work::kFinish)) : 0;
+  return config_.mode == BudgetMode::kOff ? 0 : now_ns() + rest - deadline_ns_;
+}
+
+void WorkBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns) {
+  answers_ = answers;
+  begin_ns_ = begin_ns;
+  deadline_ns_ = deadline_ns;
+  lap_ns_ = begin_ns;
+  coarse_ = false;
+  short_ = false;
+  questions_ = 0;
+  choices_ = 0;
+}
+
+void WorkBudget::begin_scan(std::int64_t released_ns, bool exempt) {
+  decisions_ = {};
+  counted_ns_ = 0;
+  answers_ = Answers::kUnlimited;
+  if (config_.mode == BudgetMode::kOff) return begin(Answers::kUnlimited, 0, kNever);
+  const std::int64_t now = now_ns();
+  const bool has_release = config_.mode == BudgetMode::kWall && released_ns > 0;
+  const std::int64_t deadline = (has_release ? released_ns : now) + config_.budget.ns;
+  begin(exempt ? Answers::kUnlimited : Answers::kDecided, now, deadline);
+}
+
+void WorkBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
+  decisions_ = decisions;
+  counted_ns_ = 0;
+  const bool was_limited = !exempt && (decisions.count_size > 0 || decisions.stop_size > 0);
+  begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, 0, kNever);
+}
+
+double WorkBudget::cost_units(Work work, std::size_t units) {
+  return static_cast<double>(units) + kLeastUnits[static_cast<std::size_t>(work)];
+}
+
+std::int64_t WorkBudget::predicted_ns(Work work, std::size_t units) const {
+  return static_cast<std::int64_t>(kMargin * cost_ns(work) * cost_units(work, units));
+}
+
+std::int64_t WorkBudget::iteration_ns() const {
+  return static_cast<std::int64_t>(cost_ns(Work::kIcp) * cost_units(Work::kIcp, registration_points_));
+}
+
+/// When this work has to be over.
+std::int64_t WorkBudget::end_of(Work work) const {
+  const std::int64_t end = deadline_ns_ - predicted_ns(Work::kFinish, 1);
+  const double share = work == Work::kPrepare          ? kPrepareShare
+                       : work == Work::kNdt && coarse_ ? kPrepareShare + kCoarseShare
+                                                       : 1.0;
+  return begin_ns_ + static_cast<std::int64_t>(share * static_cast<double>(end - begin_ns_));
+}
+
+std::size_t WorkBudget::keep_choice(std::size_t chosen) {
+  if (decisions_.count_size < BudgetDecisions::kMaxCounts)
+    decisions_.counts[decisions_.count_size++] = static_cast<std::uint32_t>(chosen);
+  return decisions_.counts[decisions_.count_size - 1U];
+}
+
+/// How many units can be done so many times until the end.
+std::size_t WorkBudget::units_within(Work work, std::int64_t end_ns, std::size_t rounds,
+                                     std::size_t most) const {
+  const auto left = static_cast<double>(std::max<std::int64_t>(end_ns - now_ns(), 0));
+  const double fitting = left / (kMargin * cost_ns(work) * static_cast<double>(rounds)) - cost_units(work, 0);
+  return static_cast<std::size_t>(std::clamp(fitting, 0.0, static_cast<double>(most)));
+}
+
+std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
+                               std::size_t most) {
+  if (answers_ == Answers::kUnlimited) return most;
+  if (answers_ == Answers::kRepeated) {
+    if (decisions_.count_size == 0) return most;
+    const std::uint8_t last = static_cast<std::uint8_t>(decisions_.count_size - 1);
+    const std::size_t chosen = std::min<std::size_t>(decisions_.counts[std::min(choices_++, last)], most);
+    short_ = short_ || chosen < most;
+    return chosen;
+  }
+  // Rather fewer iterations than no registration.
+  std::size_t fits = units_within(work, end_ns, rounds, most);
+  while (fits < least && rounds > kLeastRounds) fits = units_within(work, end_ns, --rounds, most);
+  const std::size_t chosen = fits >= most ? most : fits >= least ? fits : 0;
+  short_ = short_ || chosen < most;
+  // What is not done at all teaches nothing: doubt what it was taken to cost, or it would never be done
+  // again.
+  if (chosen == 0 && config_.mode == BudgetMode::kWall) cost_ns_[static_cast<std::size_t>(work)] *= kDoubt;
+  return std::min(keep_choice(chosen), most);
+}
+
+std::size_t WorkBudget::choose_scan_points(std::size_t most) {
+  return choose(Work::kPrepare, 1, end_of(Work::kPrepare), kLeastScanPoints, most);
+}
+
+std::size_t WorkBudget::choose_registration_points(std::size_t most, bool coarse) {
+  coarse_ = coarse;
+  // Preparation is not over yet when this is chosen; its own share is not counted here.
+  const std::int64_t begin = std::max(end_of(coarse ? Work::kNdt : Work::kPrepare), now_ns());
+  const std::int64_t time = std::max<std::int64_t>(end_of(Work::kIcp) - begin, 0);
+  const auto rounds = static_cast<std::size_t>(std::ceil(iterations_));
+  registration_points_ = choose(Work::kIcp, rounds, now_ns() + time, kLeastRegistrationPoints, most);
+  return registration_points_;
+}
+
+bool WorkBudget::allows(Work work, std::size_t units) {
+  if (answers_ == Answers::kUnlimited) return true;
+  const std::uint16_t question = questions_++;
+  const auto stops = decisions_.stops.begin();
+  if (answers_ == Answers::kRepeated)
+    return std::find(stops, stops + decisions_.stop_size, question) == stops + decisions_.stop_size &&
+           (decisions_.stop_size < BudgetDecisions::kMaxStops || question < decisions_.stops.back());
+  // What is not kept could not be repeated.
+  if (decisions_.stop_size == BudgetDecisions::kMaxStops) return false;
+  if (now_ns() + predicted_ns(work, units) <= end_of(work)) return true;
+  decisions_.stops[decisions_.stop_size++] = question;
+  return false;
+}
+
+void WorkBudget::learn(Work work, double sample_ns) {
+  double& cost = cost_ns_[static_cast<std::size_t>(work)];
+  const double limited = std::clamp(sample_ns, cost / kLargestRatio, cost * kLargestRatio);
+  cost += (limited > cost ? kRiseGain : kFallGain) * (limited - cost);
+}
+
+void WorkBudget::done(Work work, std::size_t units) {
+  work_done_[static_cast<std::size_t>(work)] += units;
+  if (units == 0) return mark_lap();
+  counted_ns_ += static_cast<std::int64_t>(cost_ns(work) * cost_units(work, units));
+  if (config_.mode != BudgetMode::kWall || answers_ == Answers::kRepeated) return;
+  if (answers_ == Answers::kDecided)
+    learn(work, static_cast<double>(now_ns() - lap_ns_) / cost_units(work, units));
+  mark_lap();
+}
+
+void WorkBudget::mark_lap() {
+  if (config_.mode == BudgetMode::kWall && answers_ != Answers::kRepeated) lap_ns_ = now_ns();
+}
+
+void WorkBudget::finish_scan(int iterations) {
+  done(Work::kFinish, 1);
+  if (answers_ == Answers::kUnlimited || was_short() || iterations == 0) return;
+  iterations_ += kIterationGain * (static_cast<double>(iterations) - iterations_);
+}
+
+}  // namespace nilio::core

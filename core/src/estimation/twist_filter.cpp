@@ -1,0 +1,78 @@
+#include "core/src/estimation/twist_filter.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr double kLeastGain = 0.2;
+constexpr double kMostGain = 0.9;
+// How fast the gain follows, and over how many innovations their usual size is taken.
+constexpr double kGainStep = 0.1;
+constexpr double kMemory = 0.9;
+
+}  // namespace
+
+void TwistFilter::reset(const Vector6& twist) {
+  twist_ = twist;
+  slope_.setZero();
+  last_.setZero();
+}
+
+Vector6 TwistFilter::slope(const TwistStep& step) const {
+  Vector6 slope = slope_;
+  if (step.acceleration) slope.head<3>() = *step.acceleration;
+  return slope;
+}
+
+TwistFilter::Gains TwistFilter::gains(const Vector6& share, const TwistStep& step) const {
+  Gains gains;
+  for (int i = 0; i < 6; ++i) {
+    // Kalata's relation: the gain of the speed that belongs to the gain of the place.
+    const double alpha = std::clamp(share[i], 0.01, 1.0);
+    const double beta = 2.0 * (2.0 - alpha) - 4.0 * std::sqrt(1.0 - alpha);
+    const double gain = std::min(gain_[i], beta / alpha);
+    gains.slope[i] = gain * gain / (2.0 - gain);
+    // At the end of the interval rather than in its middle, which the mean belongs to.
+    gains.twist[i] = gain + 0.5 * gains.slope[i];
+  }
+  if (step.acceleration) {
+    gains.twist.head<3>() = step.felt_gain.cwiseMax(0.0).cwiseMin(1.0);
+    gains.slope.head<3>().setZero();
+  }
+  return gains;
+}
+
+Vector6 TwistFilter::correct(const Vector6& mean, const Vector6& share, const TwistStep& step) const {
+  return predict(step) + gains(share, step).twist.cwiseProduct(innovation(mean, step));
+}
+
+void TwistFilter::hold(const TwistStep& step) {
+  slope_.setZero();
+  twist_ = predict(step);
+}
+
+void TwistFilter::stand() {
+  twist_.head<3>().setZero();
+  slope_.head<3>().setZero();
+  last_.head<3>().setZero();
+}
+
+void TwistFilter::learn(const Vector6& mean, const Vector6& share, const TwistStep& step) {
+  const Vector6 error = innovation(mean, step);
+  const Gains used = gains(share, step);
+  twist_ = predict(step) + used.twist.cwiseProduct(error);
+  slope_ = share.cwiseProduct(slope_ + used.slope.cwiseProduct(error) / step.seconds);
+  if (step.acceleration) slope_.head<3>().setZero();
+  for (int i = 0; i < 6; ++i) {
+    const double correlation =
+        square_[i] > 0.0 ? std::clamp(error[i] * last_[i] / square_[i], -2.0, 2.0) : 0.0;
+    gain_[i] = std::clamp(gain_[i] * std::exp(kGainStep * correlation), kLeastGain, kMostGain);
+  }
+  square_ = kMemory * square_ + (1.0 - kMemory) * error.cwiseAbs2();
+  last_ = error;
+}
+
+}  // namespace nilio::core

@@ -1,0 +1,93 @@
+#include "core/src/imu_monitor/accelerometer_alignment.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr double kMemory = 1.0 - 1.0 / 600.0;
+constexpr double kSteadyMemory = 1.0 - 1.0 / 100.0;
+constexpr double kLeastWeight = 50.0;
+constexpr double kLeastSteadyWeight = 30.0;
+constexpr double kSteadyAcceleration = 1.0;
+constexpr double kUnevenness = 0.1;
+constexpr double kLargestMountingSigma = 1.0 * std::numbers::pi / 180.0;
+// Neighbouring results share all but one scan: fewer of them are independent.
+constexpr double kOverlap = 10.0;
+
+}  // namespace
+
+const ForceFit::Record& ForceFit::record(std::size_t i) const {
+  return records_[(next_ + i) % records_.size()];
+}
+
+bool ForceFit::evenly_spaced() const {
+  const double mean = (record(2 * kSpan).time - record(0).time).seconds() / (2.0 * kSpan);
+  for (std::size_t i = 0; i < 2 * kSpan; ++i) {
+    const double interval = (record(i + 1).time - record(i).time).seconds();
+    if (std::abs(interval - mean) > kUnevenness * mean) return false;
+  }
+  return true;
+}
+
+void ForceFit::add(Time time, const SE3& T_odom_base, const Vector3& imu_position, const Vector3& force) {
+  records_[next_] = {time, T_odom_base.rotation.toRotationMatrix(), imu_position, force};
+  next_ = (next_ + 1) % records_.size();
+  count_ = std::min(count_ + 1, records_.size());
+  if (count_ == records_.size() && evenly_spaced()) learn();
+}
+
+void ForceFit::learn() {
+  const double span = 0.5 * (record(2 * kSpan).time - record(0).time).seconds();
+  const Vector3 acceleration =
+      (record(2 * kSpan).position - 2.0 * record(kSpan).position + record(0).position) / (span * span);
+  // A second difference of positions sees acceleration through a triangle; so must the force be weighted.
+  Matrix36 design = Matrix36::Zero();
+  Vector3 target = acceleration;
+  for (std::size_t i = 1; i <= 2 * kSpan; ++i) {
+    const double distance = static_cast<double>(std::min(i, 2 * kSpan + 1 - i)) - 0.5;
+    const double weight = distance / static_cast<double>(kSpan * kSpan);
+    const Record& r = record(i);
+    const Matrix3 R_middle = 0.5 * (record(i - 1).R_odom_base + r.R_odom_base);
+    target -= weight * (R_middle * r.force);
+    design.leftCols<3>() -= weight * (R_middle * skew(r.force));
+  }
+  design.rightCols<3>() = -Matrix3::Identity();
+  information_ = kMemory * information_ + design.transpose() * design;
+  right_side_ = kMemory * right_side_ + design.transpose() * target;
+  squares_ = kMemory * squares_ + target.squaredNorm();
+  weight_ = kMemory * weight_ + 1.0;
+  learn_steady(acceleration);
+}
+
+void ForceFit::learn_steady(const Vector3& acceleration) {
+  if (acceleration.norm() > kSteadyAcceleration) return;
+  steady_ = kSteadyMemory * steady_ + record(2 * kSpan).force;
+  steady_weight_ = kSteadyMemory * steady_weight_ + 1.0;
+}
+
+ForceEstimate ForceFit::estimate() const {
+  ForceEstimate result;
+  result.steady_known = steady_weight_ >= kLeastSteadyWeight;
+  if (result.steady_known) result.steady = steady_ / steady_weight_;
+  if (weight_ < kLeastWeight) return result;
+  const Eigen::LDLT<Matrix6> solver(information_ + 1e-6 * Matrix6::Identity());
+  const Vector6 solution = solver.solve(right_side_);
+  const Matrix6 inverse = solver.solve(Matrix6::Identity());
+  const double residual = std::max(0.0, squares_ - solution.dot(right_side_));
+  const double variance = kOverlap * residual / (3.0 * weight_);
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    if (std::sqrt(variance * inverse(i, i)) > kLargestMountingSigma) continue;
+    result.mounting[i] = solution[i];
+    result.mounting_known = true;
+  }
+  return result;
+}
+
+}  // namespace nilio::core

@@ -1,0 +1,116 @@
+#include "core/src/imu_monitor/gyro_alignment.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
+// Slower than this, a scan's rotation is noise of registration.
+constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
+// A minute of turning.
+constexpr double kMemory = 1.0 - 1.0 / 600.0;
+constexpr double kLeastWeight = 20.0;
+// The beginning of a turn alone fits many shifts.
+constexpr double kLeastWeightForOffset = 60.0;
+constexpr double kLeastWeightAtEdge = 100.0;
+// Variance that keeps directions without motion out of the fit, (0.06 deg/s)^2.
+constexpr double kRidge = 1e-6;
+constexpr double kLargestAngleSigma = 1.5 * kRadiansPerDegree;
+// Weaker directions carry what the strongest one leaks into them by small errors of deskewing.
+constexpr double kStrongShare = 0.1;
+constexpr double kLargestOffsetSigma = 3e-3;
+// Share of the registered rotation that the gyro has to explain before its time is worth anything.
+constexpr double kLeastExplained = 0.8;
+
+}  // namespace
+
+void RotationFit::add(const Vector3& registered, const std::array<Vector3, kTimeShifts>& gyro) {
+  double fastest = registered.norm();
+  for (const Vector3& rate : gyro) fastest = std::max(fastest, rate.norm());
+  if (fastest < kTurningRate) return;
+  weight_ = kMemory * weight_ + 1.0;
+  r_ = kMemory * r_ + registered;
+  rr_ = kMemory * rr_ + registered.squaredNorm();
+  for (std::size_t i = 0; i < kTimeShifts; ++i) {
+    Sums& s = sums_[i];
+    s.g = kMemory * s.g + gyro[i];
+    s.gg = kMemory * s.gg + gyro[i] * gyro[i].transpose();
+    s.rg = kMemory * s.rg + registered * gyro[i].transpose();
+  }
+}
+
+RotationFit::Covariances RotationFit::covariances(std::size_t shift) const {
+  const Sums& s = sums_[shift];
+  const double inverse = 1.0 / weight_;
+  const Vector3 g = s.g * inverse;
+  return {s.gg * inverse - g * g.transpose(), s.rg * inverse - r_ * inverse * g.transpose()};
+}
+
+double RotationFit::registered_variance() const { return rr_ / weight_ - (r_ / weight_).squaredNorm(); }
+
+double RotationFit::residual(std::size_t shift) const {
+  const Covariances c = covariances(shift);
+  const Matrix3 inverse = (c.gg + kRidge * Matrix3::Identity()).inverse();
+  return registered_variance() - (c.rg * inverse * c.rg.transpose()).trace();
+}
+
+void RotationFit::estimate_offset(std::size_t best, double least, RotationEstimate& result) const {
+  const bool explains = least < (1.0 - kLeastExplained) * registered_variance();
+  result.time_offset_s = shift_at(best).seconds();
+  if (best == 0 || best + 1 == kTimeShifts) {
+    result.time_offset_sigma_s = kShiftStep.seconds();
+    result.time_offset_known = explains && weight_ > kLeastWeightAtEdge;
+    result.time_offset_found = result.time_offset_known;
+    return;
+  }
+  const double before = residual(best - 1);
+  const double after = residual(best + 1);
+  const double bend = before - 2.0 * least + after;
+  if (bend <= 0.0) return;
+  const double step = kShiftStep.seconds();
+  result.time_offset_s += 0.5 * step * (before - after) / bend;
+  result.time_offset_sigma_s = step * std::sqrt(2.0 * least / (3.0 * weight_ * bend));
+  result.time_offset_found = explains && result.time_offset_sigma_s < 2.0 * kLargestOffsetSigma;
+  result.time_offset_known =
+      explains && weight_ > kLeastWeightForOffset && result.time_offset_sigma_s < kLargestOffsetSigma;
+}
+
+void RotationFit::find_directions(std::size_t best, double least, RotationEstimate& result) const {
+  const Covariances c = covariances(best);
+  const Eigen::SelfAdjointEigenSolver<Matrix3> solver(c.gg);
+  for (Eigen::Index k = 2; k >= 0; --k) {
+    const double variance = solver.eigenvalues()[k];
+    if (variance < kRidge) break;
+    const Vector3 direction = solver.eigenvectors().col(k);
+    const Vector3 registered = c.rg * direction / variance;
+    const double sigma = std::sqrt(std::max(0.0, least) / (3.0 * weight_ * variance));
+    if (sigma > kLargestAngleSigma * registered.norm()) break;
+    const bool strong = variance > kStrongShare * solver.eigenvalues()[2];
+    result.directions[result.observed++] = {direction, registered, sigma / registered.norm(), strong};
+  }
+}
+
+RotationEstimate RotationFit::estimate() const {
+  RotationEstimate result;
+  if (weight_ < kLeastWeight) return result;
+  std::size_t best = 0;
+  double least = residual(0);
+  for (std::size_t i = 1; i < kTimeShifts; ++i) {
+    const double candidate = residual(i);
+    if (candidate >= least) continue;
+    least = candidate;
+    best = i;
+  }
+  estimate_offset(best, least, result);
+  find_directions(best, least, result);
+  return result;
+}
+
+}  // namespace nilio::core

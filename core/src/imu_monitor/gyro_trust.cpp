@@ -1,0 +1,102 @@
+#include "core/src/imu_monitor/gyro_trust.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
+// Ten scans.
+constexpr double kMemory = 0.9;
+constexpr double kLeastWeight = 5.0;
+// 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
+constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
+// Withdrawn when the gyro's error is so many times that of a constant rate.
+constexpr double kPlainlyWorse = 2.0;
+constexpr double kContradiction = 0.3 * kRadiansPerDegree;
+// Rotation of a scan at which a gyro that is wrong shows.
+constexpr double kTurning = 0.3 * kRadiansPerDegree;
+// Evidence is gathered over a minute of turning. It suffices once a constant rate has gone wrong by so much
+// in all (half a second's entry into a bend) and the gyro by less than a sixth of it, which one that is
+// late, crooked (10 deg) or of another scale does not. After a withdrawal it takes four times as much.
+constexpr double kEvidenceMemory = 1.0 - 1.0 / 600.0;
+constexpr double kEvidenceSquares = 0.3 * 0.3 * kRadiansPerDegree * kRadiansPerDegree;
+constexpr double kEvidenceAfterWithdrawal = 4.0;
+constexpr double kLargestShareOfSquares = 1.0 / 36.0;
+// The noise of a registered rotation, which is evidence of nothing.
+constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDegree;
+
+}  // namespace
+
+bool GyroTrust::compared() const { return weight_ >= kLeastWeight; }
+
+bool GyroTrust::refused() const {
+  return !given_ && (withdrawn_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
+}
+
+double GyroTrust::gyro_error() const { return weight_ > 0.0 ? std::sqrt(gyro_squares_ / weight_) : 0.0; }
+
+double GyroTrust::constant_rate_error() const {
+  return weight_ > 0.0 ? std::sqrt(constant_squares_ / weight_) : 0.0;
+}
+
+bool GyroTrust::contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const {
+  if (!has_rate_) return false;
+  const double gyro_angle = (gyro - registered).norm() * seconds;
+  const double constant_angle = (rate_ - registered).norm() * seconds;
+  return gyro_angle > kContradiction && gyro_angle > kPlainlyWorse * constant_angle &&
+         gyro_angle > kPlainlyWorse * gyro_error();
+}
+
+void GyroTrust::withdraw() {
+  given_ = false;
+  withdrawn_ = true;
+  gyro_evidence_ = 0.0;
+  constant_evidence_ = 0.0;
+}
+
+void GyroTrust::forget() {
+  const bool given = given_;
+  *this = GyroTrust();
+  given_ = given;
+}
+
+bool GyroTrust::is_proven() const {
+  const double needed = withdrawn_ ? kEvidenceAfterWithdrawal * kEvidenceSquares : kEvidenceSquares;
+  return constant_evidence_ > needed && gyro_evidence_ < kLargestShareOfSquares * constant_evidence_;
+}
+
+void GyroTrust::gather_evidence(double gyro_angle, double constant_angle) {
+  const auto excess = [](double angle) { return std::max(0.0, angle * angle - kNoiseSquares); };
+  gyro_evidence_ = kEvidenceMemory * gyro_evidence_ + excess(gyro_angle);
+  constant_evidence_ = kEvidenceMemory * constant_evidence_ + excess(constant_angle);
+}
+
+void GyroTrust::update(double gyro_angle, double constant_angle, double turned) {
+  gyro_squares_ = kMemory * gyro_squares_ + gyro_angle * gyro_angle;
+  constant_squares_ = kMemory * constant_squares_ + constant_angle * constant_angle;
+  weight_ = kMemory * weight_ + 1.0;
+  if (!compared()) return;
+  if (turned > kTurning) gather_evidence(gyro_angle, constant_angle);
+  const double gyro = gyro_error();
+  const double constant = std::max(constant_rate_error(), kIndifferent);
+  if ((given_ || turned > kTurning) && gyro > kPlainlyWorse * constant) withdraw();
+  if (!given_ && gyro <= constant && is_proven()) {
+    given_ = true;
+    withdrawn_ = false;
+  }
+}
+
+void GyroTrust::add(const Vector3& gyro, const Vector3& registered, double seconds) {
+  if (has_rate_) {
+    update((gyro - registered).norm() * seconds, (rate_ - registered).norm() * seconds,
+           registered.norm() * seconds);
+  }
+  rate_ = registered;
+  has_rate_ = true;
+}
+
+}  // namespace nilio::core

@@ -1,0 +1,93 @@
+#include "core/src/preprocessing/scan_filter.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace nilio::core {
+
+namespace {
+
+/// Turns a point about the horizontal axis across its direction, upwards.
+Eigen::Vector3f raise_beam(const Eigen::Vector3f& p, float cosine, float sine) {
+  const float horizontal = p.head<2>().norm();
+  if (horizontal == 0.0F) return p;
+  const float shrink = cosine - p.z() / horizontal * sine;
+  return {p.x() * shrink, p.y() * shrink, p.z() * cosine + horizontal * sine};
+}
+
+/// Visits the points of a scan far from each other in turn, the first few spread as evenly over it as all
+/// are: multiples of the golden ratio. In the scan's own order the first point of a voxel would always be the
+/// one on the side that the beams come from, which moves walls, and a stride would pick the same beams from
+/// every firing.
+class SpreadOrder {
+ public:
+  /// `count` is at least 1.
+  explicit SpreadOrder(std::size_t count) : count_(count), step_(step_for(count)) {}
+
+  /// The next index; each of them once.
+  std::size_t next() {
+    const std::size_t index = next_;
+    next_ += step_;
+    if (next_ >= count_) next_ -= count_;
+    return index;
+  }
+
+ private:
+  static std::size_t step_for(std::size_t count) {
+    constexpr double golden_ratio = 0.6180339887498949;
+    auto step = static_cast<std::size_t>(golden_ratio * static_cast<double>(count));
+    while (step > 1 && std::gcd(step, count) != 1) --step;
+    return std::max<std::size_t>(step, 1);
+  }
+
+  std::size_t count_;
+  std::size_t step_;
+  std::size_t next_ = 0;
+};
+
+constexpr std::size_t kFetchedAhead = 64;
+
+}  // namespace
+
+void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_base_lidar,
+                 VoxelFilter& filter, std::vector<SweepPoint>& output) {
+  output.clear();
+  if (scan.points.empty()) return;
+  filter.begin(config.voxel_size_m);
+  const float min_square = config.min_range_m * config.min_range_m;
+  const float max_square = config.max_range_m * config.max_range_m;
+  const Eigen::Matrix3f R_base_lidar = T_base_lidar.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t_base_lidar = T_base_lidar.translation.cast<float>();
+  const auto sweep_ns = (scan.end - scan.start).ns;
+  const float cosine = std::cos(config.elevation_correction_rad);
+  const float sine = std::sin(config.elevation_correction_rad);
+  // KITTI's files have no numbers of beams. The sine of the elevation tells them apart as well.
+  const bool numbered =
+      std::any_of(scan.points.begin(), scan.points.end(), [](const Point& point) { return point.ring != 0; });
+  SpreadOrder order(scan.points.size());
+  // The order jumps through memory as no processor foresees: points are fetched a while before they are due.
+  SpreadOrder ahead = order;
+  for (std::size_t i = 0; i < kFetchedAhead; ++i) ahead.next();
+  const auto next_index = [&](std::size_t) {
+    __builtin_prefetch(&scan.points[ahead.next()]);
+    return order.next();
+  };
+  const auto position_of = [&](std::size_t i, Eigen::Vector3f& p) {
+    const Point& point = scan.points[i];
+    p = {point.x, point.y, point.z};
+    const float square = p.squaredNorm();
+    // Also false for NaN.
+    return square >= min_square && square <= max_square;
+  };
+  filter.thin(std::min(config.max_points, scan.points.size()), next_index, position_of, [&](std::size_t i) {
+    const Point& point = scan.points[i];
+    Eigen::Vector3f p(point.x, point.y, point.z);
+    const float beam = numbered ? static_cast<float>(point.ring) : p.z() / p.norm() / scan.beam_spacing_rad;
+    if (sine != 0.0F) p = raise_beam(p, cosine, sine);
+    const float time_s = static_cast<float>(static_cast<double>(point.time_offset_ns - sweep_ns) * 1e-9);
+    output.push_back({R_base_lidar * p + t_base_lidar, time_s, beam});
+  });
+}
+
+}  // namespace nilio::core

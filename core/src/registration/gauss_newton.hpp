@@ -1,0 +1,85 @@
+#pragma once
+
+#include "core/src/registration/registration.hpp"
+#include "core/src/thread_sanitizer.hpp"
+
+#include <cstddef>
+#include <span>
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+namespace nilio::core {
+
+/// The points of a voxel share the error of its plane, which no residual shows and no number of points
+/// averages out: no scan tells its place in the map better than this.
+inline constexpr double kScanErrorMetres = 0.007;
+
+/// Sums `accumulate(point, equations)` over all points in a fixed order; `accumulate` fills the upper
+/// triangle of H only.
+template <class Accumulate>
+NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
+  // Points per leaf of the reduction. Fixed: the tree, and with it every rounding, depends on the number of
+  // points only.
+  constexpr std::size_t grain = 512;
+  using Range = tbb::blocked_range<std::size_t>;
+  char order = 0;
+  sanitizer_release(&order);
+  const NormalEquations sum = tbb::parallel_deterministic_reduce(
+      Range(0, points.size(), grain), NormalEquations{},
+      [&](const Range& range, NormalEquations equations) {
+        sanitizer_acquire(&order);
+        for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
+        equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        sanitizer_release(&order);
+        return equations;
+      },
+      [](NormalEquations a, const NormalEquations& b) { return a += b; });
+  sanitizer_acquire(&order);
+  return sum;
+}
+
+enum class StepOutcome { kStepped, kConverged, kNonFinite };
+
+/// Solves the equations and applies the step. Directions that are not observed keep where they began, or
+/// follow the prior (solution remapping; Zhang, Kaess, Singh 2016).
+StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
+                       RegistrationResult& result);
+
+/// What one iteration costs.
+struct IterationWork {
+  Work kind;
+  std::size_t points;
+};
+
+/// Gauss-Newton until convergence; `linearise(T)` gives the equations at T.
+template <class Linearise>
+void iterate(const Linearise& linearise, const IterationWork& work, const SolverOptions& options,
+             RegistrationResult& result) {
+  result.stop_reason = StopReason::kMaxIterations;
+  for (int i = 0; i < options.max_iterations; ++i) {
+    if (options.budget != nullptr && !options.budget->allows(work.kind, work.points)) {
+      result.stop_reason = StopReason::kBudget;
+      return;
+    }
+    result.equations = linearise(result.T_map_moving);
+    ++result.iterations;
+    if (options.budget != nullptr) options.budget->done(work.kind, work.points);
+    if (result.equations.correspondences < options.min_correspondences) {
+      result.stop_reason = StopReason::kTooFewPoints;
+      return;
+    }
+    switch (apply_step(result.equations, options, result)) {
+      case StepOutcome::kStepped:
+        break;
+      case StepOutcome::kConverged:
+        result.stop_reason = StopReason::kConverged;
+        return;
+      case StepOutcome::kNonFinite:
+        result.stop_reason = StopReason::kNonFinite;
+        return;
+    }
+  }
+}
+
+}  // namespace nilio::core

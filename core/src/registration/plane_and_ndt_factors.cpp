@@ -1,0 +1,137 @@
+#include "core/src/registration/gauss_newton.hpp"
+#include "core/src/registration/registration.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+// A thinner plane has had too few points to show its thickness.
+constexpr double kMinPlaneVariance = 0.01 * 0.01;
+// The back of a lorry is a fine plane, too, but soon somewhere else: a plane has its whole weight from so
+// many scans on.
+constexpr int kFamiliarScans = 4;
+
+/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself on what stays. A
+/// plane is known best where its points were: away from them the error of its normal grows with the square of
+/// the distance in units of their spread.
+double plane_weight(const VoxelSurface& surface, const Vector3& offset, double point_variance) {
+  const float* packed = surface.information;
+  const double square_distance =
+      offset.x() * (packed[0] * offset.x() + 2.0 * (packed[1] * offset.y() + packed[2] * offset.z())) +
+      offset.y() * (packed[3] * offset.y() + 2.0 * packed[4] * offset.z()) +
+      offset.z() * packed[5] * offset.z();
+  const double thickness = std::max(static_cast<double>(surface.thickness), kMinPlaneVariance);
+  const double familiarity = std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
+  return familiarity * point_variance / (point_variance + thickness * (1.0 + square_distance));
+}
+
+/// Adds what a point at `q` (map axes, from the moving frame's origin) says of a motion in map axes, whose
+/// Jacobian is [I, -skew(q)]: `information` and `gradient` are weighted.
+void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q,
+               NormalEquations& equations) {
+  const Matrix3 S = skew(q);
+  const Matrix3 cross = information * S;
+  equations.H.topLeftCorner<3, 3>() += information;
+  equations.H.topRightCorner<3, 3>() -= cross;
+  equations.H.bottomRightCorner<3, 3>() += S.transpose() * cross;
+  equations.b.head<3>() += gradient;
+  equations.b.tail<3>() += q.cross(gradient);
+}
+
+void add_upper(Matrix6& H, const Vector6& J, double weight) {
+  for (int column = 0; column < 6; ++column) {
+    const double weighted = weight * J[column];
+    for (int row = 0; row <= column; ++row) H(row, column) += J[row] * weighted;
+  }
+}
+
+/// From a motion in map axes to the same one in the moving frame's.
+NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_moving) {
+  const Matrix6 D = block_rotation(R_map_moving);
+  equations.H = D.transpose() * equations.H * D;
+  equations.b = D.transpose() * equations.b;
+  return equations;
+}
+
+}  // namespace
+
+NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                const SE3& T_map_moving, const PlaneMetric& metric) {
+  const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
+  const Vector3 t = T_map_moving.translation;
+  const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
+  const auto max_planarity = static_cast<float>(metric.max_planarity);
+  const NormalEquations sum =
+      reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
+        const Vector3 q = R * point.cast<double>();
+        const VoxelIndex index = map.index_of(q + t);
+        const VoxelSurface* surface = map.find(index);
+        if (surface == nullptr || surface->planarity > max_planarity) return;
+        const Vector3 normal = surface->normal.cast<double>();
+        const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
+        const double residual = normal.dot(offset);
+        if (std::abs(residual) > metric.gate_m) return;
+        const double root = scale_square / (scale_square + residual * residual);
+        const double weight =
+            root * root * plane_weight(*surface, offset - residual * normal, point_variance);
+        Vector6 J;
+        J << normal, q.cross(normal);
+        add_upper(equations.H, J, weight);
+        equations.b += (weight * residual) * J;
+        equations.weighted_square_error += weight * residual * residual;
+        equations.weight_sum += weight;
+        equations.normal_square += weight * static_cast<double>(surface->planarity) / surface->count;
+        ++equations.correspondences;
+        if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
+      });
+  return in_moving_axes(sum, R);
+}
+
+NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                              const SE3& T_map_moving, const NdtMetric& metric) {
+  static const std::array<VoxelIndex, 7> kNeighbours = {
+      VoxelIndex(0, 0, 0),  VoxelIndex(1, 0, 0), VoxelIndex(-1, 0, 0), VoxelIndex(0, 1, 0),
+      VoxelIndex(0, -1, 0), VoxelIndex(0, 0, 1), VoxelIndex(0, 0, -1)};
+  const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
+  const Vector3 t = T_map_moving.translation;
+  const double exponent = -0.5 / (metric.kernel_scale * metric.kernel_scale);
+  const NormalEquations sum =
+      reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
+        const Vector3 q = R * point.cast<double>();
+        const VoxelIndex home = map.index_of(q + t);
+        std::array<VoxelIndex, 7> indices;
+        for (std::size_t k = 0; k < indices.size(); ++k) indices[k] = home + kNeighbours[k];
+        std::array<const VoxelSurface*, 7> surfaces;
+        map.find_all(indices, indices.size(), surfaces);
+        Matrix3 information_sum = Matrix3::Zero();
+        Vector3 gradient = Vector3::Zero();
+        bool matched = false;
+        for (std::size_t k = 0; k < indices.size(); ++k) {
+          if (surfaces[k] == nullptr) continue;
+          const Vector3 error = q + t - map.corner_of(indices[k]) - surfaces[k]->mean.cast<double>();
+          const float* packed = surfaces[k]->information;
+          Matrix3 information;
+          information << packed[0], packed[1], packed[2], packed[1], packed[3], packed[4], packed[2],
+              packed[4], packed[5];
+          const Vector3 weighted_error = information * error;
+          const double square_distance = error.dot(weighted_error);
+          const double weight = std::exp(exponent * square_distance);
+          information_sum += weight * information;
+          gradient += weight * weighted_error;
+          equations.weighted_square_error += weight * square_distance;
+          equations.weight_sum += weight;
+          matched = true;
+        }
+        if (!matched) return;
+        ++equations.correspondences;
+        add_point(information_sum, gradient, q, equations);
+      });
+  return in_moving_axes(sum, R);
+}
+
+}  // namespace nilio::core

@@ -1,0 +1,114 @@
+#pragma once
+
+#include "nilio/core/compute_budget.hpp"
+#include "nilio/core/se3.hpp"
+#include "nilio/core/tracking.hpp"
+
+#include "core/src/map/gaussian_voxel_map.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace nilio::core {
+
+/// Gauss-Newton normal equations H * delta = -b of a perturbation on the right: T <- T * exp(delta),
+/// translation first, in the axes of the moving frame. So the equations stay well conditioned however far the
+/// vehicle is from the origin.
+struct NormalEquations {
+  Matrix6 H = Matrix6::Zero();
+  Vector6 b = Vector6::Zero();
+  /// Sum of weight * squared residual (m^2 for planes, squared Mahalanobis distance for NDT), and of the
+  /// weights.
+  double weighted_square_error = 0.0;
+  double weight_sum = 0.0;
+  /// Sum of weight * square of what the plane's normal may be off by, rad^2; planes only.
+  double normal_square = 0.0;
+  std::uint32_t correspondences = 0;
+  /// Correspondences with a residual below the inlier distance.
+  std::uint32_t inliers = 0;
+
+  NormalEquations& operator+=(const NormalEquations& other);
+};
+
+struct PlaneMetric {
+  /// Residuals beyond the gate are not correspondences, metres.
+  double gate_m = 1.0;
+  /// Scale of the Geman-McClure weight (s^2 / (s^2 + r^2))^2, metres.
+  double kernel_scale_m = 0.3;
+  /// A voxel is a plane when its smallest eigenvalue is less than this share of the middle one.
+  double max_planarity = 0.1;
+  /// Residual below which a correspondence counts as an inlier, metres.
+  double inlier_distance_m = 0.2;
+  /// How far a point may lie off a perfectly known plane, metres: range noise and what a real surface is not
+  /// flat. The uncertainty of a plane is weighed against it.
+  double point_deviation_m = 0.05;
+};
+
+/// Point-to-plane equations against each point's home voxel (NI-LIO 3.3): r = n . (T p - mean).
+/// `points` in the moving frame. The sum has a fixed shape, so it is the same to the last bit at any number
+/// of threads.
+NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                const SE3& T_map_moving, const PlaneMetric& metric);
+
+struct NdtMetric {
+  /// Scale of the Mahalanobis distance in the weight exp(-m^2 / (2 s^2)): large sees far, small is exact.
+  double kernel_scale = 2.0;
+};
+
+/// Point-to-distribution NDT equations against the home voxel and its six face neighbours (NI-LIO 3.2;
+/// Magnusson 2009 eq. 6.9 with the score's exponential as a weight, which makes the Newton step a
+/// Gauss-Newton step).
+NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                              const SE3& T_map_moving, const NdtMetric& metric);
+
+/// What is known of a pose before its scan is looked at.
+struct PosePrior {
+  SE3 T_map_moving;
+  /// Translation then rotation, in axes of the moving frame; m^2, rad^2. All positive.
+  Vector6 variance = Vector6::Ones();
+  /// No manoeuvre goes unfelt: a translation far from the prior is as unlikely as a normal distribution says.
+  bool translation_is_felt = false;
+};
+
+struct SolverOptions {
+  int max_iterations = 8;
+  double translation_epsilon_m = 2e-3;
+  double rotation_epsilon_rad = 2e-4;
+  std::uint32_t min_correspondences = 30;
+  /// Without a prior: directions whose mean squared direction cosine falls below this are not observed.
+  double degeneracy_threshold = 0.005;
+  /// With it every direction is weighed between scan and prior by what each knows of it.
+  std::optional<PosePrior> prior;
+  /// Asked before each iteration; null = unlimited.
+  WorkBudget* budget = nullptr;
+};
+
+struct RegistrationResult {
+  SE3 T_map_moving;
+  NormalEquations equations;  ///< at the last linearisation
+  StopReason stop_reason = StopReason::kMaxIterations;
+  int iterations = 0;
+  /// Bit i: axis i (x y z rx ry rz) of the moving frame lies mostly in a direction that the scan does not
+  /// observe.
+  std::uint8_t degenerate_axes = 0;
+  /// Share of the step along each axis that the scan decided, the rest followed the prior; 1 without one.
+  Vector6 observed_share = Vector6::Ones();
+};
+
+/// Variance of one of the residuals of plane_equations(), m^2: H divided by it is the scan's information
+/// about the pose.
+double measurement_variance(const NormalEquations& equations);
+
+/// ICP: point-to-plane Gauss-Newton with re-association in every iteration.
+RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                   const SE3& T_map_guess, const PlaneMetric& metric,
+                                   const SolverOptions& options);
+
+/// NDT with a schedule of kernel scales, wide to narrow: each is iterated until convergence.
+RegistrationResult register_ndt(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
+                                const SE3& T_map_guess, std::span<const double> kernel_scales,
+                                const SolverOptions& options);
+
+}  // namespace nilio::core

@@ -1,0 +1,135 @@
+#include "daemon/input/imu_input.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <string>
+#include <utility>
+
+namespace nilio::daemon {
+
+using core::Result;
+
+namespace {
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
+
+/// The mapping in place of a preset's.
+drivers::ImuMapping make_mapping(const ImuConfig& config) {
+  drivers::ImuMapping mapping;
+  mapping.name = config.dbc;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const ImuAxisConfig& rate = config.angular_velocity[i];
+    const ImuAxisConfig& force = config.linear_acceleration[i];
+    mapping.angular_velocity[i] = {rate.message, rate.signal, rate.scale};
+    mapping.linear_acceleration[i] = {force.message, force.signal, force.scale};
+  }
+  mapping.angular_velocity_range = config.angular_velocity_range_deg_s * kRadiansPerDegree;
+  mapping.linear_acceleration_range = config.linear_acceleration_range;
+  if (!config.counter.message.empty())
+    mapping.counters.push_back({config.counter.message, config.counter.signal});
+  if (!config.status.message.empty()) {
+    mapping.status.push_back({config.status.message, config.status.signal,
+                              static_cast<std::uint64_t>(config.status.mask),
+                              static_cast<std::uint64_t>(config.status.good)});
+  }
+  if (!config.sample_time.message.empty()) {
+    mapping.sample_time =
+        drivers::ImuSampleTime{config.sample_time.message,
+                               config.sample_time.signal,
+                               {static_cast<std::int64_t>(std::llround(config.sample_time.tick_us * 1e3))},
+                               static_cast<std::uint64_t>(config.sample_time.wrap)};
+  }
+  if (!config.temperature.message.empty())
+    mapping.temperature = drivers::ImuSignal{config.temperature.message, config.temperature.signal};
+  return mapping;
+}
+
+/// A signal that is mapped although there is no DBC file; empty when there is none.
+std::string stray_message(const ImuConfig& config) {
+  for (const ImuAxisConfig& axis : config.angular_velocity) {
+    if (!axis.message.empty()) return axis.message;
+  }
+  for (const ImuAxisConfig& axis : config.linear_acceleration) {
+    if (!axis.message.empty()) return axis.message;
+  }
+  for (const std::string* message : {&config.counter.message, &config.status.message,
+                                     &config.sample_time.message, &config.temperature.message}) {
+    if (!message->empty()) return *message;
+  }
+  return {};
+}
+
+/// What is configured beside a preset multiplies its scales.
+Result<drivers::ImuPreset> scaled_preset(const ImuConfig& config) {
+  Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
+  if (!preset) return preset;
+  for (std::size_t i = 0; i < 3; ++i) {
+    preset->mapping.angular_velocity[i].scale *= config.angular_velocity[i].scale;
+    preset->mapping.linear_acceleration[i].scale *= config.linear_acceleration[i].scale;
+  }
+  return preset;
+}
+
+Result<drivers::ImuPreset> find_mapping(const ImuConfig& config) {
+  if (const std::string stray = stray_message(config); config.dbc.empty() && !stray.empty()) {
+    return core::Error{"imu: message '" + stray +
+                       "' is mapped, but imu.dbc is empty and the preset has its own mapping: name the DBC "
+                       "file in imu.dbc, or take the mapping out"};
+  }
+  if (config.dbc.empty()) return scaled_preset(config);
+  Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
+  if (!database) return database.error();
+  return drivers::ImuPreset{make_mapping(config), std::move(database).value()};
+}
+
+}  // namespace
+
+Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
+  Result<drivers::ImuPreset> imu = find_mapping(config);
+  if (!imu) return imu.error();
+  imu->mapping.time_offset = core::Duration::from_milliseconds(config.time_offset_ms);
+  if (config.source_address >= 0)
+    imu->mapping.source_address = static_cast<std::uint8_t>(config.source_address);
+  return drivers::ImuDecoder::create(imu->mapping, imu->database);
+}
+
+void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input) {
+  if (!decoder.taken_as_zero().empty())
+    input.notes.push_back("the IMU has no " + decoder.taken_as_zero() + ": taken as 0");
+  if (config.time_offset_ms == 0.0) return;
+  std::array<char, 160> text{};
+  std::snprintf(
+      text.data(), text.size(),
+      "imu.time_offset_ms: the IMU's stamps are taken to be %.3f ms %s than the LiDAR's and are put right",
+      std::abs(config.time_offset_ms), config.time_offset_ms > 0.0 ? "later" : "earlier");
+  input.notes.emplace_back(text.data());
+}
+
+Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input) {
+  if (!config.enabled) {
+    input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
+    return std::monostate{};
+  }
+  if (config.interface_name.empty()) {
+    input.warnings.emplace_back(
+        std::string("imu.interface is empty: set it to the IMU's CAN interface, such as can0, or "
+                    "imu.enabled to false; ") +
+        kNoImu);
+    return std::monostate{};
+  }
+  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config);
+  if (!decoder) return decoder.error();
+  Result<LiveCan> live = open_live_can(config, *decoder);
+  if (!live) return live.error();
+  input.frames = std::move(live->frames);
+  input.can_watch = std::move(live->watch);
+  input.notes.push_back("IMU " + (config.dbc.empty() ? config.preset : config.dbc) + " on CAN " +
+                        config.interface_name + ", frames " + decoder->frame_filter().text());
+  note_assumptions(config, *decoder, input);
+  input.imu_decoder.emplace(std::move(decoder).value());
+  return std::monostate{};
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,261 @@
+#include "daemon/input/input.hpp"
+
+#include "nilio/drivers/can/can_capture.hpp"
+#include "nilio/drivers/capture/chained_source.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
+#include "nilio/drivers/network/udp.hpp"
+
+#include "daemon/config/schema.hpp"
+#include "daemon/input/imu_input.hpp"
+#include "daemon/input/kitti_sequence.hpp"
+#include "daemon/input/sensor_identification.hpp"
+
+#include <set>
+#include <span>
+#include <utility>
+#include <variant>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Error;
+using core::Result;
+
+constexpr std::size_t kReadBatch = 64;
+
+drivers::PcapSourceConfig pcap_config(const LidarConfig& config) {
+  drivers::PcapSourceConfig result;
+  result.data_port = static_cast<std::uint16_t>(config.port);
+  result.position_port = static_cast<std::uint16_t>(config.position_port);
+  result.sender_address = config.sender_address;
+  return result;
+}
+
+/// What the first packets of a LiDAR in a recording say.
+struct CaptureHead {
+  /// Nothing when the recording has no packets of this LiDAR; `status` then says what it has.
+  std::optional<drivers::VelodyneSensor> sensor;
+  core::Time first_stamp;
+  std::string status;
+};
+
+Result<CaptureHead> look_at_capture(const std::vector<std::string>& paths, const LidarConfig& config,
+                                    const std::string& section, Input& input) {
+  Result<std::unique_ptr<drivers::PacketSource>> source = drivers::chain_captures(paths, pcap_config(config));
+  if (!source) return source.error();
+  CaptureHead head;
+  SensorFinder finder(config, section);
+  std::vector<drivers::Packet> packets(kReadBatch);
+  SensorFinder::State state = SensorFinder::State::kLooking;
+  bool is_empty = true;
+  while (state == SensorFinder::State::kLooking) {
+    const drivers::SourceRead read = (*source)->read(packets, core::Duration{});
+    if (read.state != drivers::SourceState::kData) break;
+    if (std::exchange(is_empty, false)) head.first_stamp = packets.front().stamp;
+    for (std::size_t i = 0; i < read.count && state == SensorFinder::State::kLooking; ++i)
+      state = finder.add(packets[i]);
+  }
+  if (is_empty) {
+    head.status = (*source)->status();
+    return head;
+  }
+  if (state == SensorFinder::State::kLooking) state = finder.finish();
+  if (state == SensorFinder::State::kRefused) return Error{paths.front() + ": " + finder.problem()};
+  const std::string prefix = section == "lidar" ? "" : section + ": ";
+  for (const std::string& note : finder.notes()) input.notes.push_back(prefix + note);
+  for (const std::string& warning : finder.warnings()) input.warnings.push_back(warning);
+  head.sensor = finder.take();
+  return head;
+}
+
+std::string describe(const std::vector<std::string>& parts) {
+  if (parts.size() == 1) return parts.front();
+  return parts.front() + " to " + parts.back() + " (" + std::to_string(parts.size()) + " files)";
+}
+
+/// Where the CAN frames of a recording are: logs, or else its captures; nothing when there are none.
+std::vector<std::string> find_can_files(const ReplayFiles& files) {
+  if (!files.can_logs.empty()) return files.can_logs;
+  return !files.captures.empty() && drivers::has_can_frames(files.captures.front())
+             ? files.captures
+             : std::vector<std::string>{};
+}
+
+Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
+  if (!config.imu.enabled) {
+    input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
+    return std::monostate{};
+  }
+  const std::vector<std::string> can_files = find_can_files(files);
+  if (can_files.empty()) {
+    input.warnings.emplace_back(std::string("no CAN log beside the recording, and no CAN frames in it: ") +
+                                kNoImu);
+    return std::monostate{};
+  }
+  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu);
+  if (!decoder) return decoder.error();
+  Result<std::unique_ptr<drivers::FrameSource>> frames =
+      files.can_logs.empty() ? drivers::chain_can_captures(can_files, config.imu.interface_name)
+                             : drivers::chain_can_logs(can_files, config.imu.interface_name);
+  if (!frames) return frames.error();
+  input.frames = std::move(frames).value();
+  input.imu_decoder.emplace(std::move(decoder).value());
+  input.notes.push_back("IMU " + (config.imu.dbc.empty() ? config.imu.preset : config.imu.dbc) + " from " +
+                        describe(can_files));
+  note_assumptions(config.imu, *input.imu_decoder, input);
+  warn_of_missing_parts(can_files, input.warnings);
+  return std::monostate{};
+}
+
+/// A configured LiDAR and the name of its section.
+struct ConfiguredLidar {
+  std::string section;
+  const LidarConfig* config;
+};
+
+std::vector<ConfiguredLidar> lidars_in_use(const Config& config) {
+  std::vector<ConfiguredLidar> lidars{{"lidar", &config.lidar}};
+  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+    if (config.more_lidars[i].enabled) lidars.push_back({extra_lidar_section(i), &config.more_lidars[i]});
+  }
+  return lidars;
+}
+
+/// Packets must not be taken for two LiDARs'.
+Result<std::monostate> check_told_apart(const Config& config) {
+  const std::vector<ConfiguredLidar> lidars = lidars_in_use(config);
+  for (std::size_t i = 0; i < lidars.size(); ++i) {
+    for (std::size_t k = 0; k < i; ++k) {
+      const LidarConfig& a = *lidars[k].config;
+      const LidarConfig& b = *lidars[i].config;
+      const bool apart =
+          a.port != b.port ||
+          (!a.sender_address.empty() && !b.sender_address.empty() && a.sender_address != b.sender_address) ||
+          a.multicast_group != b.multicast_group;
+      if (!apart) {
+        return Error{lidars[k].section + " and " + lidars[i].section + " take the same packets (port " +
+                     std::to_string(a.port) +
+                     "): give each a port of its own, or in a recording a sender_address"};
+      }
+    }
+  }
+  return std::monostate{};
+}
+
+Result<std::monostate> open_more_captures(const ReplayFiles& files, const Config& config, Input& input) {
+  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+    const ExtraLidarConfig& lidar = config.more_lidars[i];
+    if (!lidar.enabled) continue;
+    const std::string section = extra_lidar_section(i);
+    Result<CaptureHead> head = look_at_capture(files.captures, lidar, section, input);
+    if (!head) return head.error();
+    if (!head->sensor) {
+      input.warnings.push_back(
+          section + ": the recording has no packets of it, so the poses do without: " + head->status);
+      continue;
+    }
+    Result<std::unique_ptr<drivers::PacketSource>> packets =
+        drivers::chain_captures(files.captures, pcap_config(lidar));
+    if (!packets) return packets.error();
+    input.more_lidars.push_back({section, lidar, std::move(packets).value(), std::move(head->sensor)});
+  }
+  return std::monostate{};
+}
+
+Result<std::unique_ptr<drivers::PacketSource>> open_socket(const LidarConfig& config) {
+  drivers::UdpSourceConfig udp;
+  udp.bind_address = config.bind_address;
+  udp.port = static_cast<std::uint16_t>(config.port);
+  udp.position_port = static_cast<std::uint16_t>(config.position_port);
+  udp.sender_address = config.sender_address;
+  udp.multicast_group = config.multicast_group;
+  udp.multicast_interface = config.multicast_interface;
+  udp.receive_buffer_bytes = config.receive_buffer_bytes;
+  return drivers::open_udp(udp);
+}
+
+Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
+  std::set<int> position_ports{config.lidar.position_port};
+  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+    ExtraLidarConfig lidar = config.more_lidars[i];
+    if (!lidar.enabled) continue;
+    const std::string section = extra_lidar_section(i);
+    if (lidar.position_port != 0 && !position_ports.insert(lidar.position_port).second) {
+      input.warnings.push_back(section + ": another LiDAR listens to position port " +
+                               std::to_string(lidar.position_port) +
+                               " already, so what this one says of its clock there is not heard: give it a "
+                               "port of its own, or set " +
+                               section + ".position_port to 0");
+      lidar.position_port = 0;
+    }
+    if (auto checked = check_lidar(lidar, section); !checked) return checked;
+    Result<std::unique_ptr<drivers::PacketSource>> packets = open_socket(lidar);
+    if (!packets) return Error{section + ": " + packets.error().message};
+    input.notes.push_back(section + ": " + (*packets)->status());
+    input.more_lidars.push_back({section, lidar, std::move(packets).value(), std::nullopt});
+  }
+  return std::monostate{};
+}
+
+}  // namespace
+
+void apply_recording_defaults(const ReplayFiles& files, Config& config) {
+  // KITTI's scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM): a property of the data set.
+  if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
+}
+
+Result<Config> replay_config(const ReplayFiles& files, const std::string& config_file) {
+  Config config;
+  apply_recording_defaults(files, config);
+  for (const std::string& file : {files.configuration, config_file}) {
+    if (file.empty()) continue;
+    if (auto applied = apply_file(config, file); !applied) return applied.error();
+  }
+  return config;
+}
+
+Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
+  Input input;
+  if (!files.kitti_sequence.empty()) {
+    Result<KittiSequence> sequence = open_kitti_sequence(files.kitti_sequence);
+    if (!sequence) return sequence.error();
+    input.notes.push_back("KITTI sequence " + files.kitti_sequence + ": " + std::to_string(sequence->scans) +
+                          " scans, already motion-compensated");
+    input.scans = std::move(sequence->feed);
+    input.T_camera_lidar = sequence->T_camera_lidar;
+    return input;
+  }
+  if (auto checked = check_told_apart(config); !checked) return checked.error();
+  Result<CaptureHead> head = look_at_capture(files.captures, config.lidar, "lidar", input);
+  if (!head) return head.error();
+  if (!head->sensor) return Error{head->status};
+  Result<std::unique_ptr<drivers::PacketSource>> packets =
+      drivers::chain_captures(files.captures, pcap_config(config.lidar));
+  if (!packets) return packets.error();
+  input.notes.push_back("packets from " + describe(files.captures));
+  warn_of_missing_parts(files.captures, input.warnings);
+  input.packets = std::move(packets).value();
+  input.sensor = std::move(head->sensor);
+  input.first_stamp = head->first_stamp;
+  if (auto more = open_more_captures(files, config, input); !more) return more.error();
+  Result<std::monostate> can = open_can_log(files, config, input);
+  if (!can) return can.error();
+  return input;
+}
+
+Result<Input> open_live(const Config& config) {
+  Input input;
+  input.live = true;
+  if (auto checked = check_told_apart(config); !checked) return checked.error();
+  if (auto checked = check_lidar(config.lidar, "lidar"); !checked) return checked.error();
+  Result<std::unique_ptr<drivers::PacketSource>> packets = open_socket(config.lidar);
+  if (!packets) return packets.error();
+  input.packets = std::move(packets).value();
+  input.notes.push_back(input.packets->status());
+  if (auto more = open_more_sockets(config, input); !more) return more.error();
+  if (auto opened = open_live_imu(config.imu, input); !opened) return opened.error();
+  return input;
+}
+
+}  // namespace nilio::daemon

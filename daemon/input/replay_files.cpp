@@ -1,0 +1,145 @@
+#include "daemon/input/replay_files.hpp"
+
+#include "nilio/drivers/can/log/candump.hpp"
+
+#include "daemon/input/kitti_sequence.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <set>
+#include <string_view>
+#include <variant>
+
+namespace nilio::daemon {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Error;
+using core::Result;
+
+/// Puts `path` into the slot for its kind; an error when the slot is taken.
+Result<std::monostate> put(std::string& slot, const std::string& path, const std::string& kind) {
+  if (!slot.empty())
+    return Error{path + ": a second " + kind + " beside " + slot + ": name the one to replay"};
+  slot = path;
+  return std::monostate{};
+}
+
+/// The number of a file that `nilio record` wrote, such as 12 of lidar_0012.pcap.
+std::optional<std::uint64_t> part_number(const fs::path& path) {
+  const std::string name = path.stem().string();
+  const std::string extension = path.extension().string();
+  const std::string_view prefix = extension == ".pcap" ? "lidar_" : extension == ".log" ? "can_" : "";
+  if (prefix.empty() || !name.starts_with(prefix)) return std::nullopt;
+  const char* const end = name.data() + name.size();
+  std::uint64_t number = 0;
+  const auto parsed = std::from_chars(name.data() + prefix.size(), end, number);
+  if (parsed.ec != std::errc{} || parsed.ptr != end) return std::nullopt;
+  return number;
+}
+
+/// Adds `path` to the parts of one recording; an error when it is no part of the one that is there.
+Result<std::monostate> put_part(std::vector<std::string>& parts, const fs::path& path,
+                                const std::string& kind) {
+  if (!parts.empty()) {
+    const fs::path first = parts.front();
+    const auto number = part_number(path);
+    const bool together = number && path.parent_path() == first.parent_path() &&
+                          std::all_of(parts.begin(), parts.end(), [&](const std::string& part) {
+                            const auto other = part_number(part);
+                            return other && other != number;
+                          });
+    if (!together)
+      return Error{path.string() + ": a second " + kind + " beside " + first.string() +
+                   ": name the one to replay"};
+  }
+  parts.push_back(path.string());
+  std::stable_sort(parts.begin(), parts.end(), [](const std::string& a, const std::string& b) {
+    return part_number(a) < part_number(b);
+  });
+  return std::monostate{};
+}
+
+/// True when one of the file's first lines is a CAN frame: other programs write *.log files, too.
+bool looks_like_can_log(const fs::path& path) {
+  constexpr int kLinesToLookAt = 20;
+  std::ifstream file(path);
+  std::string line;
+  for (int i = 0; i < kLinesToLookAt && std::getline(file, line); ++i) {
+    if (drivers::parse_candump_line(line)) return true;
+  }
+  return false;
+}
+
+Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool named_by_user) {
+  static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
+  static const std::set<std::string> kCanLogs = {".log", ".candump"};
+  const std::string extension = path.extension().string();
+  if (kCaptures.contains(extension)) return put_part(files.captures, path, "capture");
+  if (kCanLogs.contains(extension) && (named_by_user || part_number(path) || looks_like_can_log(path))) {
+    return put_part(files.can_logs, path, "CAN log");
+  }
+  if (path.filename() == "nilio.yaml") return put(files.configuration, path.string(), "configuration");
+  if (!named_by_user) return std::monostate{};
+  return Error{path.string() +
+               ": not a recording: expected a capture (.pcap, .pcapng), a CAN log (.log, .candump) or a "
+               "folder of them"};
+}
+
+Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
+  std::error_code error;
+  if (!fs::exists(path, error)) return Error{path + ": does not exist"};
+  if (!fs::is_directory(path, error)) return sort_file(path, files, true);
+  if (is_kitti_sequence(path)) return put(files.kitti_sequence, path, "KITTI sequence");
+  std::set<fs::path> entries;
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
+    entries.insert(entry->path());
+  if (error) return Error{path + ": cannot be read (" + error.message() + "); check its permissions"};
+  for (const fs::path& entry : entries) {
+    Result<std::monostate> sorted = sort_file(entry, files, false);
+    if (!sorted) return sorted;
+  }
+  return std::monostate{};
+}
+
+}  // namespace
+
+Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths) {
+  ReplayFiles files;
+  for (const std::string& path : paths) {
+    Result<std::monostate> sorted = sort_path(path, files);
+    if (!sorted) return sorted.error();
+  }
+  if (!files.captures.empty() && !files.kitti_sequence.empty()) {
+    return Error{files.captures.front() + ": beside the KITTI sequence " + files.kitti_sequence +
+                 ": replay one of them"};
+  }
+  return files;
+}
+
+Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
+  Result<ReplayFiles> files = sort_replay_files(paths);
+  if (files && files->captures.empty() && files->kitti_sequence.empty()) {
+    return Error{
+        paths.front() +
+        ": nothing to replay: expected a capture (.pcap, .pcapng) or a KITTI sequence (velodyne/*.bin)"};
+  }
+  return files;
+}
+
+void warn_of_missing_parts(const std::vector<std::string>& parts, std::vector<std::string>& warnings) {
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const std::uint64_t before = *part_number(parts[i - 1]);
+    const std::uint64_t next = *part_number(parts[i]);
+    if (next > before + 1)
+      warnings.push_back(parts[i - 1] + ": " + std::to_string(next - before - 1) +
+                         " parts of the recording are missing after it");
+  }
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,161 @@
+#include "daemon/config/schema.hpp"
+#include "daemon/output/log_output.hpp"
+#include "daemon/output/supervisor.hpp"
+#include "daemon/realtime/memory_plan.hpp"
+#include "daemon/realtime/thread_hook.hpp"
+
+#include <atomic>
+#include <csignal>
+#include <dlfcn.h>
+#include <filesystem>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+namespace {
+
+using nilio::daemon::Config;
+using nilio::daemon::ReplayFiles;
+using nilio::daemon::RunOptions;
+
+// The only thing a signal handler may touch.
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void request_stop(int /*signal*/) { stop_requested.store(true); }
+
+void install_signal_handlers() {
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+  action.sa_handler = SIG_IGN;
+  sigaction(SIGPIPE, &action, nullptr);
+}
+
+struct Arguments {
+  std::string config_file;
+  std::vector<std::string> replay;
+  std::vector<std::string> overrides;
+  std::string speed = "max";
+  std::string output;
+  std::string decisions;
+  bool as_live = false;
+  bool check_config = false;
+  bool help_config = false;
+};
+
+void add_options(CLI::App& app, Arguments& arguments) {
+  app.add_option("--config", arguments.config_file, "configuration file (YAML)");
+  app.add_option(
+         "--replay", arguments.replay,
+         "folder or files to replay instead of live sensors: capture, CAN log, or a KITTI sequence folder")
+      ->expected(1, -1);
+  app.add_option("--speed", arguments.speed, "pace of a replay: as recorded, or as fast as possible")
+      ->check(CLI::IsMember({"real", "max"}))
+      ->capture_default_str();
+  app.add_flag(
+      "--as-live", arguments.as_live,
+      "replay at its own pace and under the rules of a live run: what is late is dropped, the newest "
+      "scan wins, the budget is kept by the clock");
+  app.add_option("--decisions", arguments.decisions,
+                 "replay a run under live rules to the bit: the decisions.jsonl that it wrote");
+  app.add_option("--output", arguments.output,
+                 "folder for trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and under "
+                 "live rules decisions.jsonl");
+  app.add_option("--set", arguments.overrides,
+                 "override one key, such as odometry.threads=2; may be repeated")
+      ->take_all()
+      ->expected(1);
+  app.add_flag("--check-config", arguments.check_config,
+               "check the configuration, print the effective one, and end");
+  app.add_flag("--help-config", arguments.help_config, "list all configuration keys and end");
+  app.set_version_flag("--version", NILIO_VERSION);
+}
+
+int fail(const std::string& message) {
+  std::cerr << "niliod: " << message << '\n';
+  return 1;
+}
+
+/// What the files say, and --set over it.
+nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
+  auto config = nilio::daemon::replay_config(files, arguments.config_file);
+  if (!config) return config.error();
+  const auto applied = nilio::daemon::apply_overrides(*config, arguments.overrides);
+  if (!applied) return applied.error();
+  return config;
+}
+
+nilio::daemon::ThreadHook preloaded_hook() {
+  return reinterpret_cast<nilio::daemon::ThreadHook>(dlsym(RTLD_DEFAULT, nilio::daemon::kPreloadedHook));
+}
+
+int run(const Arguments& arguments) {
+  ReplayFiles files;
+  if (!arguments.replay.empty()) {
+    const auto found = nilio::daemon::find_replay_files(arguments.replay);
+    if (!found) return fail(found.error().message);
+    files = *found;
+  }
+  if (arguments.replay.empty() && (arguments.as_live || !arguments.decisions.empty()))
+    return fail("--as-live and --decisions are about a recording: name it with --replay");
+  if (arguments.as_live && !arguments.decisions.empty())
+    return fail("--as-live decides anew what --decisions repeats: give one of them");
+  const auto config = effective_config(arguments, files);
+  if (!config) return fail(config.error().message);
+  const auto plan = nilio::daemon::make_thread_plan(*config, arguments.replay.empty() || arguments.as_live);
+  if (!plan) return fail(plan.error().message);
+  if (arguments.check_config) {
+    std::cout << nilio::daemon::to_yaml(*config);
+    return 0;
+  }
+  nilio::daemon::prepare_heap(*plan);
+  RunOptions options;
+  options.replay = !arguments.replay.empty();
+  options.files = files;
+  options.paced = arguments.speed == "real" || arguments.as_live;
+  options.as_live = arguments.as_live;
+  options.decisions_file = arguments.decisions;
+  options.output_folder = arguments.output;
+  options.thread_hook = preloaded_hook();
+  options.publisher_executable =
+      std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
+  nilio::core::Result<std::monostate> status = std::monostate{};
+  {
+    nilio::daemon::LogOutputConfig log_config;
+    log_config.level = config->log.level;
+    const nilio::daemon::LogOutput log(log_config);
+    nilio::daemon::write_log_before_dying();
+    status = nilio::daemon::supervise(*config, options, stop_requested);
+  }
+  // After the last line of the log.
+  if (!status) return fail(status.error().message);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"niliod: LiDAR-inertial odometry from a Velodyne and an IMU on CAN, published over DDS"};
+  Arguments arguments;
+  add_options(app, arguments);
+  CLI11_PARSE(app, argc, argv);
+  if (arguments.help_config) {
+    std::cout << nilio::daemon::describe_keys();
+    return 0;
+  }
+  if (arguments.replay.empty() && arguments.config_file.empty() && arguments.overrides.empty()) {
+    return fail(
+        "nothing to do: give --replay FOLDER for a recording or --config FILE for live sensors (--help tells "
+        "more)");
+  }
+  install_signal_handlers();
+  try {
+    return run(arguments);
+  } catch (const std::exception& exception) {
+    return fail(std::string("ended by an unexpected error: ") + exception.what());
+  }
+}

@@ -1,0 +1,76 @@
+#include "daemon/odometry/deadline_guard.hpp"
+
+#include "daemon/input/receive.hpp"
+#include "daemon/odometry/odometry_loop.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <string>
+#include <sys/timerfd.h>
+#include <unistd.h>
+#include <utility>
+
+namespace nilio::daemon {
+
+core::Result<std::unique_ptr<DeadlineGuard>> DeadlineGuard::create(Publish publish) {
+  const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
+  if (timer < 0) return core::Error{std::string("no timer for the deadline guard: ") + std::strerror(errno)};
+  return std::unique_ptr<DeadlineGuard>(new DeadlineGuard(timer, std::move(publish)));
+}
+
+DeadlineGuard::~DeadlineGuard() { close(timer_); }
+
+void DeadlineGuard::set_timer(std::int64_t at_ns) const {
+  // Zero would disarm the timer.
+  const std::int64_t at = at_ns > 0 ? at_ns : 1;
+  const itimerspec wanted{{0, 0}, {at / 1'000'000'000, at % 1'000'000'000}};
+  timerfd_settime(timer_, TFD_TIMER_ABSTIME, &wanted, nullptr);
+}
+
+void DeadlineGuard::arm(const ipc::PoseRecord& prediction, std::int64_t deadline_ns,
+                        std::int64_t publish_ns) {
+  prediction_ = prediction;
+  deadline_ns_ = deadline_ns;
+  publish_ns_.store(publish_ns, std::memory_order_relaxed);
+  state_.store(State::kArmed, std::memory_order_release);
+  set_timer(publish_ns);
+}
+
+bool DeadlineGuard::claim() {
+  State expected = State::kArmed;
+  if (state_.compare_exchange_strong(expected, State::kIdle, std::memory_order_acq_rel)) return true;
+  // The guard has the higher priority: it is done before this is seen, or on another core.
+  while (state_.load(std::memory_order_acquire) != State::kPublished) {
+    const timespec pause{0, 20'000};
+    nanosleep(&pause, nullptr);
+  }
+  state_.store(State::kIdle, std::memory_order_relaxed);
+  return false;
+}
+
+void DeadlineGuard::run(ThreadHook hook) {
+  if (hook != nullptr) hook(ThreadRole::kDeadlineGuard, ThreadPhase::kSteady);
+  while (!stop_.load(std::memory_order_relaxed)) {
+    std::uint64_t expirations = 0;
+    if (read(timer_, &expirations, sizeof expirations) != sizeof expirations) continue;
+    // The timer may have been set for a scan that was claimed meanwhile.
+    if (monotonic_ns() < publish_ns_.load(std::memory_order_relaxed)) continue;
+    State expected = State::kArmed;
+    if (!state_.compare_exchange_strong(expected, State::kPublishing, std::memory_order_acq_rel)) continue;
+    stamp_hand_over(prediction_);
+    prediction_.has_deadline = true;
+    prediction_.overshoot_ns =
+        prediction_.stage_ns[static_cast<std::size_t>(ipc::Stage::kHandedOver)] - deadline_ns_;
+    publish_(prediction_);
+    state_.store(State::kPublished, std::memory_order_release);
+  }
+  if (hook != nullptr) hook(ThreadRole::kDeadlineGuard, ThreadPhase::kEnding);
+}
+
+void DeadlineGuard::stop() {
+  stop_.store(true, std::memory_order_relaxed);
+  set_timer(1);
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,94 @@
+#include "daemon/odometry/decision_log.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <limits>
+#include <optional>
+
+#include <nlohmann/json.hpp>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Error;
+using core::Result;
+using nlohmann::json;
+
+constexpr const char* kFormat = "nilio-decisions-1";
+
+/// Numbers of a list, each at most `most` and no more than `capacity` of them.
+template <class Number, std::size_t capacity>
+bool read_list(const json& list, std::array<Number, capacity>& numbers, std::uint8_t& size) {
+  if (!list.is_array() || list.size() > capacity) return false;
+  for (const json& item : list) {
+    if (!item.is_number_unsigned() || item.get<std::uint64_t>() > std::numeric_limits<Number>::max())
+      return false;
+    numbers[size++] = item.get<Number>();
+  }
+  return true;
+}
+
+std::optional<ScanDecision> parse_decision(const std::string& line) {
+  const json value = json::parse(line, nullptr, false);
+  if (!value.is_object()) return std::nullopt;
+  const auto number = [&](const char* key, std::uint64_t& target) {
+    const auto found = value.find(key);
+    if (found == value.end() || !found->is_number_unsigned()) return false;
+    target = found->get<std::uint64_t>();
+    return true;
+  };
+  ScanDecision decision;
+  if (!number("scan", decision.sequence) || !number("imu_samples", decision.imu_samples)) return std::nullopt;
+  decision.superseded = value.value("superseded", json(false)) == json(true);
+  decision.guarded = value.value("guarded", json(false)) == json(true);
+  if (!read_list(value.value("points", json::array()), decision.budget.counts, decision.budget.count_size) ||
+      !read_list(value.value("stops", json::array()), decision.budget.stops, decision.budget.stop_size) ||
+      !read_list(value.value("lidar_packets", json::array()), decision.merge.packets, decision.merge.lidars))
+    return std::nullopt;
+  decision.merge.merged = decision.merge.lidars > 0;
+  return decision;
+}
+
+}  // namespace
+
+std::string decision_header(core::BudgetMode mode, double budget_ms) {
+  return json{{"format", kFormat}, {"budget", core::name_of(mode)}, {"budget_ms", budget_ms}}.dump();
+}
+
+std::string decision_line(const ScanDecision& decision) {
+  json value{{"scan", decision.sequence}, {"imu_samples", decision.imu_samples}};
+  if (decision.superseded) value["superseded"] = true;
+  if (decision.guarded) value["guarded"] = true;
+  const core::BudgetDecisions& budget = decision.budget;
+  for (std::size_t i = 0; i < budget.count_size; ++i) value["points"].push_back(budget.counts[i]);
+  for (std::size_t i = 0; i < budget.stop_size; ++i) value["stops"].push_back(budget.stops[i]);
+  const MergeDecision& merge = decision.merge;
+  for (std::size_t i = 0; merge.merged && i < merge.lidars; ++i)
+    value["lidar_packets"].push_back(merge.packets[i]);
+  return value.dump();
+}
+
+Result<std::vector<ScanDecision>> read_decisions(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) return Error{path + ": cannot be opened; a run with --output writes decisions.jsonl"};
+  std::string line;
+  std::getline(file, line);
+  const json header = json::parse(line, nullptr, false);
+  if (!header.is_object() || header.value("format", json()) != json(kFormat))
+    return Error{path + ":1: this is no decision log (" + kFormat + "); a run under live rules writes one"};
+  std::vector<ScanDecision> decisions;
+  for (std::size_t number = 2; std::getline(file, line); ++number) {
+    const std::optional<ScanDecision> decision = parse_decision(line);
+    if (!decision)
+      return Error{path + ":" + std::to_string(number) +
+                   ": is no decision about a scan: " + line.substr(0, 80)};
+    if (!decisions.empty() && decision->sequence <= decisions.back().sequence)
+      return Error{path + ":" + std::to_string(number) + ": scan " + std::to_string(decision->sequence) +
+                   " comes after scan " + std::to_string(decisions.back().sequence)};
+    decisions.push_back(*decision);
+  }
+  return decisions;
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,323 @@
+#include "daemon/odometry/odometry_loop.hpp"
+
+#include <algorithm>
+#include <ctime>
+#include <utility>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Duration;
+
+constexpr Duration kFeedTimeout = Duration::from_milliseconds(50.0);
+constexpr Duration kImuPoll = Duration::from_milliseconds(2.0);
+
+void copy_row_major(const core::Matrix6& matrix, std::array<double, 36>& output) {
+  for (int row = 0; row < 6; ++row) {
+    for (int column = 0; column < 6; ++column)
+      output[static_cast<std::size_t>(6 * row + column)] = matrix(row, column);
+  }
+}
+
+std::int64_t& stage_of(ipc::PoseRecord& record, ipc::Stage stage) {
+  return record.stage_ns[static_cast<std::size_t>(stage)];
+}
+
+std::int64_t stage_of(const core::OdometryResult& result, core::OdometryStage stage) {
+  return result.stage_ns[static_cast<std::size_t>(stage)];
+}
+
+/// When the scan was there: now, where its packets have no stamps.
+std::int64_t arrival_ns(const core::Scan& scan) {
+  return scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
+}
+
+bool same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
+  const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
+    return x.state == y.state;
+  };
+  return a.trusted == b.trusted && a.reason == b.reason && a.time_shift_ms == b.time_shift_ms &&
+         std::equal(a.rows.begin(), a.rows.end(), b.rows.begin(), same_state);
+}
+
+}  // namespace
+
+ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core::Scan& scan) {
+  ipc::PoseRecord record;
+  record.sequence = result.sequence;
+  record.stamp_ns = result.scan_end.ns;
+  record.scan_start_ns = result.scan_start.ns;
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    record.position[k] = result.T_odom_base.translation[i];
+    record.linear_velocity[k] = result.twist[i];
+    record.angular_velocity[k] = result.twist[i + 3];
+    record.deskew_rate[k] = result.deskew_rate[i];
+    record.gyro_bias[k] = result.gyro_bias[i];
+  }
+  const Eigen::Quaterniond& q = result.T_odom_base.rotation;
+  record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
+  copy_row_major(result.pose_covariance, record.pose_covariance);
+  copy_row_major(result.twist_covariance, record.twist_covariance);
+  record.state = result.state;
+  record.stop_reason = result.stop_reason;
+  record.imu_time_shift_ns = result.imu_time_shift.ns;
+  record.imu_used = result.imu_used;
+  record.predicted = result.predicted;
+  record.degenerate_axes = result.degenerate_axes;
+  record.rung = result.rung;
+  record.coarse_iterations = static_cast<std::uint16_t>(std::min(result.coarse_iterations, 65535));
+  record.fine_iterations = static_cast<std::uint16_t>(std::min(result.fine_iterations, 65535));
+  record.points = result.points;
+  record.points_used = result.points_used;
+  record.correspondences = result.correspondences;
+  record.map_voxels = result.map_voxels;
+  record.lost_packets = scan.lost_packets;
+  record.missing_firings = scan.missing_firings;
+  record.coverage_deg = scan.coverage_deg;
+  record.clock_source = scan.clock_source;
+  record.after_time_jump = scan.after_time_jump;
+  stage_of(record, ipc::Stage::kReceived) = scan.received_ns;
+  stage_of(record, ipc::Stage::kPopped) = scan.popped_ns;
+  stage_of(record, ipc::Stage::kCompleted) = scan.completed_ns;
+  stage_of(record, ipc::Stage::kStarted) = stage_of(result, core::OdometryStage::kStarted);
+  stage_of(record, ipc::Stage::kFiltered) = stage_of(result, core::OdometryStage::kFiltered);
+  stage_of(record, ipc::Stage::kCoarse) = stage_of(result, core::OdometryStage::kCoarse);
+  stage_of(record, ipc::Stage::kFine) = stage_of(result, core::OdometryStage::kFine);
+  return record;
+}
+
+OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<core::ImuSample>* imu_ring,
+                           ipc::WakeEvent& data_event, const ReceiveState* imu_state,
+                           const OdometryOutputs& outputs, const OdometryLoopConfig& config)
+    : odometry_(std::move(odometry)),
+      feed_(feed),
+      imu_ring_(imu_ring),
+      data_event_(data_event),
+      imu_state_(imu_state),
+      outputs_(outputs),
+      config_(config) {}
+
+void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
+  core::Scan scan;
+  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kSteady);
+  while (!stop.load(std::memory_order_relaxed)) {
+    counters.heartbeat.fetch_add(1, std::memory_order_relaxed);
+    const FeedState state = feed_.next(scan, kFeedTimeout);
+    if (state == FeedState::kEnd) break;
+    if (state == FeedState::kIdle) continue;
+    counters.scans.fetch_add(1, std::memory_order_relaxed);
+    if (config_.decisions == nullptr) {
+      work_off(scan, stop, counters);
+    } else if (!repeat(scan, stop, counters)) {
+      break;
+    }
+    tell_when_warm(counters);
+  }
+  push_imu_health(true);
+  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
+}
+
+void OdometryLoop::tell_when_warm(const OdometryCounters& counters) {
+  if (config_.hook == nullptr || warm_told_ || counters.poses.load(std::memory_order_relaxed) < kWarmUpPoses)
+    return;
+  warm_told_ = true;
+  config_.hook(ThreadRole::kOdometry, ThreadPhase::kWarm);
+}
+
+void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,
+                            OdometryCounters& counters) {
+  // Backlog does more harm than a missing scan: live, the newest complete scan wins.
+  if (!config_.lossless && feed_.waiting_scans() > 0) {
+    counters.superseded.fetch_add(1, std::memory_order_relaxed);
+    push_decision(scan, true, false);
+    return;
+  }
+  wait_for_imu(scan, stop, counters);
+  register_and_hand_over(scan, nullptr, stop, counters);
+}
+
+/// False when the log of decisions is at its end.
+bool OdometryLoop::repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters) {
+  const std::vector<ScanDecision>& decisions = *config_.decisions;
+  while (next_decision_ < decisions.size() && decisions[next_decision_].sequence < scan.sequence) {
+    counters.decisions_missed.fetch_add(1, std::memory_order_relaxed);
+    ++next_decision_;
+  }
+  if (next_decision_ == decisions.size()) return false;
+  if (decisions[next_decision_].sequence > scan.sequence) {
+    counters.decisions_missed.fetch_add(1, std::memory_order_relaxed);
+    return true;
+  }
+  const ScanDecision& decision = decisions[next_decision_++];
+  if (decision.superseded) {
+    counters.superseded.fetch_add(1, std::memory_order_relaxed);
+    return true;
+  }
+  take_imu_samples(decision.imu_samples, stop, counters);
+  register_and_hand_over(scan, &decision, stop, counters);
+  return true;
+}
+
+bool OdometryLoop::take_imu_sample(OdometryCounters& counters) {
+  const std::optional<core::ImuSample> sample = imu_ring_->try_pop();
+  if (!sample) return false;
+  ++imu_given_;
+  rhythm_.add(sample->stamp);
+  auto& counter = odometry_.add_imu(*sample) ? counters.imu_samples : counters.imu_refused;
+  counter.fetch_add(1, std::memory_order_relaxed);
+  return true;
+}
+
+void OdometryLoop::take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop,
+                                    OdometryCounters& counters) {
+  while (imu_ring_ != nullptr && imu_given_ < count && !stop.load(std::memory_order_relaxed)) {
+    const bool ended = imu_state_->ended.load(std::memory_order_acquire);
+    if (take_imu_sample(counters)) continue;
+    if (ended) return;
+    data_event_.wait(kImuPoll);
+  }
+}
+
+bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
+  // Only up to the first sample that covers the scan, so that what the odometry knows is decided by data
+  // alone.
+  while (!odometry_.latest_imu() || *odometry_.latest_imu() < end) {
+    if (!take_imu_sample(counters)) return false;
+  }
+  return true;
+}
+
+/// Whether the sample that covers the scan can come in time, by the rhythm of those before it: the scan's
+/// last packet came when it ended. Under a small budget what is waited for in vain is missed by the
+/// registration.
+bool OdometryLoop::imu_may_come(const core::Scan& scan, std::int64_t deadline) const {
+  const std::optional<core::Time> latest = odometry_.latest_imu();
+  if (!latest || scan.received_ns == 0) return true;
+  const std::optional<Duration> due = rhythm_.due_after(scan.end, *latest);
+  return !due || scan.received_ns + due->ns <= deadline;
+}
+
+void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop,
+                                OdometryCounters& counters) {
+  if (imu_ring_ == nullptr) return;
+  const std::int64_t deadline = arrival_ns(scan) + config_.imu_wait.ns;
+  while (!stop.load(std::memory_order_relaxed)) {
+    const bool ended = imu_state_->ended.load(std::memory_order_acquire);
+    if (drain_imu(scan.end, counters) || ended) return;
+    const std::int64_t left = deadline - monotonic_ns();
+    if (!config_.lossless && (left <= 0 || !imu_may_come(scan, deadline))) {
+      counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    data_event_.wait(config_.lossless ? kImuPoll : std::min(kImuPoll, Duration{left}));
+  }
+}
+
+void OdometryLoop::push_cloud(const core::OdometryResult& result) {
+  const std::vector<Eigen::Vector3f>& points = odometry_.deskewed_points();
+  const std::span<CloudRecord> slot = outputs_.clouds->begin_write(1);
+  if (slot.empty()) {
+    outputs_.clouds->count_dropped(1);
+    return;
+  }
+  CloudRecord& cloud = slot[0];
+  cloud.count = static_cast<std::uint32_t>(std::min(points.size(), CloudRecord::kCapacity));
+  for (std::size_t i = 0; i < cloud.count; ++i) {
+    const Eigen::Vector3f& p = points[i * points.size() / cloud.count];
+    const core::Vector3 q = result.T_odom_base * p.cast<double>();
+    cloud.points[i] = {static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z())};
+  }
+  outputs_.clouds->commit(1);
+}
+
+void OdometryLoop::push_imu_health(bool always) {
+  if (outputs_.imu_health == nullptr) return;
+  const core::ImuHealth& health = odometry_.imu_health();
+  if (!always && same_states(health, pushed_health_)) return;
+  if (outputs_.imu_health->try_push(health)) pushed_health_ = health;
+}
+
+ipc::PoseRecord OdometryLoop::complete_record(const core::OdometryResult& result, const core::Scan& scan,
+                                              const OdometryCounters& counters) {
+  ipc::PoseRecord record = make_pose_record(result, scan);
+  record.superseded = counters.superseded.load(std::memory_order_relaxed);
+  record.has_imu = imu_ring_ != nullptr;
+  if (record.has_imu) record.imu_health = odometry_.imu_health();
+  return record;
+}
+
+void stamp_hand_over(ipc::PoseRecord& record) {
+  record.handed_over_realtime_ns = realtime_ns();
+  stage_of(record, ipc::Stage::kHandedOver) = monotonic_ns();
+}
+
+/// False when the guard was faster: `record` is then what it published.
+bool OdometryLoop::hand_over(ipc::PoseRecord& record) {
+  if (outputs_.guard != nullptr && !outputs_.guard->claim()) {
+    record = outputs_.guard->published();
+    return false;
+  }
+  stamp_hand_over(record);
+  const core::WorkBudget& budget = odometry_.budget();
+  record.has_deadline = budget.mode() != core::BudgetMode::kOff;
+  record.overshoot_ns = budget.overshoot_ns();
+  if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);
+  return true;
+}
+
+void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop) {
+  if (outputs_.poses == nullptr) return;
+  while (config_.lossless && outputs_.poses->size() == outputs_.poses->capacity() && !stop.load()) {
+    const timespec pause{0, 200'000};
+    nanosleep(&pause, nullptr);
+  }
+  outputs_.poses->try_push(record);
+}
+
+void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool guarded) {
+  if (outputs_.decisions == nullptr) return;
+  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}, feed_.merge_decision()};
+  if (!superseded) decision.budget = odometry_.budget().decisions();
+  outputs_.decisions->try_push(decision);
+}
+
+/// What the guard says when registration is late.
+void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
+                             const OdometryCounters& counters) {
+  ipc::PoseRecord record = complete_record(prediction, scan, counters);
+  record.guarded = true;
+  // Not at the stroke of the deadline: a registration in its last iteration is worth more than a prediction.
+  const std::int64_t deadline = arrival_ns(scan) + odometry_.budget().budget().ns;
+  outputs_.guard->arm(record, deadline, deadline + odometry_.budget().iteration_ns());
+}
+
+void OdometryLoop::register_and_hand_over(const core::Scan& scan, const ScanDecision* decision,
+                                          const std::atomic<bool>& stop, OdometryCounters& counters) {
+  const bool repeats_guard = decision != nullptr && decision->guarded;
+  core::OdometryResult prediction;
+  if (outputs_.guard != nullptr || repeats_guard) prediction = odometry_.predict_pose(scan);
+  if (outputs_.guard != nullptr) arm_guard(prediction, scan, counters);
+  core::OdometryResult result =
+      decision != nullptr ? odometry_.register_scan(scan, decision->budget) : odometry_.register_scan(scan);
+  if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
+  ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan, counters);
+  record.guarded = repeats_guard;
+  const bool guarded = !hand_over(record);
+  odometry_.note_handed_over(result);
+  push_decision(scan, false, guarded);
+  // The pose is out: the map has time until the next scan is there.
+  odometry_.update_map(result);
+  record.map_voxels = result.map_voxels;
+  record.iteration_ns = odometry_.budget().iteration_ns();
+  stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
+  push_pose(record, stop);
+  if (outputs_.clouds != nullptr) push_cloud(result);
+  push_imu_health(false);
+  if (outputs_.observer) outputs_.observer(scan, result, odometry_);
+  counters.poses.fetch_add(1, std::memory_order_relaxed);
+  if (outputs_.event != nullptr) outputs_.event->notify();
+}
+
+}  // namespace nilio::daemon

@@ -1,0 +1,313 @@
+#include "daemon/odometry/pipeline.hpp"
+
+#include "daemon/config/terms.hpp"
+#include "daemon/realtime/memory_plan.hpp"
+#include "ipc/kernel_requests.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <ctime>
+#include <future>
+#include <pthread.h>
+#include <unistd.h>
+#include <utility>
+
+#include <tbb/global_control.h>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Error;
+using core::Result;
+
+// 4096 packets: 1.2 s of an HDL-64E, 5.4 s of a VLP-16. 4096 samples: 10 s at 400 Hz. Poses: more than a
+// minute.
+constexpr std::size_t kPacketSlots = 4096;
+constexpr std::size_t kSampleSlots = 4096;
+constexpr std::size_t kPoseSlots = 256;
+constexpr std::size_t kCloudSlots = 64;
+constexpr std::size_t kHealthSlots = 256;
+// Of the budget, that a scan waits for its IMU samples at most.
+constexpr double kImuWaitShare = 0.3;
+// Time for all threads to be up before the first packet of a paced recording is due.
+constexpr std::int64_t kPaceLeadNs = 100'000'000;
+// Packets of a LiDAR that nobody knows yet are looked at so often; the ring holds a second of them.
+constexpr timespec kSearchPeriod{0, 5'000'000};
+// Beyond what odometry.threads may be.
+constexpr std::size_t kMostWorkers = 64;
+
+/// Points of its longest scan; of a LiDAR that nobody knows yet, those of an HDL-64E: buffers for one with
+/// more grow in its first scans.
+std::size_t room_for(const ExtraLidar& lidar) {
+  return drivers::scan_capacity(
+      lidar.sensor ? *lidar.sensor : drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2));
+}
+
+}  // namespace
+
+LidarLane::LidarLane(const std::string& section, const LidarConfig& config,
+                     const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
+                     const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log)
+    : source(packet_source),
+      ring(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
+      channel(section, config, assembler, sensor, ring, state, log) {}
+
+Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
+                                                   const PipelineOptions& options,
+                                                   ipc::PublisherProcess* publisher) {
+  Result<ThreadPlan> plan = make_thread_plan(config, input.live || options.as_live);
+  if (!plan) return plan.error();
+  Result<ipc::WakeEvent> data_event = ipc::WakeEvent::create();
+  if (!data_event) return data_event.error();
+  Result<ipc::WakeEvent> output_event = ipc::WakeEvent::create();
+  if (!output_event) return output_event.error();
+  std::unique_ptr<Pipeline> pipeline(new Pipeline(config, std::move(input), options, publisher,
+                                                  std::move(plan).value(), std::move(data_event).value(),
+                                                  std::move(output_event).value()));
+  if (pipeline->live_rules_ && pipeline->budget_.mode == core::BudgetMode::kWall) {
+    auto guard = DeadlineGuard::create([publisher](const ipc::PoseRecord& record) {
+      if (publisher != nullptr) publisher->publish(record);
+    });
+    if (!guard) return guard.error();
+    pipeline->guard_ = std::move(guard).value();
+  }
+  return pipeline;
+}
+
+Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& options,
+                   ipc::PublisherProcess* publisher, ThreadPlan plan, ipc::WakeEvent data_event,
+                   ipc::WakeEvent output_event)
+    : config_(config),
+      input_(std::move(input)),
+      options_(options),
+      live_rules_(input_.live || options.as_live),
+      budget_(budget_config(config.odometry, live_rules_)),
+      publisher_(publisher),
+      plan_(std::move(plan)),
+      imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
+      poses_(ipc::Ring<ipc::PoseRecord>::in_private_memory(kPoseSlots)),
+      clouds_(ipc::Ring<CloudRecord>::in_private_memory(kCloudSlots)),
+      imu_health_(ipc::Ring<core::ImuHealth>::in_private_memory(kHealthSlots)),
+      decisions_(ipc::Ring<ScanDecision>::in_private_memory(kPoseSlots)),
+      data_event_(std::move(data_event)),
+      output_event_(std::move(output_event)) {
+  policy_.wait_when_full = !live_rules_;
+  policy_.hook = options_.thread_hook;
+  make_feed();
+}
+
+void Pipeline::make_feed() {
+  if (!input_.packets) {
+    feed_ = input_.scans.get();
+    return;
+  }
+  drivers::ScanAssemblerConfig assembler = assembler_config(config_.lidar);
+  for (const ExtraLidar& lidar : input_.more_lidars) assembler.more_points += room_for(lidar);
+  lidars_.push_back(std::make_unique<LidarLane>("lidar", config_.lidar, assembler, *input_.packets,
+                                                input_.sensor, feed_log_));
+  packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_);
+  feed_ = packet_feed_.get();
+  if (!input_.more_lidars.empty()) make_merged_feed();
+}
+
+void Pipeline::make_merged_feed() {
+  const core::SE3 T_first_base = to_transform(config_.lidar.extrinsic).inverse();
+  std::vector<MergedScanFeed::Other> others;
+  for (const ExtraLidar& lidar : input_.more_lidars) {
+    // Its scans are only the vehicle of its points: where they are cut and what they cover is of no account.
+    drivers::ScanAssemblerConfig assembler = assembler_config(lidar.config);
+    assembler.min_coverage = 0.0;
+    lidars_.push_back(std::make_unique<LidarLane>(lidar.section, lidar.config, assembler, *lidar.packets,
+                                                  lidar.sensor, feed_log_));
+    others.push_back({&lidars_.back()->channel, T_first_base * to_transform(lidar.config.extrinsic),
+                      elevation_correction_rad(lidar.config),
+                      core::Duration::from_milliseconds(lidar.config.wait_ms), room_for(lidar)});
+  }
+  const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar),
+                                        options_.decisions.empty() ? nullptr : &options_.decisions};
+  merged_feed_ = std::make_unique<MergedScanFeed>(*packet_feed_, others, options, data_event_, feed_log_);
+  feed_ = merged_feed_.get();
+}
+
+Pipeline::~Pipeline() {
+  request_stop();
+  join();
+}
+
+drivers::ImuDecoderStats Pipeline::imu_stats() const {
+  return input_.imu_decoder ? input_.imu_decoder->stats() : drivers::ImuDecoderStats{};
+}
+
+std::uint64_t Pipeline::packets_dropped() const {
+  std::uint64_t dropped = 0;
+  for (const auto& lidar : lidars_) dropped += lidar->ring.dropped();
+  return dropped;
+}
+
+OdometryLoopConfig Pipeline::loop_config() const {
+  OdometryLoopConfig result;
+  result.lossless = !live_rules_;
+  result.hook = options_.thread_hook;
+  result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
+  // Registration has to have most of the time.
+  if (budget_.mode == core::BudgetMode::kWall)
+    result.imu_wait = std::min(
+        result.imu_wait,
+        core::Duration{static_cast<std::int64_t>(kImuWaitShare * static_cast<double>(budget_.budget.ns))});
+  if (!options_.decisions.empty()) result.decisions = &options_.decisions;
+  return result;
+}
+
+std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
+  OdometryOutputs outputs;
+  outputs.poses = &poses_;
+  outputs.clouds = options_.collect_map ? &clouds_ : nullptr;
+  outputs.event = &output_event_;
+  outputs.publisher = publisher_;
+  outputs.observer = options_.observer;
+  const bool with_imu = input_.frames != nullptr;
+  outputs.imu_health = with_imu ? &imu_health_ : nullptr;
+  outputs.decisions = live_rules_ ? &decisions_ : nullptr;
+  outputs.guard = guard_.get();
+  core::OdometryConfig odometry = odometry_config(config_);
+  odometry.budget = budget_;
+  // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
+  if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
+  return std::make_unique<OdometryLoop>(core::Odometry(odometry, options_.clock), *feed_,
+                                        with_imu ? &imu_ring_ : nullptr, data_event_,
+                                        with_imu ? &imu_state_ : nullptr, outputs, loop_config());
+}
+
+/// Has the odometry's workers start from the calling thread, whose scheduling they inherit; TBB may also have
+/// some from an earlier run in this process.
+std::vector<PlanOutcome> Pipeline::warm_up(OdometryLoop& loop) {
+  std::array<std::atomic<pid_t>, kMostWorkers> threads{};
+  std::atomic<std::size_t> count{0};
+  const pid_t own = gettid();
+  const ThreadScheduling scheduling = scheduling_of(0);
+  loop.warm_up([&] {
+    touch_stack();
+    if (gettid() == own) return;
+    run_as(scheduling);
+    const std::size_t index = count.fetch_add(1);
+    if (index < threads.size()) threads[index].store(gettid());
+  });
+  std::vector<pid_t> workers;
+  for (std::size_t i = 0; i < std::min(count.load(), threads.size()); ++i)
+    workers.push_back(threads[i].load());
+  if (plan_.odometry_threads <= 1) return {};
+  return {judge_workers(plan_, workers)};
+}
+
+void Pipeline::start_odometry(std::vector<PlanOutcome>& outcomes) {
+  // Shared by preparation and body, which run in one thread, one after the other.
+  struct Prepared {
+    /// Of the workers, as long as they run.
+    tbb::global_control stacks{tbb::global_control::thread_stack_size, ipc::kThreadStackBytes};
+    std::unique_ptr<OdometryLoop> loop;
+  };
+  const auto prepared = std::make_shared<std::unique_ptr<Prepared>>();
+  const auto prepare = [this, prepared] {
+    *prepared = std::make_unique<Prepared>();
+    (*prepared)->loop = make_loop();
+    return warm_up(*(*prepared)->loop);
+  };
+  const auto body = [this, prepared] {
+    (*prepared)->loop->run(stop_, counters_);
+    if (guard_) guard_->stop();
+    prepared->reset();
+    finished_.store(true, std::memory_order_release);
+    output_event_.notify();
+  };
+  run_thread(ThreadRole::kOdometry, prepare, body, outcomes);
+}
+
+/// Finding out which sensor it is allocates and reads files: that is for a thread at normal priority.
+void Pipeline::start_search() {
+  const auto is_wanted = [this] {
+    return std::any_of(lidars_.begin(), lidars_.end(),
+                       [](const auto& lidar) { return lidar->channel.wants_search(); });
+  };
+  if (!is_wanted()) return;
+  threads_.emplace_back([this, is_wanted] {
+    pthread_setname_np(pthread_self(), "nilio-search");
+    while (is_wanted() && !stop_.load(std::memory_order_relaxed)) {
+      for (const auto& lidar : lidars_) {
+        const bool was_searching = lidar->channel.is_searching();
+        if (lidar->channel.wants_search()) lidar->channel.search();
+        if (was_searching && !lidar->channel.is_searching()) data_event_.notify();
+      }
+      nanosleep(&kSearchPeriod, nullptr);
+    }
+  });
+}
+
+void Pipeline::run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
+                          std::vector<PlanOutcome>& outcomes) {
+  // In an object that both threads hold: a promise may be destroyed only after the other thread is done with
+  // it.
+  const auto promise = std::make_shared<std::promise<std::vector<PlanOutcome>>>();
+  std::future<std::vector<PlanOutcome>> ready = promise->get_future();
+  threads_.emplace_back([this, role, promise, prepare = std::move(prepare), body = std::move(body)] {
+    std::vector<PlanOutcome> own{apply_to_this_thread(plan_, role)};
+    if (options_.thread_hook != nullptr) options_.thread_hook(role, ThreadPhase::kStarted);
+    const bool runs = own.front().granted || !plan_.strict;
+    if (runs && prepare) {
+      for (PlanOutcome& outcome : prepare()) own.push_back(std::move(outcome));
+    }
+    promise->set_value(std::move(own));
+    if (runs) body();
+  });
+  for (PlanOutcome& outcome : ready.get()) outcomes.push_back(std::move(outcome));
+}
+
+Result<std::vector<PlanOutcome>> Pipeline::start() {
+  prepare_heap(plan_);
+  std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), judge_throttling(plan_)};
+  if (options_.paced && !input_.first_stamp) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
+  start_odometry(outcomes);
+  if (guard_)
+    run_thread(
+        ThreadRole::kDeadlineGuard, {}, [this] { guard_->run(options_.thread_hook); }, outcomes);
+  if (options_.paced && input_.first_stamp)
+    policy_.pace = Pace{*input_.first_stamp, monotonic_ns() + kPaceLeadNs};
+  for (const auto& lane : lidars_) {
+    LidarLane& lidar = *lane;
+    const auto receive = [this, &lidar] {
+      receive_packets(lidar.source, lidar.ring, data_event_, policy_, lidar.state);
+    };
+    run_thread(ThreadRole::kLidarReceive, {}, receive, outcomes);
+  }
+  if (input_.frames) {
+    // A recording played as fast as possible has samples seconds before the scans they belong to.
+    ipc::PublisherProcess* const imu_poses = input_.live || policy_.pace ? publisher_ : nullptr;
+    const auto receive = [this, imu_poses] {
+      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_,
+                  imu_poses);
+    };
+    run_thread(ThreadRole::kImuReceive, {}, receive, outcomes);
+  }
+  start_search();
+  for (const PlanOutcome& outcome : outcomes) {
+    if (outcome.granted || !plan_.strict) continue;
+    request_stop();
+    join();
+    return Error{"realtime.strict is set and " + outcome.text};
+  }
+  return outcomes;
+}
+
+void Pipeline::request_stop() {
+  stop_.store(true);
+  for (const auto& lidar : lidars_) lidar->state.stop.store(true);
+  imu_state_.stop.store(true);
+  data_event_.notify();
+}
+
+void Pipeline::join() {
+  for (PlanThread& thread : threads_) thread.join();
+  threads_.clear();
+}
+
+}  // namespace nilio::daemon

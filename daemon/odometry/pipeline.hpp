@@ -1,0 +1,145 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include "daemon/config/config.hpp"
+#include "daemon/input/input.hpp"
+#include "daemon/input/lidar_channel.hpp"
+#include "daemon/input/merged_scan_feed.hpp"
+#include "daemon/input/receive.hpp"
+#include "daemon/odometry/odometry_loop.hpp"
+#include "daemon/output/event_log.hpp"
+#include "daemon/realtime/plan_thread.hpp"
+#include "daemon/realtime/thread_plan.hpp"
+#include "ipc/publisher_process.hpp"
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace nilio::daemon {
+
+struct PipelineOptions {
+  bool paced = false;  ///< a recording at its own pace instead of as fast as possible
+  /// A recording under the rules of a live run: full rings drop, the newest scan wins, waits time out.
+  bool as_live = false;
+  /// Of an earlier run, to be repeated.
+  std::vector<ScanDecision> decisions;
+  bool collect_map = false;  ///< fill clouds()
+  /// Stamps the odometry's stages.
+  core::Odometry::ClockFunction clock = monotonic_ns;
+  ScanObserver observer;
+  ThreadHook thread_hook = nullptr;
+};
+
+/// What one LiDAR has of its own in a run.
+struct LidarLane {
+  LidarLane(const std::string& section, const LidarConfig& config,
+            const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
+            const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log);
+
+  drivers::PacketSource& source;
+  ipc::Ring<drivers::Packet> ring;
+  ReceiveState state;
+  LidarChannel channel;
+};
+
+/// Receive threads, rings and the odometry thread of one run. The owner (supervisor) drains poses() and
+/// clouds(), and decides when to stop. Start, stop and join belong to one thread.
+class Pipeline {
+ public:
+  /// `publisher` may be null and has to outlive the pipeline.
+  static core::Result<std::unique_ptr<Pipeline>> create(const Config& config, Input input,
+                                                        const PipelineOptions& options,
+                                                        ipc::PublisherProcess* publisher);
+  ~Pipeline();
+  Pipeline(const Pipeline&) = delete;
+  Pipeline& operator=(const Pipeline&) = delete;
+
+  /// Starts the threads and returns what each was granted, when all are ready for their first data: the
+  /// odometry's workers run, and what memory there will be is touched. In strict mode a refusal is an error
+  /// and nothing runs.
+  core::Result<std::vector<PlanOutcome>> start();
+  void request_stop();
+  void join();
+  /// The odometry thread has ended: all input is worked off, or stop was requested.
+  [[nodiscard]] bool finished() const { return finished_.load(std::memory_order_acquire); }
+
+  [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
+  [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
+  /// Lines for the log that the threads say; to be taken by the owner.
+  [[nodiscard]] FeedLog& feed_log() { return feed_log_; }
+  [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
+  /// Under live rules: one for each complete scan.
+  [[nodiscard]] ipc::Ring<ScanDecision>& decisions() { return decisions_; }
+  /// The rules of a live run hold.
+  [[nodiscard]] bool has_live_rules() const { return live_rules_; }
+  [[nodiscard]] const core::BudgetConfig& budget() const { return budget_; }
+  /// Woken after every pose and at the end.
+  [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
+  [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
+  [[nodiscard]] const Input& input() const { return input_; }
+  /// The first LiDAR's, then those of the others; empty for scans that are already cut. Of the channels only
+  /// has_mixed_senders() may be asked before join().
+  [[nodiscard]] const std::vector<std::unique_ptr<LidarLane>>& lidars() const { return lidars_; }
+  [[nodiscard]] const ReceiveState& imu_state() const { return imu_state_; }
+  /// Of all LiDARs, for want of room in their rings.
+  [[nodiscard]] std::uint64_t packets_dropped() const;
+  [[nodiscard]] std::uint64_t samples_dropped() const { return imu_ring_.dropped(); }
+  /// After join(): of lidars()[index], an index of 1 or more.
+  [[nodiscard]] const MergeCounters& merge_counters(std::size_t index) const {
+    return merged_feed_->counters(index - 1);
+  }
+  /// After join(): of the first LiDAR.
+  [[nodiscard]] drivers::ScanAssemblerStats scan_stats() const { return feed_->stats(); }
+  [[nodiscard]] drivers::ImuDecoderStats imu_stats() const;
+
+ private:
+  Pipeline(const Config& config, Input input, const PipelineOptions& options,
+           ipc::PublisherProcess* publisher, ThreadPlan plan, ipc::WakeEvent data_event,
+           ipc::WakeEvent output_event);
+  void make_feed();
+  void make_merged_feed();
+  [[nodiscard]] OdometryLoopConfig loop_config() const;
+  /// What a thread prepares after it has its policy, before start() returns; says what came of it.
+  using Preparation = std::function<std::vector<PlanOutcome>()>;
+  void run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
+                  std::vector<PlanOutcome>& outcomes);
+  void start_odometry(std::vector<PlanOutcome>& outcomes);
+  void start_search();
+  [[nodiscard]] std::unique_ptr<OdometryLoop> make_loop();
+  std::vector<PlanOutcome> warm_up(OdometryLoop& loop);
+
+  Config config_;
+  Input input_;
+  PipelineOptions options_;
+  bool live_rules_;
+  core::BudgetConfig budget_;
+  ipc::PublisherProcess* publisher_;
+  ThreadPlan plan_;
+  ReceivePolicy policy_;
+
+  FeedLog feed_log_;
+  std::vector<std::unique_ptr<LidarLane>> lidars_;
+  ipc::Ring<core::ImuSample> imu_ring_;
+  ipc::Ring<ipc::PoseRecord> poses_;
+  ipc::Ring<CloudRecord> clouds_;
+  ipc::Ring<core::ImuHealth> imu_health_;
+  ipc::Ring<ScanDecision> decisions_;
+  ipc::WakeEvent data_event_;
+  ipc::WakeEvent output_event_;
+
+  ReceiveState imu_state_;
+  OdometryCounters counters_;
+  std::unique_ptr<PacketScanFeed> packet_feed_;
+  std::unique_ptr<MergedScanFeed> merged_feed_;
+  ScanFeed* feed_ = nullptr;
+  std::unique_ptr<DeadlineGuard> guard_;
+  std::atomic<bool> stop_{false};
+  std::atomic<bool> finished_{false};
+  std::vector<PlanThread> threads_;
+};
+
+}  // namespace nilio::daemon

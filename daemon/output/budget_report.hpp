@@ -1,0 +1,41 @@
+#pragma once
+
+#include "nilio/core/compute_budget.hpp"
+#include "nilio/core/tracking.hpp"
+
+#include "ipc/histogram.hpp"
+#include "ipc/pose_record.hpp"
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+namespace nilio::daemon {
+
+/// What the budget did to the poses of a run. One thread.
+class BudgetReport {
+ public:
+  void record(const ipc::PoseRecord& record);
+  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "late_poses", "initialising", "stops", "rungs",
+  /// "overshoot_us", "iteration_us"}. Overshoots are those of poses past the start, whose registration is not
+  /// limited; early ones count as 0.
+  [[nodiscard]] nlohmann::json json(const core::BudgetConfig& budget) const;
+  /// The same in a line; empty when no pose had a deadline.
+  [[nodiscard]] std::string text(const core::BudgetConfig& budget) const;
+
+ private:
+  static constexpr std::size_t kStopReasons = static_cast<std::size_t>(core::StopReason::kNonFinite) + 1;
+
+  std::uint64_t poses_ = 0;
+  std::uint64_t initialising_ = 0;
+  std::uint64_t guarded_ = 0;
+  std::uint64_t late_ = 0;
+  std::array<std::uint64_t, kStopReasons> stops_{};
+  std::array<std::uint64_t, core::kBudgetRungs> rungs_{};
+  ipc::Histogram overshoot_;
+  ipc::Histogram iteration_;
+};
+
+}  // namespace nilio::daemon

@@ -1,0 +1,75 @@
+#include "daemon/output/event_log.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <span>
+
+namespace nilio::daemon {
+
+namespace {
+
+// Every line is said once, so that these are never all in use.
+constexpr std::size_t kLines = 128;
+
+FeedLog::Line to_line(const FeedEvent& event) {
+  const std::string section(event.section.data());
+  switch (event.kind) {
+    case FeedEvent::Kind::kStreamStatus:
+      return {LogLevel::kInfo,
+              (section == "lidar" ? "" : section + ": ") + describe_status(event.model.data(), event.status)};
+    case FeedEvent::Kind::kSilent:
+      return {LogLevel::kWarning, section + ": no packets come from it; poses go on without it"};
+    case FeedEvent::Kind::kLate:
+      return {LogLevel::kWarning, section + ": its packets come later than " + section +
+                                      ".wait_ms allows; poses go on with those that are there"};
+    case FeedEvent::Kind::kInTimeAgain:
+      return {LogLevel::kInfo, section + ": its packets come again in time"};
+    case FeedEvent::Kind::kOtherClock:
+      break;
+  }
+  std::array<char, 32> offset{};
+  std::snprintf(offset.data(), offset.size(), "%+.3f", event.offset_s);
+  return {LogLevel::kWarning, section + ": its clock is " + offset.data() +
+                                  " s from that of lidar, so that its points belong to no scan: let both "
+                                  "clocks follow the same GPS, or set lidar.time_source and " +
+                                  section + ".time_source to host"};
+}
+
+}  // namespace
+
+std::string describe_status(std::string_view model, const drivers::ScanAssemblerStatus& status) {
+  std::array<char, 256> text{};
+  std::snprintf(text.data(), text.size(),
+                "%s: return mode %s, %.1f rpm, a packet every %.1f us, field of view %.0f deg, time %s, "
+                "offset %.6f s, drift %.1f ppm",
+                std::string(model).c_str(), std::string(drivers::return_mode_name(status.mode)).c_str(),
+                status.revolutions_per_minute, status.packet_period_us, 360.0 - status.blind_sector_deg,
+                core::name_of(status.clock_source), status.clock_offset_s, status.clock_drift_ppm);
+  return text.data();
+}
+
+FeedLog::FeedLog()
+    : lines_(ipc::Ring<Slot>::in_private_memory(kLines)),
+      events_(ipc::Ring<FeedEvent>::in_private_memory(kLines)) {}
+
+void FeedLog::say(LogLevel level, std::string_view text) {
+  const std::span<Slot> slot = lines_.begin_write(1);
+  if (slot.empty()) {
+    lines_.count_dropped(1);
+    return;
+  }
+  const std::string_view kept = text.substr(0, kTextBytes);
+  slot[0].level = level;
+  slot[0].size = static_cast<std::uint16_t>(kept.size());
+  std::copy(kept.begin(), kept.end(), slot[0].text.begin());
+  lines_.commit(1);
+}
+
+std::optional<FeedLog::Line> FeedLog::take() {
+  if (const std::optional<Slot> slot = lines_.try_pop())
+    return Line{slot->level, std::string(slot->text.data(), slot->size)};
+  if (const std::optional<FeedEvent> event = events_.try_pop()) return to_line(*event);
+  return std::nullopt;
+}
+
+}  // namespace nilio::daemon

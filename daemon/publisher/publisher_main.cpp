@@ -1,0 +1,177 @@
+// nilio-publisher: takes poses from the ring that niliod shares with it and speaks DDS. It is a process of
+// its own so that nothing that Fast DDS does (abort on a malformed datagram, allocate, block) can touch the
+// estimator.
+
+#include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
+
+#include "daemon/publisher/imu_pose_loop.hpp"
+#include "daemon/publisher/publisher_loop.hpp"
+#include "daemon/publisher/publisher_options.hpp"
+#include "ipc/dds/odometry_publisher.hpp"
+#include "ipc/imu_record.hpp"
+#include "ipc/kernel_requests.hpp"
+#include "ipc/pose_record.hpp"
+#include "ipc/ring.hpp"
+#include "ipc/wake_event.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <malloc.h>
+#include <memory>
+#include <pthread.h>
+#include <string>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+#include <utility>
+
+#include <CLI/CLI.hpp>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+namespace nilio::daemon {
+namespace {
+
+using core::Duration;
+
+constexpr int kExitFailed = 1;
+// How much before the rest of the process the thread of the IMU-rate poses comes.
+constexpr int kImuNice = -5;
+constexpr int kLeastNice = -20;
+
+// Blocks SIGTERM and SIGINT (in this thread and in those of Fast DDS, made later) and makes a descriptor of
+// them.
+int take_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
+}
+
+// False when the parent is already gone.
+bool end_with_parent(pid_t parent) {
+  if (parent == 0) return true;
+  prctl(PR_SET_PDEATHSIG, SIGTERM);
+  return getppid() == parent;
+}
+
+/// Keeps memory resident, that of the threads' stacks included. To be called before there are any. Unlike
+/// niliod's, threads keep arenas of their own: the IMU-rate poses are not to wait for another's lock.
+void lock_memory() {
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  // Of Fast DDS's threads, too; the default of 8 MiB would all be locked.
+  pthread_attr_setstacksize(&attributes, ipc::kThreadStackBytes);
+  pthread_setattr_default_np(&attributes);
+  pthread_attr_destroy(&attributes);
+  mallopt(M_TRIM_THRESHOLD, -1);
+  if (const std::string refused = ipc::request_memory_lock(); !refused.empty())
+    spdlog::warn("memory: {}", refused);
+}
+
+/// Has the calling thread, that of the IMU-rate poses, come before the rest of the process.
+void take_precedence(int fifo_priority, int process_nice) {
+  if (fifo_priority > 0) {
+    const std::string refused = ipc::request_fifo(fifo_priority);
+    if (refused.empty()) {
+      spdlog::info("imu-poses: FIFO {}", fifo_priority);
+      return;
+    }
+    spdlog::warn("imu-poses: {}", refused);
+  }
+  // Of this thread alone, as Linux has it. Without the privilege the process has no priority either, and has
+  // said so.
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kImuNice, kLeastNice));
+}
+
+/// Starts the thread of the IMU-rate poses; fails when what it needs was not handed over.
+core::Result<std::unique_ptr<dds::ImuPoseLoop>> start_imu_poses(const PublisherOptions& options,
+                                                                dds::OdometryPublisher& publisher) {
+  auto poses = ipc::Ring<ipc::PoseRecord>::attach(options.imu_pose_ring_descriptor);
+  if (!poses) return poses.error();
+  auto samples = ipc::Ring<ipc::ImuRecord>::attach(options.imu_ring_descriptor);
+  if (!samples) return samples.error();
+  auto wake = ipc::WakeEvent::adopt(options.imu_wake_descriptor);
+  if (!wake) return wake.error();
+  auto writers = dds::ImuPosePublisher::create(publisher, options.publisher);
+  if (!writers) return writers.error();
+  ipc::ImuPoseConfig config = options.imu_poses;
+  const auto& q = options.imu_orientation_xyzw;
+  config.propagation.T_base_imu.rotation = Eigen::Quaterniond(q[3], q[0], q[1], q[2]).normalized();
+  config.propagation.T_base_imu.translation = core::Vector3(options.imu_position.data());
+  config.propagation.max_gap = Duration::from_seconds(options.imu_max_gap_s);
+  config.propagation.max_age = Duration::from_seconds(options.imu_max_age_s);
+  config.slew.settle = Duration::from_seconds(options.imu_settle_s);
+  auto loop = std::make_unique<dds::ImuPoseLoop>(
+      dds::ImuPoseInputs{std::move(poses).value(), std::move(samples).value(), std::move(wake).value()},
+      config, std::move(writers).value());
+  loop->start([fifo = options.imu_priority, nice = options.nice] { take_precedence(fifo, nice); });
+  return loop;
+}
+
+int run(const PublisherOptions& options) {
+  const int signals = take_signals();
+  if (signals < 0) {
+    spdlog::critical("signalfd: {}", std::strerror(errno));
+    return kExitFailed;
+  }
+  if (!end_with_parent(options.parent)) {
+    spdlog::error("process {}, which --parent-pid names, is not the parent of this one: not starting",
+                  options.parent);
+    return kExitFailed;
+  }
+  if (options.lock_memory) lock_memory();
+  // The threads of Fast DDS inherit it.
+  if (options.nice != 0 && setpriority(PRIO_PROCESS, 0, options.nice) != 0)
+    spdlog::warn("no privilege for nice {} (CAP_SYS_NICE or LimitNICE= in the unit): running at 0",
+                 options.nice);
+
+  auto ring = ipc::Ring<ipc::PoseRecord>::attach(options.ring_descriptor);
+  auto wake_event = ipc::WakeEvent::adopt(options.wake_descriptor);
+  if (!ring || !wake_event) {
+    spdlog::critical("what niliod should have handed over is not there: {}",
+                     ring ? wake_event.error().message : ring.error().message);
+    return kExitFailed;
+  }
+  dds::set_fastdds_log_handler([](const std::string& line) { spdlog::warn("{}", line); });
+  auto publisher = dds::OdometryPublisher::create(options.publisher);
+  if (!publisher) {
+    spdlog::critical("{}", publisher.error().message);
+    return kExitFailed;
+  }
+  for (const std::string& address : (*publisher)->participant().missing_interfaces())
+    spdlog::warn("DDS interface {} is not on this machine (yet): not used", address);
+  std::unique_ptr<dds::ImuPoseLoop> imu_poses;
+  if (options.imu_rate) {
+    auto started = start_imu_poses(options, **publisher);
+    if (!started) {
+      spdlog::critical("poses at IMU rate: {}", started.error().message);
+      return kExitFailed;
+    }
+    imu_poses = std::move(started).value();
+  }
+  spdlog::info("publishing on DDS domain {}", options.publisher.participant.domain);
+  PublisherLoop loop(options.parent, std::move(ring).value(), std::move(wake_event).value(), signals,
+                     std::move(publisher).value(), std::move(imu_poses));
+  return loop.run(Duration::from_seconds(options.wait_for_subscribers_s));
+}
+
+}  // namespace
+}  // namespace nilio::daemon
+
+int main(int argc, char** argv) {
+  CLI::App app{"Publishes the poses of niliod over DDS. Started by niliod."};
+  nilio::daemon::PublisherOptions options;
+  options.publisher.participant.name = "nilio";
+  nilio::daemon::add_publisher_options(app, options);
+  CLI11_PARSE(app, argc, argv);
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("nilio-publisher"));
+  spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e %l %n: %v");
+  return nilio::daemon::run(options);
+}

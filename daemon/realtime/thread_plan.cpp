@@ -1,0 +1,194 @@
+#include "daemon/realtime/thread_plan.hpp"
+
+#include "ipc/kernel_requests.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <optional>
+#include <pthread.h>
+#include <sched.h>
+
+namespace nilio::daemon {
+
+namespace {
+
+using core::Error;
+using core::Result;
+
+// A quarter of the stack: matrices on it are of fixed size, and large buffers are on the heap.
+constexpr std::size_t kTouchedStackBytes = std::size_t{256} << 10U;
+constexpr std::size_t kPageBytes = 4096;
+
+const char* key_of(ThreadRole role) {
+  switch (role) {
+    case ThreadRole::kLidarReceive:
+      return "realtime.lidar_cpus";
+    case ThreadRole::kImuReceive:
+      return "realtime.imu_cpus";
+    case ThreadRole::kDeadlineGuard:
+    case ThreadRole::kOdometry:
+      return "realtime.odometry_cpus";
+  }
+  return "realtime";
+}
+
+std::string policy_text(int policy, int priority) {
+  if (policy == SCHED_FIFO) return "FIFO " + std::to_string(priority);
+  if (policy == SCHED_RR) return "RR " + std::to_string(priority);
+  return "normal scheduling";
+}
+
+std::string processors_text(const CpuList& cpus) {
+  return (cpus.size() == 1 ? "processor " : "processors ") + cpu_list_text(cpus);
+}
+
+std::string scheduling_text(const ThreadScheduling& scheduling) {
+  return policy_text(scheduling.policy, scheduling.priority) + " on " + processors_text(scheduling.cpus);
+}
+
+cpu_set_t to_set(const CpuList& cpus) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : cpus) CPU_SET(static_cast<std::size_t>(cpu), &set);
+  return set;
+}
+
+/// Empty when the kernel does as it is asked, else what it has against it.
+std::string request_processors(const CpuList& cpus, ThreadRole role) {
+  const cpu_set_t set = to_set(cpus);
+  if (sched_setaffinity(0, sizeof set, &set) != 0) {
+    return processors_text(cpus) + " refused (" + std::strerror(errno) + "): correct " + key_of(role) +
+           ", or let the container have them";
+  }
+  // The kernel leaves out, without a word, those that are not there.
+  const CpuList obtained = scheduling_of(0).cpus;
+  if (obtained == cpus) return {};
+  return processors_text(cpus) + " not all there, only " + cpu_list_text(obtained) + ": correct " +
+         key_of(role) + ", or let the container have them";
+}
+
+std::optional<long> read_number(const char* path) {
+  std::ifstream file(path);
+  long number = 0;
+  if (file >> number) return number;
+  return std::nullopt;
+}
+
+}  // namespace
+
+Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
+  const RealtimeSection& section = config.realtime;
+  ThreadPlan plan;
+  plan.fifo = section.policy == "fifo" || (section.policy == "auto" && live);
+  plan.lock_memory = section.lock_memory && live;
+  plan.strict = section.strict;
+  plan.odometry_threads = config.odometry.threads;
+  // The guard must get the processor from the registration that is late.
+  const int guard_priority = std::min(section.odometry_priority + 1, sched_get_priority_max(SCHED_FIFO));
+  const std::array<int, kThreadRoles> priorities{section.lidar_priority, section.imu_priority, guard_priority,
+                                                 section.odometry_priority};
+  const std::array<const std::string*, kThreadRoles> lists{&section.lidar_cpus, &section.imu_cpus,
+                                                           &section.odometry_cpus, &section.odometry_cpus};
+  for (std::size_t i = 0; i < kThreadRoles; ++i) {
+    Result<CpuList> cpus = parse_cpu_list(*lists[i]);
+    if (!cpus) return Error{std::string(key_of(static_cast<ThreadRole>(i))) + ": " + cpus.error().message};
+    plan.roles[i] = {priorities[i], std::move(cpus).value()};
+  }
+  return plan;
+}
+
+ThreadScheduling scheduling_of(pid_t thread) {
+  ThreadScheduling scheduling;
+  // The kernel may set a flag beside the policy.
+  scheduling.policy = sched_getscheduler(thread) & ~SCHED_RESET_ON_FORK;
+  sched_param parameters{};
+  if (sched_getparam(thread, &parameters) == 0) scheduling.priority = parameters.sched_priority;
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  if (sched_getaffinity(thread, sizeof set, &set) != 0) return scheduling;
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+    if (CPU_ISSET(static_cast<std::size_t>(cpu), &set)) scheduling.cpus.push_back(cpu);
+  }
+  return scheduling;
+}
+
+void run_as(const ThreadScheduling& scheduling) {
+  const sched_param parameters{scheduling.priority};
+  sched_setscheduler(0, scheduling.policy, &parameters);
+  const cpu_set_t set = to_set(scheduling.cpus);
+  sched_setaffinity(0, sizeof set, &set);
+}
+
+void touch_stack() {
+  // Written through a pointer that may change, so that the compiler keeps it.
+  std::array<unsigned char, kTouchedStackBytes> stack;
+  volatile unsigned char* const bytes = stack.data();
+  for (std::size_t i = 0; i < stack.size(); i += kPageBytes) bytes[i] = 0;
+}
+
+PlanOutcome apply_to_this_thread(const ThreadPlan& plan, ThreadRole role) {
+  const std::string name = name_of(role);
+  const ThreadPlan::Role& wanted = plan.of(role);
+  pthread_setname_np(pthread_self(), name.c_str());
+  std::string refused;
+  if (plan.fifo) refused = ipc::request_fifo(wanted.priority);
+  if (!wanted.cpus.empty()) {
+    const std::string cpus = request_processors(wanted.cpus, role);
+    refused += (refused.empty() || cpus.empty() ? "" : "; ") + cpus;
+  }
+  touch_stack();
+  const std::string has = scheduling_text(scheduling_of(0));
+  if (refused.empty()) return {true, name + ": " + has};
+  return {false, name + ": " + refused + "; it has " + has};
+}
+
+PlanOutcome judge_workers(const ThreadPlan& plan, const std::vector<pid_t>& workers) {
+  const ThreadScheduling own = scheduling_of(0);
+  const std::string name = name_of(ThreadRole::kOdometry);
+  for (const pid_t worker : workers) {
+    const ThreadScheduling scheduling = scheduling_of(worker);
+    if (scheduling == own) continue;
+    return {false, name + ": its worker " + std::to_string(worker) + " has " + scheduling_text(scheduling) +
+                       " instead of " + scheduling_text(own) +
+                       ": do not change the scheduling of its threads from outside"};
+  }
+  const int missing = plan.odometry_threads - 1 - static_cast<int>(workers.size());
+  if (missing > 0) {
+    return {true,
+            name + ": " + std::to_string(missing) + " of its " + std::to_string(plan.odometry_threads) +
+                " threads did not start: there are fewer processors; lower odometry.threads",
+            true};
+  }
+  return {true, name + ": " + std::to_string(workers.size()) +
+                    (workers.size() == 1 ? " worker, as itself" : " workers, as itself")};
+}
+
+PlanOutcome judge_throttling(const ThreadPlan& plan) {
+  if (!plan.fifo) return {true, "supervisor: no thread has precedence"};
+  const std::optional<long> runtime_us = read_number("/proc/sys/kernel/sched_rt_runtime_us");
+  const std::optional<long> period_us = read_number("/proc/sys/kernel/sched_rt_period_us");
+  std::string throttling = "the kernel does not tell its throttling of FIFO threads";
+  if (runtime_us && *runtime_us < 0) {
+    throttling = "FIFO threads are not throttled (sched_rt_runtime_us is -1)";
+  } else if (runtime_us && period_us) {
+    throttling = "FIFO threads get at most " + std::to_string(*runtime_us / 1000) + " of every " +
+                 std::to_string(*period_us / 1000) + " ms (sched_rt_runtime_us)";
+  }
+  const CpuList own = scheduling_of(0).cpus;
+  const CpuList& odometry = plan.of(ThreadRole::kOdometry).cpus;
+  const bool covers_all =
+      odometry.empty() || std::includes(odometry.begin(), odometry.end(), own.begin(), own.end());
+  if (!covers_all || static_cast<std::size_t>(plan.odometry_threads) < own.size())
+    return {true, "supervisor: has a processor that the odometry leaves free; " + throttling};
+  return {true,
+          "supervisor: the odometry's " + std::to_string(plan.odometry_threads) +
+              " threads may take all of " + processors_text(own) +
+              ", and log, files and watching then wait; " + throttling +
+              ": leave a processor out of realtime.odometry_cpus, or lower odometry.threads",
+          true};
+}
+
+}  // namespace nilio::daemon

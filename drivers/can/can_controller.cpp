@@ -1,0 +1,140 @@
+#include "nilio/drivers/can/can_controller.hpp"
+
+#include "drivers/can/can_monitor.hpp"
+#include "drivers/can/can_settings.hpp"
+#include "drivers/can/socketcan/state.hpp"
+
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <net/if.h>
+#include <thread>
+#include <utility>
+
+namespace nilio::drivers {
+
+using Clock = std::chrono::steady_clock;
+
+namespace {
+
+constexpr std::chrono::milliseconds kLookPeriod{100};
+/// Far more than any driver takes and a starved thread waits: that frames are missing is known sooner.
+constexpr std::chrono::seconds kLongestSilence{10};
+constexpr std::chrono::milliseconds kLongestGoodbye{300};
+/// Threads left behind before giving up.
+constexpr unsigned kMostHelpers = 8;
+/// Events of a caller that does not take them.
+constexpr std::size_t kMostEvents = 64;
+
+std::int64_t monotonic_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
+}
+
+}  // namespace
+
+struct CanController::Shared {
+  Shared(CanControllerConfig wanted, bool privileged)
+      : config(std::move(wanted)), monitor(config, privileged) {}
+
+  const CanControllerConfig config;
+  std::mutex mutex;
+  std::condition_variable changed;
+  CanMonitor monitor;
+  std::vector<CanEvent> events;
+  /// The helper that counts; older ones are stuck, and nothing they still bring is used.
+  unsigned generation = 0;
+  bool running = false;
+  bool stop = false;
+  Clock::time_point last_sign = Clock::now();
+};
+
+core::Result<std::unique_ptr<CanController>> CanController::watch(const CanControllerConfig& config) {
+  const std::string& name = config.interface_name;
+  if (name.empty() || name.size() >= IFNAMSIZ)
+    return core::Error{"CAN " + name +
+                       ": is no interface name; write it as 'ip link' shows it, such as can0"};
+  const CanInterfaceState seen = query_can_interface(name);
+  if (seen.present && !seen.is_can)
+    return core::Error{"CAN " + name + ": is no CAN interface; 'ip link show type can' lists them"};
+  return std::unique_ptr<CanController>(
+      new CanController(std::make_shared<Shared>(config, may_set_up_interfaces())));
+}
+
+CanController::CanController(std::shared_ptr<Shared> shared) : shared_(std::move(shared)) {
+  const std::lock_guard lock(shared_->mutex);
+  start_helper();
+}
+
+CanController::~CanController() {
+  std::unique_lock lock(shared_->mutex);
+  shared_->stop = true;
+  shared_->changed.notify_all();
+  shared_->changed.wait_for(lock, kLongestGoodbye, [this] { return !shared_->running; });
+}
+
+/// With the lock held.
+void CanController::start_helper() {
+  shared_->running = true;
+  shared_->last_sign = Clock::now();
+  std::thread(run, shared_, ++shared_->generation).detach();
+}
+
+/// The lock is never held while the kernel is asked.
+void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generation) {
+  using Action = CanMonitor::Action;
+  const CanControllerConfig& config = shared->config;
+  const auto goes_on = [&] { return !shared->stop && shared->generation == generation; };
+  CanInterfaceState seen;
+  std::unique_lock lock(shared->mutex);
+  while (goes_on()) {
+    lock.unlock();
+    seen = look_at_can_interface(config.interface_name);
+    lock.lock();
+    if (!goes_on()) break;
+    shared->last_sign = Clock::now();
+    const Action action = shared->monitor.observe(seen, monotonic_ns());
+    if (action != Action::kNone) {
+      lock.unlock();
+      if (action == Action::kSetUp)
+        set_up_can_interface(config.interface_name, config.bitrate, config.restart_ms);
+      if (action == Action::kRestart) restart_can_controller(config.interface_name, seen.driver);
+      seen = look_at_can_interface(config.interface_name);
+      lock.lock();
+      if (!goes_on()) break;
+      shared->last_sign = Clock::now();
+      if (action == Action::kSetUp) shared->monitor.set_up_result(seen);
+    }
+    for (CanEvent& event : shared->monitor.take_events())
+      if (shared->events.size() < kMostEvents) shared->events.push_back(std::move(event));
+    shared->changed.wait_for(lock, kLookPeriod, [&] { return !goes_on(); });
+  }
+  if (shared->generation == generation) {
+    shared->running = false;
+    shared->changed.notify_all();
+  }
+}
+
+std::vector<CanEvent> CanController::take_events() {
+  const std::lock_guard lock(shared_->mutex);
+  if (shared_->running && Clock::now() - shared_->last_sign > kLongestSilence) {
+    const std::string where = "CAN " + shared_->config.interface_name + ": ";
+    if (shared_->generation < kMostHelpers) {
+      shared_->events.push_back({true, where + "its driver does not answer; asking anew, check the adapter"});
+      start_helper();
+    } else {
+      shared_->events.push_back(
+          {true, where + "its driver still does not answer and is no longer asked; frames are "
+                         "received all the same, check the adapter"});
+      ++shared_->generation;
+      shared_->running = false;
+    }
+  }
+  return std::exchange(shared_->events, {});
+}
+
+CanControllerStatus CanController::status() const {
+  const std::lock_guard lock(shared_->mutex);
+  return shared_->monitor.status();
+}
+
+}  // namespace nilio::drivers

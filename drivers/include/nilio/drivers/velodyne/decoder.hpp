@@ -1,0 +1,115 @@
+#pragma once
+
+#include "nilio/core/scan.hpp"
+#include "nilio/drivers/packet.hpp"
+#include "nilio/drivers/velodyne/hdl64e/status.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+namespace nilio::drivers {
+
+enum class TimeSource {
+  kAuto,    ///< sensor time where it agrees with the host's, else sensor time fitted onto the host's
+  kSensor,  ///< sensor time; its hour from GPS when the sensor has it, else from the host
+  kHost,    ///< sensor time fitted onto the host's clock always; receive times when the sensor has no clock
+};
+
+/// Which of two returns become points.
+enum class ReturnChoice { kAll, kStrongest, kLast };
+
+struct ScanAssemblerConfig {
+  TimeSource time_source = TimeSource::kAuto;
+  /// Added to every firing's time: for firmware that stamps the end of a packet instead of its first firing.
+  std::int64_t stamp_offset_ns = 0;
+  /// Empty: told from each packet.
+  std::optional<ReturnMode> return_mode = std::nullopt;
+  ReturnChoice returns = ReturnChoice::kAll;
+  /// Azimuth at which one scan ends and the next begins, degrees in the sensor's own sense (0 = +y of the
+  /// Velodyne frame = forward in the ROS frame, clockwise). 180 cuts behind the vehicle.
+  double cut_azimuth_deg = 180.0;
+  double min_range_m = 1.0;
+  double max_range_m = 120.0;
+  /// A scan covering a smaller share of the sensor's field of view is dropped and counted (start, end, long
+  /// loss).
+  double min_coverage = 0.8;
+  /// Room in the scans' buffers for points that others add to them.
+  std::size_t more_points = 0;
+};
+
+/// No scan of a sensor gets more points than this, so that buffers never grow.
+std::size_t scan_capacity(const VelodyneSensor& sensor);
+
+/// Every firing (shot of one laser) is in exactly one scan or counted here:
+/// firings == firings_in_scans + firings_discarded + firings_bad + firings_late +
+/// ScanAssembler::open_firings().
+struct ScanAssemblerStats {
+  std::uint64_t packets = 0;           ///< data packets, good or bad
+  std::uint64_t position_packets = 0;  ///< telemetry
+  std::uint64_t bad_length = 0;        ///< neither a data nor a position packet
+  std::uint64_t duplicate_packets = 0;
+  std::uint64_t late_packets = 0;  ///< out of order; their firings are in the open scan, or in firings_late
+  std::uint64_t lost_packets = 0;  ///< gaps in the sensor's time stamps that nothing filled
+  std::uint64_t time_jumps = 0;    ///< the sensor's clock was set
+  std::uint64_t host_clock_jumps = 0;
+  std::uint64_t mode_changes = 0;  ///< the return mode changed
+  std::uint64_t firings = 0;       ///< in all packets but duplicates
+  std::uint64_t firings_in_scans = 0;
+  std::uint64_t firings_discarded = 0;  ///< in scans that were dropped for too little coverage
+  std::uint64_t firings_bad = 0;   ///< in blocks with a wrong flag, or an azimuth out of range or out of line
+  std::uint64_t firings_late = 0;  ///< of late packets whose scan was complete
+  std::uint64_t scans = 0;
+  std::uint64_t partial_scans = 0;  ///< dropped for too little coverage
+  std::uint64_t points = 0;
+  std::uint64_t points_out_of_range = 0;
+};
+
+/// State of the stream, for people.
+struct ScanAssemblerStatus {
+  ReturnMode mode = ReturnMode::kSingle;
+  double revolutions_per_minute = 0.0;
+  /// Time from one packet to the next as used now.
+  double packet_period_us = 0.0;
+  /// Azimuth not covered in each revolution, degrees; 0 = all around.
+  double blind_sector_deg = 0.0;
+  core::ClockSource clock_source = core::ClockSource::kHost;
+  /// What is added to the sensor's time, and how fast it changes (parts per million).
+  double clock_offset_s = 0.0;
+  double clock_drift_ppm = 0.0;
+};
+
+/// Turns packets into scans: decodes, times and cuts at block level (SCAN_CUTTING.md). One thread. No
+/// allocation once the scan objects that are swapped in have grown to a scan's size.
+class ScanAssembler {
+ public:
+  ScanAssembler(VelodyneSensor sensor, const ScanAssemblerConfig& config);
+  ScanAssembler(ScanAssembler&&) noexcept;
+  ScanAssembler& operator=(ScanAssembler&&) noexcept;
+  ScanAssembler(const ScanAssembler&) = delete;
+  ScanAssembler& operator=(const ScanAssembler&) = delete;
+  ~ScanAssembler();
+
+  /// Feeds one data or position packet. Returns true when a scan became complete: take it with take_scan()
+  /// before the next call. (A packet that holds the cut completes one scan and opens the next.)
+  bool add(const Packet& packet);
+  /// At the end of a recording: completes what is there, if it covers enough.
+  bool finish();
+  /// Swaps the completed scan with `scan`, whose buffer is reused for a scan to come.
+  void take_scan(core::Scan& scan);
+
+  [[nodiscard]] const ScanAssemblerStats& stats() const;
+  [[nodiscard]] ScanAssemblerStatus status() const;
+  /// Firings of the scan under assembly.
+  [[nodiscard]] std::uint64_t open_firings() const;
+  /// What an HDL-64E said of itself in its packets; null for other models.
+  [[nodiscard]] const Hdl64eStatusReader* hdl64e_status() const;
+  [[nodiscard]] const VelodyneSensor& sensor() const;
+
+ private:
+  class State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace nilio::drivers

@@ -1,0 +1,156 @@
+#include "drivers/network/idle_probe.hpp"
+
+#include "nilio/drivers/velodyne/model.hpp"
+
+#include "drivers/network/ipv4_address.hpp"
+
+#include <arpa/inet.h>
+#include <cerrno>
+#include <cstring>
+#include <linux/filter.h>
+#include <linux/if_ether.h>
+#include <linux/if_packet.h>
+#include <sys/socket.h>
+
+namespace nilio::drivers {
+namespace {
+
+constexpr std::size_t kUdpHeader = 8;
+constexpr std::uint32_t kLongestHeaders = 60 + kUdpHeader;
+/// Packets looked at in one call, so that a flood does not hold the receive thread.
+constexpr int kPacketsPerCall = 256;
+constexpr std::uint8_t kProtocolUdp = 17;
+
+/// Accepts the headers of unfragmented UDP packets with a payload of 1206 or 512 bytes; the data begins at
+/// the IP header.
+std::array<sock_filter, 11> make_filter() {
+  constexpr std::uint8_t kDrop = 10;
+  const auto statement = [](int code, std::size_t k) {
+    return sock_filter{static_cast<std::uint16_t>(code), 0, 0, static_cast<std::uint32_t>(k)};
+  };
+  const auto jump = [](int code, std::size_t k, int yes, int no) {
+    return sock_filter{static_cast<std::uint16_t>(BPF_JMP | code | BPF_K), static_cast<std::uint8_t>(yes),
+                       static_cast<std::uint8_t>(no), static_cast<std::uint32_t>(k)};
+  };
+  return {statement(BPF_LD | BPF_B | BPF_ABS, 9),
+          jump(BPF_JEQ, kProtocolUdp, 0, kDrop - 2),
+          statement(BPF_LD | BPF_H | BPF_ABS, 6),
+          jump(BPF_JSET, 0x3FFF, kDrop - 4, 0),
+          statement(BPF_LDX | BPF_B | BPF_MSH, 0),
+          statement(BPF_LD | BPF_H | BPF_IND, 4),
+          jump(BPF_JEQ, kDataPacketSize + kUdpHeader, 2, 0),
+          jump(BPF_JEQ, kPositionPacketSize + kUdpHeader, 1, 0),
+          jump(BPF_JA, 1, 0, 0),
+          statement(BPF_RET | BPF_K, kLongestHeaders),
+          statement(BPF_RET | BPF_K, 0)};
+}
+
+std::uint16_t load_be16(const std::uint8_t* p) { return static_cast<std::uint16_t>((p[0] << 8) | p[1]); }
+std::uint32_t load_be32(const std::uint8_t* p) {
+  return (static_cast<std::uint32_t>(load_be16(p)) << 16) | load_be16(p + 2);
+}
+
+}  // namespace
+
+void IdleProbe::idle(std::int64_t now_ns) {
+  if (idle_since_ns_ == 0) idle_since_ns_ = now_ns;
+  if (socket_.is_open()) {
+    drain();
+    if (now_ns - opened_ns_ < timing_.listening.ns) return;
+    publish();
+    socket_.close();
+    closed_ns_ = now_ns;
+    return;
+  }
+  const bool rested = closed_ns_ == 0 || now_ns - closed_ns_ >= timing_.rest.ns;
+  if (now_ns - idle_since_ns_ < timing_.patience.ns || !rested) return;
+  open();
+  opened_ns_ = now_ns;
+  // Without the capability there is nothing to try every time.
+  if (!socket_.is_open()) closed_ns_ = now_ns;
+}
+
+void IdleProbe::stop() {
+  idle_since_ns_ = 0;
+  socket_.close();
+}
+
+void IdleProbe::open() {
+  window_ = {};
+  // Protocol 0 hears nothing, so that nothing comes in before the filter is in place.
+  socket_ = FileDescriptor(::socket(AF_PACKET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  std::array<sock_filter, 11> filter = make_filter();
+  const sock_fprog program{.len = static_cast<unsigned short>(filter.size()), .filter = filter.data()};
+  sockaddr_ll all{};
+  all.sll_family = AF_PACKET;
+  all.sll_protocol = htons(ETH_P_IP);
+  const bool good = socket_.is_open() &&
+                    setsockopt(socket_.get(), SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program)) == 0 &&
+                    bind(socket_.get(), reinterpret_cast<const sockaddr*>(&all), sizeof(all)) == 0;
+  open_error_.store(good ? 0 : errno, std::memory_order_relaxed);
+  if (!good) socket_.close();
+}
+
+void IdleProbe::drain() {
+  std::array<std::uint8_t, kLongestHeaders> bytes{};
+  for (int i = 0; i < kPacketsPerCall; ++i) {
+    const ssize_t received = recv(socket_.get(), bytes.data(), bytes.size(), 0);
+    if (received < 0) return;
+    const std::size_t header = 4U * (bytes[0] & 0x0FU);
+    if (static_cast<std::size_t>(received) < header + kUdpHeader) continue;
+    const std::uint8_t* udp = bytes.data() + header;
+    note({.source = load_be32(bytes.data() + 12),
+          .destination = load_be32(bytes.data() + 16),
+          .port = load_be16(udp + 2),
+          .size = static_cast<std::uint16_t>(load_be16(udp + 4) - kUdpHeader)});
+  }
+}
+
+void IdleProbe::note(const Stream& stream) {
+  for (Window& entry : window_) {
+    if (entry.count > 0 && entry.stream != stream) continue;
+    entry.stream = stream;
+    ++entry.count;
+    return;
+  }
+}
+
+void IdleProbe::publish() {
+  for (std::size_t i = 0; i < kStreams; ++i) {
+    const Stream& stream = window_[i].stream;
+    published_[i].addresses.store((std::uint64_t{stream.source} << 32) | stream.destination,
+                                  std::memory_order_relaxed);
+    published_[i].port_and_size.store((std::uint32_t{stream.port} << 16) | stream.size,
+                                      std::memory_order_relaxed);
+    published_[i].count.store(window_[i].count, std::memory_order_relaxed);
+  }
+  listenings_.fetch_add(1, std::memory_order_release);
+}
+
+std::string IdleProbe::describe(std::uint16_t port) const {
+  if (const int error = open_error_.load(std::memory_order_relaxed); error != 0) {
+    return "what arrives on other ports cannot be seen (" + std::string(std::strerror(error)) +
+           "): that takes the capability CAP_NET_RAW";
+  }
+  if (listenings_.load(std::memory_order_acquire) == 0) return {};
+  std::string seen;
+  bool own_port = false;
+  for (const Published& entry : published_) {
+    const std::uint64_t count = entry.count.load(std::memory_order_relaxed);
+    if (count == 0) continue;
+    const std::uint64_t addresses = entry.addresses.load(std::memory_order_relaxed);
+    const std::uint32_t port_and_size = entry.port_and_size.load(std::memory_order_relaxed);
+    own_port = own_port || port_and_size >> 16 == port;
+    seen += (seen.empty() ? "" : ", ") + std::to_string(count) + " of " +
+            std::to_string(port_and_size & 0xFFFF) + " bytes from " +
+            format_ipv4(static_cast<std::uint32_t>(addresses >> 32)) + " to " +
+            format_ipv4(static_cast<std::uint32_t>(addresses)) + ":" + std::to_string(port_and_size >> 16);
+  }
+  if (seen.empty()) return "no packets of Velodyne's sizes reach this computer on any port";
+  return "on the wire within " + std::to_string(timing_.listening.ns / 1'000'000) + " ms: " + seen +
+         (own_port ? "; what goes to this port and is not received is held back by a firewall, by "
+                     "net.ipv4.conf.*.rp_filter, or is for another computer's address"
+                   : "; set the LiDAR's port to the one that the sensor sends to");
+}
+
+}  // namespace nilio::drivers

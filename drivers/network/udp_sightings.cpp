@@ -1,0 +1,78 @@
+#include "drivers/network/udp_sightings.hpp"
+
+#include "nilio/drivers/velodyne/model.hpp"
+
+#include "drivers/network/ipv4_address.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace nilio::drivers {
+namespace {
+
+std::string sender_text(std::uint32_t address, std::uint64_t count) {
+  return std::to_string(count) + " from " + format_ipv4(address);
+}
+
+void increment(std::atomic<std::uint64_t>& counter) {
+  counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+}
+
+}  // namespace
+
+void UdpSightings::note_accepted(const Packet& packet, std::size_t sent_bytes,
+                                 const UdpSourceConfig& config) {
+  const bool is_data = packet.destination_port == config.port;
+  increment(is_data ? data_packets_ : position_packets_);
+  if (is_data) senders_.count(packet.sender_address);
+  if (sent_bytes != (is_data ? kDataPacketSize : kPositionPacketSize)) {
+    wrong_sizes_.count({packet.destination_port, static_cast<std::uint16_t>(sent_bytes)});
+  }
+  last_ns_.store(packet.received_ns, std::memory_order_relaxed);
+}
+
+std::int64_t UdpSightings::age_ns(std::int64_t now_ns) const {
+  const std::int64_t last = last_ns_.load(std::memory_order_relaxed);
+  // The other thread may have read its clock after this one.
+  return last == 0 ? std::numeric_limits<std::int64_t>::max() : std::max<std::int64_t>(now_ns - last, 0);
+}
+
+std::string UdpSightings::describe_packets(const UdpSourceConfig& config, std::int64_t now_ns) const {
+  std::string text = std::to_string(data_packets_.load(std::memory_order_relaxed));
+  if (config.position_port != 0) {
+    text += " data and " + std::to_string(position_packets_.load(std::memory_order_relaxed)) + " position";
+  }
+  text += " packets";
+  const std::int64_t age = age_ns(now_ns);
+  if (age == std::numeric_limits<std::int64_t>::max()) return text;
+  const std::int64_t tenths = age / 100'000'000;
+  return text + ", the last " + std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " s ago";
+}
+
+std::string UdpSightings::describe_oddities(const UdpSourceConfig& config) const {
+  std::string text;
+  const std::string others = other_senders_.describe(sender_text);
+  if (!others.empty())
+    text += "; ignored " + others + ", since only " + config.sender_address + " is accepted";
+  if (senders_.keys() > 1) {
+    text += "; packets of several sensors are mixed (" + senders_.describe(sender_text) +
+            "): set the sender address to the one wanted";
+  }
+  const std::string sizes = wrong_sizes_.describe([](const PortAndSize& key, std::uint64_t count) {
+    return std::to_string(count) + " of " + std::to_string(key.size) + " bytes to port " +
+           std::to_string(key.port);
+  });
+  if (!sizes.empty()) {
+    text += "; not a Velodyne's: " + sizes + " (data packets have 1206 bytes, position packets 512)";
+  }
+  const bool position_only = data_packets_.load(std::memory_order_relaxed) == 0 &&
+                             position_packets_.load(std::memory_order_relaxed) > 0;
+  if (position_only) {
+    text +=
+        "; position packets arrive, data does not: set the LiDAR's port to the data port in the sensor's "
+        "web page, and check that the laser is on";
+  }
+  return text;
+}
+
+}  // namespace nilio::drivers

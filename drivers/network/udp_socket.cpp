@@ -1,0 +1,153 @@
+#include "drivers/network/udp_socket.hpp"
+
+#include "drivers/network/ipv4_address.hpp"
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <linux/sock_diag.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <string>
+#include <sys/socket.h>
+#include <utility>
+
+namespace nilio::drivers {
+namespace {
+
+using core::Error;
+using core::Result;
+
+/// What is wrong, or nothing.
+using Problem = std::optional<Error>;
+
+template <class Value>
+bool set_option(int descriptor, int level, int option, const Value& value) {
+  return setsockopt(descriptor, level, option, &value, sizeof(value)) == 0;
+}
+
+Result<int> enlarge_receive_buffer(int descriptor, int wanted) {
+  // Beyond net.core.rmem_max only with CAP_NET_ADMIN; without it, as much as is allowed.
+  if (!set_option(descriptor, SOL_SOCKET, SO_RCVBUFFORCE, wanted)) {
+    set_option(descriptor, SOL_SOCKET, SO_RCVBUF, wanted);
+  }
+  int obtained = 0;
+  socklen_t length = sizeof(obtained);
+  if (getsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &obtained, &length) != 0) {
+    return Error{std::string("the receive buffer cannot be read back: ") + std::strerror(errno)};
+  }
+  // The kernel reports twice what was asked, the second half being for its own bookkeeping.
+  return obtained / 2;
+}
+
+std::string bind_advice(int error, std::uint16_t port, bool is_position_port) {
+  if (error == EADDRINUSE) {
+    return "another program has this port; 'ss -ulpn sport = :" + std::to_string(port) + "' names it" +
+           (is_position_port ? "; a position port of 0 goes without these packets" : "");
+  }
+  if (error == EADDRNOTAVAIL) {
+    return "no interface has this address; 'ip -4 address' lists them, 0.0.0.0 means all";
+  }
+  if (error == EACCES) return "ports below 1024 need CAP_NET_BIND_SERVICE";
+  return "check the address and the port";
+}
+
+/// The interface as IP_ADD_MEMBERSHIP wants it, from an address, a name or nothing.
+Result<ip_mreqn> find_multicast_interface(const UdpSourceConfig& config) {
+  ip_mreqn request{};
+  const std::string& wanted =
+      config.multicast_interface.empty() ? config.bind_address : config.multicast_interface;
+  if (in_addr address{}; const Result<std::uint32_t> parsed = parse_ipv4(wanted, "multicast interface")) {
+    address.s_addr = htonl(*parsed);
+    request.imr_address = address;
+    return request;
+  }
+  request.imr_ifindex = static_cast<int>(if_nametoindex(wanted.c_str()));
+  if (request.imr_ifindex == 0) {
+    return Error{"there is no interface '" + wanted +
+                 "' to join the multicast group on; 'ip -4 address' lists names and addresses"};
+  }
+  return request;
+}
+
+Problem join(int descriptor, const UdpSourceConfig& config, std::uint32_t group) {
+  Result<ip_mreqn> request = find_multicast_interface(config);
+  if (!request) return request.error();
+  request->imr_multiaddr.s_addr = htonl(group);
+  // Groups that other programs joined are not for this socket.
+  if (!set_option(descriptor, IPPROTO_IP, IP_MULTICAST_ALL, 0) ||
+      !set_option(descriptor, IPPROTO_IP, IP_ADD_MEMBERSHIP, *request)) {
+    return Error{"cannot join the multicast group " + config.multicast_group + ": " + std::strerror(errno) +
+                 "; name the interface that the sensor is on, by its address or name"};
+  }
+  return std::nullopt;
+}
+
+Result<std::uint32_t> parse_group(const UdpSourceConfig& config) {
+  Result<std::uint32_t> group = parse_optional_ipv4(config.multicast_group, "multicast group");
+  if (!group || *group == 0) return group;
+  if (!IN_MULTICAST(*group)) {
+    return Error{config.multicast_group +
+                 " is no multicast group; these go from 224.0.0.0 to 239.255.255.255"};
+  }
+  return group;
+}
+
+Problem bind_to(int descriptor, std::uint32_t address, std::uint16_t port, bool is_position_port) {
+  sockaddr_in local{};
+  local.sin_family = AF_INET;
+  local.sin_port = htons(port);
+  local.sin_addr.s_addr = htonl(address);
+  if (bind(descriptor, reinterpret_cast<const sockaddr*>(&local), sizeof(local)) == 0) return std::nullopt;
+  const int error = errno;
+  return Error{std::string("cannot listen: ") + std::strerror(error) + "; " +
+               bind_advice(error, port, is_position_port)};
+}
+
+Result<UdpSocket> open_socket(const UdpSourceConfig& config, std::uint16_t port) {
+  const Result<std::uint32_t> local = parse_ipv4(config.bind_address, "address to listen on");
+  if (!local) return local.error();
+  const Result<std::uint32_t> group = parse_group(config);
+  if (!group) return group.error();
+  FileDescriptor descriptor(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (!descriptor.is_open()) return Error{std::string("no socket: ") + std::strerror(errno)};
+  if (!set_option(descriptor.get(), SOL_SOCKET, SO_TIMESTAMPNS, 1) ||
+      !set_option(descriptor.get(), SOL_SOCKET, SO_RXQ_OVFL, 1)) {
+    return Error{std::string("kernel time stamps and drop counts cannot be had: ") + std::strerror(errno)};
+  }
+  const Result<int> buffer = enlarge_receive_buffer(descriptor.get(), config.receive_buffer_bytes);
+  if (!buffer) return buffer.error();
+  const bool has_group = *group != 0;
+  // Each program that has joined gets a copy of what is sent to a group; of other datagrams only one would.
+  if (has_group && (!set_option(descriptor.get(), SOL_SOCKET, SO_REUSEADDR, 1) ||
+                    !set_option(descriptor.get(), SOL_SOCKET, SO_REUSEPORT, 1))) {
+    return Error{std::string("the port cannot be shared: ") + std::strerror(errno)};
+  }
+  const std::uint32_t address = has_group ? *group : *local;
+  if (Problem problem = bind_to(descriptor.get(), address, port, port == config.position_port)) {
+    return *problem;
+  }
+  if (has_group) {
+    if (Problem problem = join(descriptor.get(), config, *group)) return *problem;
+  }
+  return UdpSocket{std::move(descriptor), *buffer};
+}
+
+}  // namespace
+
+core::Result<UdpSocket> open_udp_socket(const UdpSourceConfig& config, std::uint16_t port) {
+  Result<UdpSocket> opened = open_socket(config, port);
+  if (opened) return opened;
+  return Error{"UDP " + config.bind_address + ":" + std::to_string(port) + ": " + opened.error().message};
+}
+
+std::optional<std::uint32_t> count_kernel_drops(int descriptor) {
+  std::array<std::uint32_t, SK_MEMINFO_VARS> values{};
+  socklen_t length = sizeof(values);
+  if (getsockopt(descriptor, SOL_SOCKET, SO_MEMINFO, values.data(), &length) != 0) return std::nullopt;
+  // Kernels before 4.12 have no such option.
+  if (length <= SK_MEMINFO_DROPS * sizeof(std::uint32_t)) return std::nullopt;
+  return values[SK_MEMINFO_DROPS];
+}
+
+}  // namespace nilio::drivers

@@ -1,0 +1,95 @@
+#include "nilio/drivers/velodyne/calibration/calibration.hpp"
+
+#include "drivers/velodyne/calibration/calibration_fields.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <fstream>
+
+namespace nilio::drivers {
+namespace {
+
+using core::Error;
+
+/// A calibration of 128 lasers has 50 kB.
+constexpr std::size_t kLargestFile = std::size_t{4} << 20;
+
+core::Result<std::string> read_text(const std::string& path) {
+  const Error unreadable{path + ": cannot be read; check that the file exists and its permissions"};
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return unreadable;
+  std::string text(kLargestFile + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (file.bad() || (file.fail() && !file.eof())) return unreadable;
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kLargestFile) {
+    return Error{path + ": more than 4 MB, which no calibration has; check that it is the right file"};
+  }
+  return text;
+}
+
+bool looks_like_xml(std::string_view text) {
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  const std::size_t first = text.find_first_not_of(" \t\r\n");
+  return first != std::string_view::npos && text[first] == '<';
+}
+
+const char* unit_name(Quantity quantity, const FileUnits& units) {
+  switch (quantity) {
+    case Quantity::kAngle:
+      return units.angle_name;
+    case Quantity::kLength:
+      return units.length_name;
+    case Quantity::kRatio:
+      break;
+  }
+  return "(no unit)";
+}
+
+}  // namespace
+
+std::string format_number(double value) {
+  std::array<char, 32> text{};
+  const auto result = std::to_chars(text.data(), text.data() + text.size(), value);
+  return {text.data(), result.ptr};
+}
+
+core::Result<double> to_si(const CalibrationField& field, double value, const FileUnits& units) {
+  const double scale = field.quantity == Quantity::kAngle    ? units.angle
+                       : field.quantity == Quantity::kLength ? units.length
+                                                             : 1.0;
+  const double si = value * scale;
+  if (std::isfinite(si) && si >= field.lowest && si <= field.highest) return si;
+  const auto limit = [&](double bound) { return format_number(std::round(bound / scale * 1e4) / 1e4); };
+  return Error{"is " + format_number(value) + ", expected " + limit(field.lowest) + " to " +
+               limit(field.highest) + " " + unit_name(field.quantity, units)};
+}
+
+std::optional<std::string> laser_fault(const LaserCalibration& laser) {
+  if (laser.min_intensity <= laser.max_intensity) return std::nullopt;
+  return "its smallest intensity (" + std::to_string(laser.min_intensity) + ") is above its largest (" +
+         std::to_string(laser.max_intensity) + ")";
+}
+
+std::optional<std::uint8_t> to_intensity(double value) {
+  if (!(value >= 0.0 && value <= 255.0) || value != std::floor(value)) return std::nullopt;
+  return static_cast<std::uint8_t>(value);
+}
+
+core::Result<VelodyneSensor> with_calibration_file(VelodyneSensor sensor, const std::string& path) {
+  const core::Result<std::string> text = read_text(path);
+  if (!text) return text.error();
+  return looks_like_xml(*text) ? read_xml_calibration(std::move(sensor), *text, path)
+                               : read_yaml_calibration(std::move(sensor), *text, path);
+}
+
+std::vector<std::uint16_t> disabled_lasers(const VelodyneSensor& sensor) {
+  std::vector<std::uint16_t> ids;
+  for (std::size_t id = 0; id < sensor.lasers.size(); ++id) {
+    if (!sensor.lasers[id].enabled) ids.push_back(static_cast<std::uint16_t>(id));
+  }
+  return ids;
+}
+
+}  // namespace nilio::drivers

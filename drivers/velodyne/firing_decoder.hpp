@@ -1,0 +1,118 @@
+#pragma once
+
+#include "nilio/core/scan.hpp"
+#include "nilio/drivers/velodyne/decoder.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace nilio::drivers {
+
+struct SinCos {
+  float sin = 0.0F;
+  float cos = 1.0F;
+};
+
+/// Sine and cosine of every azimuth a packet can hold, 0 to 36000.
+class AzimuthTable {
+ public:
+  AzimuthTable();
+  [[nodiscard]] SinCos operator[](std::uint16_t azimuth) const { return values_[azimuth]; }
+
+ private:
+  std::vector<SinCos> values_;
+};
+
+/// Turns the blocks of one packet layout into points. All that depends on the laser only is in tables, so
+/// that a point costs a few nanoseconds.
+class FiringDecoder {
+ public:
+  /// `azimuths` must outlive the decoder.
+  FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& layout, const AzimuthTable& azimuths,
+                double min_range_m, double max_range_m, ReturnChoice returns);
+
+  /// Azimuth advance from step to step (0.01 degree) for the packets to come.
+  void set_rate(float rate);
+
+  struct Counts {
+    std::size_t points = 0;
+    std::size_t out_of_range = 0;
+  };
+  /// Decodes azimuth step `step` of a packet (kDataPacketSize bytes) into `points`, which have room for
+  /// kEntriesPerBlock more than all its entries. `time_ns` is the time of the step's azimuth relative to the
+  /// scan's start. The step's azimuth must not exceed kAzimuthModulus.
+  Counts decode_step(std::span<const std::uint8_t> payload, std::size_t step, std::int32_t time_ns,
+                     std::span<core::Point> points) const;
+
+  /// First and last firing of an azimuth step, relative to its azimuth's time.
+  [[nodiscard]] std::int32_t first_firing_ns() const { return first_firing_ns_; }
+  [[nodiscard]] std::int32_t last_firing_ns() const { return last_firing_ns_; }
+
+ private:
+  using Row = std::array<float, kEntriesPerBlock>;
+  using Words = std::array<std::uint32_t, kEntriesPerBlock>;
+  using Mask = std::array<std::int32_t, kEntriesPerBlock>;
+  /// For the entries of one of the blocks of an azimuth step.
+  struct Lane {
+    Row distance_correction{};
+    Row cos_elevation{};
+    Row sin_elevation{};
+    Row range_offset{};
+    Row height_offset{};
+    Row side_offset{};
+    Row cos_correction{};
+    Row sin_correction{};
+    Row fraction{};
+    /// Azimuth correction and interpolation together.
+    Row cos_shift{};
+    Row sin_shift{};
+    /// Two-point distance correction: what it adds per metre of |x| or |y|, and at zero.
+    Row near_slope_x{};
+    Row near_slope_y{};
+    Row near_x{};
+    Row near_y{};
+    Row focal_slope{};
+    Row focal_offset{};
+    Row min_intensity{};
+    Row max_intensity{};
+    Mask far_raw{};
+    Mask min_raw{};
+    Mask max_raw{};
+    std::array<std::int32_t, kEntriesPerBlock> time_ns{};
+    std::array<std::uint16_t, kEntriesPerBlock> ring{};
+    /// Block of the step with the other return of the same lasers; itself when there is none.
+    std::size_t partner = 0;
+    BlockContent content = BlockContent::kSingle;
+  };
+  struct Points {
+    Row x;
+    Row y;
+    Row z;
+    Row intensity;
+  };
+
+  void fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
+                 double max_range_m, std::size_t block);
+  void fill_times();
+  void choose_returns(const Lane& lane, const Words& words, const Words& others, Mask& keep) const;
+  void place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
+  void correct_near_range(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
+  void correct_intensity(const Lane& lane, const Words& words, Points& points) const;
+
+  float resolution_;
+  ReturnChoice returns_;
+  bool interpolated_ = false;
+  /// Some laser has near-range or intensity corrections.
+  bool near_corrected_ = false;
+  float rate_ = 0.0F;
+  std::size_t blocks_per_step_;
+  std::vector<Lane> lanes_;
+  const AzimuthTable* azimuths_;
+  std::int32_t first_firing_ns_ = 0;
+  std::int32_t last_firing_ns_ = 0;
+};
+
+}  // namespace nilio::drivers

@@ -1,0 +1,68 @@
+#include "drivers/velodyne/scan_cutter.hpp"
+
+#include "drivers/velodyne/azimuth_steps.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace nilio::drivers {
+namespace {
+
+std::int64_t floor_divide(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0 ? 1 : 0); }
+
+}  // namespace
+
+ScanCutter::Action ScanCutter::judge(std::uint16_t azimuth, std::int64_t time_ns, float rate,
+                                     std::int64_t azimuth_period_ns, bool room, bool may_cut) {
+  track(azimuth, time_ns, rate, azimuth_period_ns);
+  if (state_ != State::kFilling) return Action::kOpen;
+  if (!may_cut) return Action::kAppend;
+  if (floor_divide(unwrapped_, kAzimuthModulus) > scan_revolution_) return Action::kCutAtAzimuth;
+  if (time_ns - start_ns_ > longest_ns_) return Action::kCutByTime;
+  return room ? Action::kAppend : Action::kCutByRoom;
+}
+
+void ScanCutter::open() {
+  std::int64_t revolution = floor_divide(unwrapped_, kAzimuthModulus);
+  // Should the azimuth jitter back, the cut is not passed a second time.
+  if (state_ == State::kBetween) revolution = std::max(revolution, scan_revolution_ + 1);
+  state_ = State::kFilling;
+  start_ns_ = last_step_ns_;
+  covered_ = 0.0;
+  scan_revolution_ = revolution;
+}
+
+bool ScanCutter::next_step_cuts(float rate) const {
+  if (state_ != State::kFilling) return false;
+  const std::int64_t next = unwrapped_ + std::llround(rate);
+  return floor_divide(next, kAzimuthModulus) > scan_revolution_;
+}
+
+void ScanCutter::restart() {
+  state_ = State::kEmpty;
+  has_azimuth_ = false;
+}
+
+/// Continues the azimuth over all revolutions. Where packets are missing, the rate and the time tell how far
+/// it went.
+void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate,
+                       std::int64_t azimuth_period_ns) {
+  if (!has_azimuth_) {
+    has_azimuth_ = true;
+    unwrapped_ = (static_cast<int>(azimuth) - cut_ + kAzimuthModulus) % kAzimuthModulus;
+    advance_ = rate;
+  } else {
+    const double periods =
+        static_cast<double>(time_ns - last_step_ns_) / static_cast<double>(azimuth_period_ns);
+    const int difference = static_cast<int>(azimuth) - static_cast<int>(last_azimuth_);
+    const double turns = std::round((periods * static_cast<double>(rate) - difference) / kAzimuthModulus);
+    const std::int64_t advance = difference + static_cast<std::int64_t>(turns) * kAzimuthModulus;
+    unwrapped_ += advance;
+    const bool regular = advance <= largest_regular_advance(rate);
+    advance_ = regular ? static_cast<double>(advance) : static_cast<double>(rate);
+  }
+  last_azimuth_ = azimuth;
+  last_step_ns_ = time_ns;
+}
+
+}  // namespace nilio::drivers

@@ -1,0 +1,121 @@
+#include "ipc/dds/odometry_publisher.hpp"
+
+#include "ipc/dds/types.hpp"
+#include "ipc/dds/writers.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace nilio::dds {
+namespace {
+
+namespace fastdds = eprosima::fastdds::dds;
+
+constexpr int kTransformDepth = 100;  // ROS's QoS for /tf
+
+}  // namespace
+
+void fill_odometry(const ipc::PoseRecord& record, Odometry& odometry) {
+  odometry.stamp = {record.stamp_ns};
+  odometry.position = record.position;
+  odometry.orientation_xyzw = record.orientation_xyzw;
+  odometry.pose_covariance = record.pose_covariance;
+  odometry.linear_velocity = record.linear_velocity;
+  odometry.angular_velocity = record.angular_velocity;
+  odometry.twist_covariance = record.twist_covariance;
+}
+
+struct OdometryPublisher::Entities {
+  std::unique_ptr<Participant> participant;
+  fastdds::Publisher* publisher = nullptr;
+  fastdds::DataWriter* odometry_writer = nullptr;
+  fastdds::DataWriter* transform_writer = nullptr;
+  fastdds::DataWriter* latency_writer = nullptr;
+  fastdds::DataWriter* scan_report_writer = nullptr;
+  fastdds::DataWriter* diagnostics_writer = nullptr;
+  // Filled anew for every pose; the frame names stay.
+  Odometry odometry;
+  TransformMessage transform;
+};
+
+OdometryPublisher::OdometryPublisher(std::unique_ptr<Entities> entities) : entities_(std::move(entities)) {}
+OdometryPublisher::~OdometryPublisher() = default;
+Participant& OdometryPublisher::participant() { return *entities_->participant; }
+
+core::Result<std::unique_ptr<OdometryPublisher>> OdometryPublisher::create(
+    const OdometryPublisherConfig& config) {
+  if (config.odom_frame.empty() || config.base_frame.empty())
+    return core::Error{"the frame names of the odometry must not be empty (usual: odom, base_link)"};
+  auto names = topic_names(config.topic_prefix);
+  if (!names) return names.error();
+  auto participant = Participant::create(config.participant);
+  if (!participant) return participant.error();
+
+  auto entities = std::make_unique<Entities>();
+  entities->participant = std::move(participant).value();
+  fastdds::DomainParticipant& domain_participant = entities->participant->get();
+  fastdds::Publisher* const publisher = domain_participant.create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
+  if (publisher == nullptr) return core::Error{"Fast DDS cannot create a publisher (out of memory?)"};
+  entities->publisher = publisher;
+  const auto create = [&](const std::string& topic, fastdds::TopicDataType* type, int depth,
+                          std::string_view type_hash = {}) {
+    return create_writer(domain_participant, *publisher, topic, type, {depth, true, type_hash});
+  };
+  entities->odometry_writer = create(names->odometry, new OdometryType, kHistoryDepth, kOdometryHash);
+  entities->transform_writer = create(names->transform, new TransformType, kTransformDepth, kTransformHash);
+  entities->latency_writer = create(names->latency, new LatencyReportType, kHistoryDepth);
+  entities->scan_report_writer = create(names->scan_report, new ScanReportType, kHistoryDepth);
+  entities->diagnostics_writer = create(names->diagnostics, new DiagnosticArrayType, kHistoryDepth);
+  if (entities->odometry_writer == nullptr || entities->transform_writer == nullptr ||
+      entities->latency_writer == nullptr || entities->scan_report_writer == nullptr ||
+      entities->diagnostics_writer == nullptr)
+    return core::Error{"Fast DDS cannot create the writers for " + names->odometry + ", " + names->transform +
+                       ", " + names->latency + ", " + names->scan_report + ", " + names->diagnostics +
+                       " (out of memory or sockets?)"};
+  entities->odometry.frame_id = config.odom_frame;
+  entities->odometry.child_frame_id = config.base_frame;
+  TransformStamped& transform = entities->transform.transforms.emplace_back();
+  transform.frame_id = config.odom_frame;
+  transform.child_frame_id = config.base_frame;
+  return std::unique_ptr<OdometryPublisher>(new OdometryPublisher(std::move(entities)));
+}
+
+bool OdometryPublisher::publish_odometry(const ipc::PoseRecord& record) {
+  fill_odometry(record, entities_->odometry);
+  return entities_->odometry_writer->write(&entities_->odometry);
+}
+
+bool OdometryPublisher::publish_transform(const ipc::PoseRecord& record) {
+  TransformStamped& transform = entities_->transform.transforms.front();
+  transform.stamp = {record.stamp_ns};
+  transform.translation = record.position;
+  transform.rotation_xyzw = record.orientation_xyzw;
+  return entities_->transform_writer->write(&entities_->transform);
+}
+
+bool OdometryPublisher::publish_latency(LatencyReport& report) {
+  return entities_->latency_writer->write(&report);
+}
+
+bool OdometryPublisher::publish_scan_report(const ScanReport& report) {
+  ScanReport copy = report;  // write() takes a pointer to something mutable
+  return entities_->scan_report_writer->write(&copy);
+}
+
+bool OdometryPublisher::publish_diagnostics(const DiagnosticArray& diagnostics) {
+  DiagnosticArray copy = diagnostics;
+  return entities_->diagnostics_writer->write(&copy);
+}
+
+int OdometryPublisher::subscribers() const {
+  return std::max(matched_subscribers(*entities_->odometry_writer),
+                  matched_subscribers(*entities_->transform_writer));
+}
+
+bool OdometryPublisher::wait_for_acknowledgments(core::Duration timeout) {
+  const eprosima::fastrtps::Duration_t limit(static_cast<std::int32_t>(timeout.ns / 1'000'000'000),
+                                             static_cast<std::uint32_t>(timeout.ns % 1'000'000'000));
+  return entities_->publisher->wait_for_acknowledgments(limit) == ReturnCode_t::RETCODE_OK;
+}
+
+}  // namespace nilio::dds

@@ -1,0 +1,57 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
+
+#include "ipc/dds/messages.hpp"
+#include "ipc/dds/participant.hpp"
+#include "ipc/pose_record.hpp"
+
+#include <memory>
+#include <string>
+
+namespace nilio::dds {
+
+struct OdometryPublisherConfig {
+  ParticipantConfig participant;
+  std::string odom_frame = "odom";
+  std::string base_frame = "base_link";
+  std::string topic_prefix;
+};
+
+/// The odometry of a record in ROS's words; the frames are left as they are.
+void fill_odometry(const ipc::PoseRecord& record, Odometry& odometry);
+
+/// Speaks DDS for nilio: odometry, its transform, the reports, and diagnostics; reliable, volatile, so that
+/// both reliable (rviz2) and best-effort subscribers match. A subscriber that does not read never blocks
+/// it: the oldest of the last ten samples is overwritten. For one thread.
+class OdometryPublisher {
+ public:
+  static constexpr int kHistoryDepth = 10;
+
+  static core::Result<std::unique_ptr<OdometryPublisher>> create(const OdometryPublisherConfig& config);
+  ~OdometryPublisher();
+  OdometryPublisher(const OdometryPublisher&) = delete;
+  OdometryPublisher& operator=(const OdometryPublisher&) = delete;
+
+  /// Each returns false when DDS refused the write.
+  bool publish_odometry(const ipc::PoseRecord& record);
+  bool publish_transform(const ipc::PoseRecord& record);
+  /// Leaves `report` as it is: write() takes a pointer to something mutable.
+  bool publish_latency(LatencyReport& report);
+  bool publish_scan_report(const ScanReport& report);
+  bool publish_diagnostics(const DiagnosticArray& diagnostics);
+
+  /// Subscribers that odometry or, if more, the transform has found.
+  [[nodiscard]] int subscribers() const;
+  /// Waits until all reliable subscribers have what was published; false after `timeout`.
+  bool wait_for_acknowledgments(core::Duration timeout);
+  [[nodiscard]] Participant& participant();
+
+ private:
+  struct Entities;
+  explicit OdometryPublisher(std::unique_ptr<Entities> entities);
+  std::unique_ptr<Entities> entities_;
+};
+
+}  // namespace nilio::dds

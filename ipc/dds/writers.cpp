@@ -1,0 +1,53 @@
+#include "ipc/dds/writers.hpp"
+
+#include <fastdds/dds/topic/TypeSupport.hpp>
+
+namespace nilio::dds {
+namespace {
+
+namespace fastdds = eprosima::fastdds::dds;
+
+fastdds::DataWriterQos writer_qos(const WriterOptions& options) {
+  fastdds::DataWriterQos qos;
+  qos.reliability().kind =
+      options.reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
+  // What a write may at most wait for Fast DDS's other threads; the default is 100 ms.
+  qos.reliability().max_blocking_time = eprosima::fastrtps::Duration_t(0, 20'000'000);
+  qos.durability().kind = fastdds::VOLATILE_DURABILITY_QOS;
+  qos.history().kind = fastdds::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth = options.depth;
+  qos.publish_mode().kind = fastdds::SYNCHRONOUS_PUBLISH_MODE;
+  qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
+  qos.data_sharing().off();
+  // A lost pose is asked for again within one scan period; the default is 3 s.
+  qos.reliable_writer_qos().times.heartbeatPeriod = eprosima::fastrtps::Duration_t(0, 100'000'000);
+  if (!options.type_hash.empty()) {
+    const std::string user_data = "typehash=" + std::string(options.type_hash) + ";";
+    qos.user_data().data_vec({user_data.begin(), user_data.end()});
+  }
+  return qos;
+}
+
+}  // namespace
+
+fastdds::DataWriter* create_writer(fastdds::DomainParticipant& participant, fastdds::Publisher& publisher,
+                                   const std::string& topic_name, fastdds::TopicDataType* type,
+                                   const WriterOptions& options) {
+  const fastdds::TypeSupport own(type);
+  // Several topics may be of one type.
+  const fastdds::TypeSupport known = participant.find_type(own.get_type_name());
+  const fastdds::TypeSupport& support = known.empty() ? own : known;
+  if (known.empty() && own.register_type(&participant) != ReturnCode_t::RETCODE_OK) return nullptr;
+  fastdds::Topic* const topic =
+      participant.create_topic(topic_name, support.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
+  if (topic == nullptr) return nullptr;
+  return publisher.create_datawriter(topic, writer_qos(options));
+}
+
+int matched_subscribers(const fastdds::DataWriter& writer) {
+  fastdds::PublicationMatchedStatus status;
+  if (writer.get_publication_matched_status(status) != ReturnCode_t::RETCODE_OK) return 0;
+  return status.current_count;
+}
+
+}  // namespace nilio::dds

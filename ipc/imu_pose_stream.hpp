@@ -1,0 +1,87 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+#include "nilio/core/time.hpp"
+
+#include "core/src/estimation/imu_rate_odometry.hpp"
+#include "core/src/estimation/pose_slew_limiter.hpp"
+#include "ipc/imu_record.hpp"
+#include "ipc/pose_record.hpp"
+#include "ipc/ring.hpp"
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+namespace nilio::ipc {
+
+struct ImuPoseConfig {
+  core::ImuPropagatorConfig propagation;
+  core::PoseSlewLimits slew;
+  double max_rate_hz = 0.0;  ///< samples beyond it are left out; 0: a pose for every sample
+};
+
+/// A pose at IMU rate. Frames, units and covariances as in PoseRecord.
+struct ImuPose {
+  core::Time stamp;
+  core::SE3 T_odom_base;
+  core::Vector3 linear_velocity = core::Vector3::Zero();
+  core::Vector3 angular_velocity = core::Vector3::Zero();
+  std::array<double, 36> pose_covariance{};
+  std::array<double, 36> twist_covariance{};
+  std::int64_t received_ns = 0;  ///< of the sample
+};
+
+/// What a new scan pose did to the poses at IMU rate.
+struct ImuPoseUpdate {
+  std::uint64_t scan_sequence = 0;
+  core::Time scan_stamp;
+  core::Time stamp;  ///< the first pose after this time is propagated from this scan
+  core::PoseCorrection correction;
+};
+
+/// Each sample is in exactly one of published, thinned and withheld.
+struct ImuPoseCounts {
+  std::uint64_t samples = 0;
+  std::uint64_t published = 0;
+  std::uint64_t thinned = 0;   ///< for max_rate_hz
+  std::uint64_t withheld = 0;  ///< no scan pose, an outdated one, or a time that is not after it
+  std::uint64_t scan_poses = 0;
+  std::uint64_t jumps = 0;
+};
+
+/// Poses at IMU rate from scan poses and samples, each in the order in which they came. What comes out
+/// depends on these alone, not on when it is called. Allocates only when made. Not thread-safe.
+class ImuPoseStream {
+ public:
+  explicit ImuPoseStream(const ImuPoseConfig& config);
+
+  ImuPoseUpdate add(const PoseRecord& record);
+  /// Empty when there is nothing to publish for the sample; counts() say why.
+  std::optional<ImuPose> add(const ImuRecord& record);
+
+  /// What is left of corrections, m and rad.
+  [[nodiscard]] const core::PoseSmoother& smoother() const { return smoother_; }
+  [[nodiscard]] ImuPoseCounts counts() const;
+
+ private:
+  [[nodiscard]] bool is_due(core::Time stamp);
+  void fill_covariances(const core::PropagatedPose& pose, ImuPose& output) const;
+
+  core::ImuPropagator propagator_;
+  core::PoseSmoother smoother_;
+  core::Duration period_;
+  std::optional<core::Time> next_due_;
+  std::optional<core::Time> last_smoothed_;
+  core::Matrix6 pose_covariance_ = core::Matrix6::Zero();
+  core::Matrix6 twist_covariance_ = core::Matrix6::Zero();
+  ImuPoseCounts counts_;
+};
+
+/// The next thing to be taken off the two rings, in the order in which they were put in: a pose when it was
+/// handed over before the next sample was received. Poses wait for no sample.
+[[nodiscard]] inline bool pose_comes_first(const PoseRecord& pose, const ImuRecord& sample) {
+  return pose.stage_ns[static_cast<std::size_t>(Stage::kHandedOver)] <= sample.received_ns;
+}
+
+}  // namespace nilio::ipc

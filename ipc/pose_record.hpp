@@ -1,0 +1,81 @@
+#pragma once
+
+#include "nilio/core/compute_budget.hpp"
+#include "nilio/core/imu_health.hpp"
+#include "nilio/core/tracking.hpp"
+
+#include <array>
+#include <cstdint>
+
+namespace nilio::ipc {
+
+/// Moments of a scan's way through the process, in order.
+enum class Stage : std::uint8_t {
+  kReceived,    ///< last packet of the scan received
+  kPopped,      ///< last packet taken off the ring
+  kCompleted,   ///< scan cut
+  kStarted,     ///< odometry began
+  kFiltered,    ///< range gate, voxel filter and first deskewing done
+  kCoarse,      ///< NDT done (equal to kFiltered when skipped)
+  kFine,        ///< ICP done
+  kHandedOver,  ///< pose put into the publisher's ring
+  kMapped,      ///< map updated; not known yet to the publisher
+  kCount
+};
+inline constexpr std::size_t kStageCount = static_cast<std::size_t>(Stage::kCount);
+
+using core::StopReason;
+using core::TrackingState;
+
+/// What the odometry thread says about one scan; crosses threads and processes by value. Frames: odom ->
+/// base_link. Covariances are row-major 6x6 over (x, y, z, rotation about x, y, z), as ROS orders them: the
+/// pose's in the odom frame, the twist's in base_link.
+struct PoseRecord {
+  std::uint64_t sequence = 0;
+  std::int64_t stamp_ns = 0;       ///< end of scan: the time of the pose
+  std::int64_t scan_start_ns = 0;  ///< first firing
+  std::array<double, 3> position{};
+  std::array<double, 4> orientation_xyzw{0.0, 0.0, 0.0, 1.0};
+  std::array<double, 36> pose_covariance{};
+  std::array<double, 3> linear_velocity{};   ///< m/s in base_link
+  std::array<double, 3> angular_velocity{};  ///< rad/s in base_link
+  std::array<double, 36> twist_covariance{};
+  /// Mean rate of deskewing before registration, rad/s in base_link; 0 when there was none.
+  std::array<double, 3> deskew_rate{};
+  TrackingState state = TrackingState::kInitialising;
+  StopReason stop_reason = StopReason::kConverged;
+  /// What is subtracted from the gyro's rates, rad/s in base_link, and from the IMU's stamps.
+  std::array<double, 3> gyro_bias{};
+  std::int64_t imu_time_shift_ns = 0;
+  bool imu_used = false;
+  core::ClockSource clock_source = core::ClockSource::kHost;
+  bool after_time_jump = false;
+  bool predicted = false;            ///< no registration: the pose is the prediction
+  std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
+  core::BudgetRung rung = core::BudgetRung::kFull;
+  bool guarded = false;  ///< registration was late: the deadline's guard handed over the prediction
+  /// There was a deadline, and so much later than it (negative: earlier) the pose was handed over, ns; what
+  /// one iteration was taken to cost, ns.
+  bool has_deadline = false;
+  std::int64_t overshoot_ns = 0;
+  std::int64_t iteration_ns = 0;
+  std::uint16_t coarse_iterations = 0;
+  std::uint16_t fine_iterations = 0;
+  std::uint32_t points = 0;       ///< in the scan
+  std::uint32_t points_used = 0;  ///< in the registration
+  std::uint32_t correspondences = 0;
+  std::uint32_t map_voxels = 0;
+  std::uint32_t lost_packets = 0;
+  std::uint32_t missing_firings = 0;
+  float coverage_deg = 0.0F;
+  std::uint64_t superseded = 0;  ///< scans left out for newer ones since the start
+  /// CLOCK_MONOTONIC, ns; 0 = unknown.
+  std::array<std::int64_t, kStageCount> stage_ns{};
+  /// CLOCK_REALTIME at hand-over, ns.
+  std::int64_t handed_over_realtime_ns = 0;
+  /// There is an IMU, and this is what is known of it.
+  bool has_imu = false;
+  core::ImuHealth imu_health{};
+};
+
+}  // namespace nilio::ipc

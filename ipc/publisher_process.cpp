@@ -1,0 +1,324 @@
+#include "ipc/publisher_process.hpp"
+
+#include <algorithm>
+#include <array>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <fcntl.h>
+#include <sched.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+namespace nilio::ipc {
+namespace {
+
+// Where the child finds what it inherits: next to standard input, output and error, and nothing above.
+constexpr int kFirstDescriptor = 3;
+constexpr std::array<const char*, 5> kDescriptorOptions{
+    "--ring-fd=", "--wake-fd=", "--imu-pose-ring-fd=", "--imu-ring-fd=", "--imu-wake-fd="};
+// Scan poses for the IMU-rate thread, which takes them at once: only one that is away lets them pile up.
+constexpr std::size_t kImuPoseSlots = 64;
+// After a restart the poses that piled up wait this long for subscribers to find the new process.
+constexpr core::Duration kRediscovery{1'000'000'000};
+
+std::chrono::nanoseconds chrono(core::Duration duration) { return std::chrono::nanoseconds(duration.ns); }
+
+std::string describe(core::Duration duration) { return std::to_string(duration.ns / 1'000'000) + " ms"; }
+
+// A copy of a descriptor above those that the child's own ones will be moved to.
+class DescriptorCopy {
+ public:
+  explicit DescriptorCopy(int original) : copy_(fcntl(original, F_DUPFD_CLOEXEC, 16)) {}
+  DescriptorCopy(DescriptorCopy&& other) noexcept : copy_(std::exchange(other.copy_, -1)) {}
+  ~DescriptorCopy() {
+    if (copy_ >= 0) close(copy_);
+  }
+  DescriptorCopy(const DescriptorCopy&) = delete;
+  DescriptorCopy& operator=(const DescriptorCopy&) = delete;
+  DescriptorCopy& operator=(DescriptorCopy&&) = delete;
+  [[nodiscard]] int get() const { return copy_; }
+
+ private:
+  int copy_;
+};
+
+// Signals to their defaults; SIGTERM and SIGINT blocked, since the child takes them from a signalfd and one
+// that comes before it has made that must not be lost. A process group of its own: Ctrl-C on the terminal is
+// for niliod alone, which then stops its child in order. Normal scheduling, whatever the calling thread has.
+void set_attributes(posix_spawnattr_t& attributes) {
+  sigset_t blocked;
+  sigemptyset(&blocked);
+  sigaddset(&blocked, SIGTERM);
+  sigaddset(&blocked, SIGINT);
+  sigset_t defaults;
+  sigfillset(&defaults);
+  const sched_param normal{};
+  posix_spawnattr_setsigmask(&attributes, &blocked);
+  posix_spawnattr_setsigdefault(&attributes, &defaults);
+  posix_spawnattr_setpgroup(&attributes, 0);
+  posix_spawnattr_setschedpolicy(&attributes, SCHED_OTHER);
+  posix_spawnattr_setschedparam(&attributes, &normal);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
+                                            POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSCHEDULER);
+}
+
+int spawn_with_descriptors(const std::string& executable, char* const* argv,
+                           const std::vector<DescriptorCopy>& descriptors, pid_t& pid) {
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  int next = kFirstDescriptor;
+  for (const DescriptorCopy& descriptor : descriptors)
+    posix_spawn_file_actions_adddup2(&actions, descriptor.get(), next++);
+  posix_spawn_file_actions_addclosefrom_np(&actions, next);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  set_attributes(attributes);
+  const int failure = posix_spawn(&pid, executable.c_str(), &actions, &attributes, argv, environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return failure;
+}
+
+// Exact, as the shortest decimal of a double need not be.
+std::string exact(double value) {
+  std::array<char, 40> text{};
+  std::snprintf(text.data(), text.size(), "%.17g", value);
+  return text.data();
+}
+
+void add_imu_arguments(const ImuPoseConfig& config, std::vector<std::string>& arguments) {
+  const core::ImuPropagatorConfig& propagation = config.propagation;
+  const core::PoseSlewLimits& slew = config.slew;
+  const auto& q = propagation.T_base_imu.rotation;
+  const core::Vector3& p = propagation.T_base_imu.translation;
+  const auto add = [&](const char* option, double value) { arguments.push_back(option + exact(value)); };
+  arguments.emplace_back("--imu-rate");
+  arguments.push_back("--imu-orientation=" + exact(q.x()) + "," + exact(q.y()) + "," + exact(q.z()) + "," +
+                      exact(q.w()));
+  arguments.push_back("--imu-position=" + exact(p.x()) + "," + exact(p.y()) + "," + exact(p.z()));
+  add("--imu-max-gap=", propagation.max_gap.seconds());
+  add("--imu-max-age=", propagation.max_age.seconds());
+  add("--imu-rate-max-hz=", config.max_rate_hz);
+  add("--imu-max-slew=", slew.max_slew_m_s);
+  add("--imu-max-turn-slew=", slew.max_slew_rad_s);
+  add("--imu-settle=", slew.settle.seconds());
+  add("--imu-jump=", slew.jump_m);
+  add("--imu-turn-jump=", slew.jump_rad);
+}
+
+}  // namespace
+
+core::Result<PublisherRings> PublisherRings::create(std::size_t pose_slots, std::size_t sample_slots) {
+  auto poses = Ring<PoseRecord>::in_shared_memory(pose_slots);
+  if (!poses) return core::Error{"pose ring for the publisher: " + poses.error().message};
+  auto imu_poses = Ring<PoseRecord>::in_shared_memory(kImuPoseSlots);
+  if (!imu_poses) return core::Error{"second pose ring for the publisher: " + imu_poses.error().message};
+  auto samples = Ring<ImuRecord>::in_shared_memory(sample_slots);
+  if (!samples) return core::Error{"IMU ring for the publisher: " + samples.error().message};
+  auto wake = WakeEvent::create();
+  auto imu_wake = WakeEvent::create();
+  if (!wake || !imu_wake)
+    return core::Error{"wake event for the publisher: " + (wake ? imu_wake : wake).error().message};
+  return PublisherRings{std::move(poses).value(), std::move(wake).value(), std::move(imu_poses).value(),
+                        std::move(samples).value(), std::move(imu_wake).value()};
+}
+
+core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(PublisherProcessConfig config) {
+  auto rings = PublisherRings::create(config.ring_capacity, config.sample_ring_capacity);
+  if (!rings) return rings.error();
+  return std::unique_ptr<PublisherProcess>(new PublisherProcess(std::move(config), std::move(rings).value()));
+}
+
+PublisherProcess::PublisherProcess(PublisherProcessConfig config, PublisherRings rings)
+    : config_(std::move(config)), rings_(std::move(rings)), back_off_(config_.initial_back_off) {}
+
+PublisherProcess::~PublisherProcess() {
+  if (!running()) return;
+  kill(pid_, SIGKILL);
+  waitpid(pid_, nullptr, 0);
+}
+
+bool PublisherProcess::publish(const PoseRecord& record) noexcept {
+  const bool pushed = rings_.poses.try_push(record);
+  rings_.wake.notify();
+  if (config_.imu_poses) {
+    rings_.imu_poses.try_push(record);
+    rings_.imu_wake.notify();
+  }
+  return pushed;
+}
+
+bool PublisherProcess::publish_sample(const ImuRecord& record) noexcept {
+  if (!config_.imu_poses) return false;
+  const bool pushed = rings_.samples.try_push(record);
+  rings_.imu_wake.notify();
+  return pushed;
+}
+
+std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_subscribers) const {
+  std::vector<std::string> arguments{
+      config_.executable.string(),
+      "--parent-pid=" + std::to_string(getpid()),
+      "--domain=" + std::to_string(config_.domain),
+      "--odom-frame=" + config_.odom_frame,
+      "--base-frame=" + config_.base_frame,
+      "--nice=" + std::to_string(config_.nice),
+      "--wait-for-subscribers=" + std::to_string(wait_for_subscribers.seconds())};
+  if (config_.lock_memory) arguments.emplace_back("--lock-memory");
+  if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
+  for (const std::string& address : config_.interface_whitelist)
+    arguments.push_back("--interface=" + address);
+  int descriptor = kFirstDescriptor;
+  for (const char* option : kDescriptorOptions) arguments.push_back(option + std::to_string(descriptor++));
+  if (!config_.imu_poses) return arguments;
+  add_imu_arguments(*config_.imu_poses, arguments);
+  if (config_.imu_pose_priority > 0)
+    arguments.push_back("--imu-priority=" + std::to_string(config_.imu_pose_priority));
+  return arguments;
+}
+
+core::Result<pid_t> PublisherProcess::spawn(core::Duration wait_for_subscribers) {
+  // In the order of kDescriptorOptions.
+  std::vector<DescriptorCopy> descriptors;
+  for (const int descriptor :
+       {rings_.poses.file_descriptor(), rings_.wake.file_descriptor(), rings_.imu_poses.file_descriptor(),
+        rings_.samples.file_descriptor(), rings_.imu_wake.file_descriptor()})
+    descriptors.emplace_back(descriptor);
+  std::vector<std::string> strings = arguments(wait_for_subscribers);
+  std::vector<char*> argv;
+  argv.reserve(strings.size() + 1);
+  for (std::string& argument : strings) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  pid_t pid = -1;
+  const int failure = spawn_with_descriptors(strings.front(), argv.data(), descriptors, pid);
+  if (failure != 0)
+    return core::Error{"cannot start the publisher " + strings.front() + ": " + std::strerror(failure)};
+  pid_ = pid;
+  started_at_ = Clock::now();
+  reset_progress(started_at_ + chrono(wait_for_subscribers));
+  return pid;
+}
+
+core::Result<pid_t> PublisherProcess::start() {
+  if (running()) return pid_;
+  wanted_ = true;
+  auto started = spawn(config_.wait_for_subscribers);
+  if (!started) restart_at_ = Clock::now() + chrono(back_off_);
+  return started;
+}
+
+std::optional<PublisherEvent> PublisherProcess::poll() {
+  if (running()) return poll_running();
+  return wanted_ ? poll_stopped() : std::nullopt;
+}
+
+std::optional<PublisherEvent> PublisherProcess::poll_running() {
+  int wait_status = 0;
+  const pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
+  if (waited == 0) {
+    if (!is_hung()) return std::nullopt;
+    kill(pid_, SIGKILL);
+    reset_progress(Clock::now());
+    PublisherEvent event;
+    event.kind = PublisherEvent::Kind::kHung;
+    event.pid = pid_;
+    event.restarts = restarts_;
+    event.message = "publisher " + std::to_string(pid_) + " has read nothing that waits for it for " +
+                    describe(config_.hang_timeout) + ": killing it";
+    return event;
+  }
+  if (waited < 0) wait_status = 0;  // somebody else reaped it: how it ended is unknown
+  PublisherEvent event = ended(PublisherEvent::Kind::kDied, wait_status);
+  if (Clock::now() - started_at_ >= chrono(config_.healthy_after)) back_off_ = config_.initial_back_off;
+  schedule_restart(event);
+  return event;
+}
+
+std::optional<PublisherEvent> PublisherProcess::poll_stopped() {
+  if (Clock::now() < restart_at_) return std::nullopt;
+  ++restarts_;
+  const auto started = spawn(std::max(config_.wait_for_subscribers, kRediscovery));
+  PublisherEvent event;
+  event.restarts = restarts_;
+  if (!started) {
+    event.kind = PublisherEvent::Kind::kStartFailed;
+    event.message = started.error().message;
+    schedule_restart(event);
+    return event;
+  }
+  event.kind = PublisherEvent::Kind::kStarted;
+  event.pid = *started;
+  event.message = "publisher started again as process " + std::to_string(event.pid) + " (restart " +
+                  std::to_string(restarts_) + ")";
+  return event;
+}
+
+void PublisherProcess::reset_progress(Clock::time_point at) {
+  pose_progress_ = {rings_.poses.consumed(), at};
+  sample_progress_ = {rings_.samples.consumed(), at};
+}
+
+bool PublisherProcess::is_hung() {
+  const auto now = Clock::now();
+  const auto stands_still = [&](const auto& ring, Progress& progress) {
+    if (const std::uint64_t consumed = ring.consumed(); consumed != progress.consumed || ring.size() == 0)
+      progress = {consumed, std::max(progress.at, now)};
+    return now - progress.at > chrono(config_.hang_timeout);
+  };
+  const bool poses = stands_still(rings_.poses, pose_progress_);
+  const bool samples = stands_still(rings_.samples, sample_progress_);
+  return poses || samples;
+}
+
+PublisherEvent PublisherProcess::ended(PublisherEvent::Kind kind, int wait_status) {
+  PublisherEvent event;
+  event.kind = kind;
+  event.pid = pid_;
+  event.restarts = restarts_;
+  event.message = "publisher " + std::to_string(pid_);
+  if (WIFSIGNALED(wait_status)) {
+    event.signal = WTERMSIG(wait_status);
+    event.message +=
+        " was killed by signal " + std::to_string(event.signal) + " (" + strsignal(event.signal) + ")";
+  } else {
+    event.exit_status = WEXITSTATUS(wait_status);
+    event.message += " ended with status " + std::to_string(event.exit_status);
+  }
+  pid_ = -1;
+  return event;
+}
+
+void PublisherProcess::schedule_restart(PublisherEvent& event) {
+  event.back_off = back_off_;
+  event.message += ", next start in " + describe(back_off_);
+  restart_at_ = Clock::now() + chrono(back_off_);
+  back_off_ = std::min(back_off_ * 2, config_.max_back_off);
+}
+
+std::optional<PublisherEvent> PublisherProcess::stop(core::Duration timeout) {
+  wanted_ = false;
+  if (!running()) return std::nullopt;
+  kill(pid_, SIGTERM);
+  const auto deadline = Clock::now() + chrono(timeout);
+  int wait_status = 0;
+  pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
+  while (waited == 0 && Clock::now() < deadline) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    waited = waitpid(pid_, &wait_status, WNOHANG);
+  }
+  if (waited == 0) {
+    kill(pid_, SIGKILL);
+    waitpid(pid_, &wait_status, 0);
+  }
+  PublisherEvent event = ended(PublisherEvent::Kind::kStopped, wait_status);
+  event.unpublished = rings_.poses.size();
+  if (event.unpublished > 0)
+    event.message += ", " + std::to_string(event.unpublished) + " poses not published";
+  return event;
+}
+
+}  // namespace nilio::ipc

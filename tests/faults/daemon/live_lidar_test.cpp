@@ -1,0 +1,117 @@
+#include "tests/support/hdl64e_packets.hpp"
+#include "tests/support/live_run.hpp"
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::daemon;
+using namespace nilio::tests;
+using drivers::kHdl64eStatusPackets;
+
+TEST_CASE("a live sensor's model is told from its packets, and none of them is lost", "[pipeline]") {
+  const std::uint16_t port = free_port();
+  LiveRun run(live_config({port}));
+  UdpSender sender;
+  run.send(sender, 0, port, vlp16_packets(400));
+  run.stop();
+  const drivers::ScanAssemblerStats stats = run.pipeline().scan_stats();
+  CHECK(stats.packets == 400);
+  CHECK(stats.firings == 400 * 384);
+  // From the cut on; what comes after the fifth may be dropped at the end.
+  CHECK(stats.scans == 5);
+  CHECK(stats.partial_scans <= 1);
+  CHECK(run.count_lines(LogLevel::kInfo, "LiDAR VLP-16 (from the packets)") == 1);
+  CHECK(run.count_lines(LogLevel::kError, "") == 0);
+  CHECK_FALSE(run.poses.empty());
+}
+
+TEST_CASE("live packets of another model than configured are said once and wait for those that fit",
+          "[pipeline]") {
+  const std::uint16_t port = free_port();
+  Config config = live_config({port});
+  config.lidar.model = "HDL-64E-S2";
+  config.lidar.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
+  LiveRun run(config);
+  UdpSender sender;
+  run.send(sender, 0, port, vlp16_packets(320));
+  run.collect();
+  CHECK(run.poses.empty());
+  CHECK(run.count_lines(LogLevel::kError, "lidar.model is HDL-64E-S2, but the packets are of a VLP-16") == 1);
+  CHECK(run.count_lines(LogLevel::kError, "") == 1);
+  CHECK_FALSE(run.pipeline().finished());
+  run.send(sender, 0, port, hdl64e_packets(1200, StatusStream::kWhole));
+  run.stop();
+  CHECK_FALSE(run.poses.empty());
+  CHECK(run.count_lines(LogLevel::kError, "") == 1);
+  CHECK(run.pipeline().scan_stats().packets == 1520);
+  CHECK(run.pipeline().scan_stats().firings == 1200 * 384);
+}
+
+TEST_CASE("a live sensor whose model cannot be told gives an error and no end", "[pipeline]") {
+  const std::uint16_t port = free_port();
+  LiveRun run(live_config({port}));
+  TurningSensor turning;
+  turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp32b);
+  std::vector<drivers::Packet> packets;
+  for (std::size_t i = 0; i < 256; ++i) packets.push_back(turning.packet(i));
+  UdpSender sender;
+  run.send(sender, 0, port, packets);
+  CHECK_FALSE(run.pipeline().finished());
+  run.stop();
+  CHECK(run.poses.empty());
+  CHECK(run.count_lines(LogLevel::kError, "say which with lidar.model") == 1);
+}
+
+TEST_CASE("datagrams of other sizes before the first data packet are counted and not kept", "[pipeline]") {
+  const std::uint16_t port = free_port();
+  LiveRun run(live_config({port}));
+  drivers::Packet other;
+  other.size = 100;
+  UdpSender sender;
+  run.send(sender, 0, port, std::vector<drivers::Packet>(200, other));
+  run.send(sender, 0, port, vlp16_packets(200));
+  run.stop();
+  CHECK(run.pipeline().scan_stats().bad_length == 200);
+  CHECK(run.pipeline().scan_stats().packets == 200);
+  CHECK(run.pipeline().scan_stats().scans == 2);
+}
+
+TEST_CASE("a live HDL-64E is decoded with the calibration that it sends, from its first packet",
+          "[pipeline]") {
+  const std::uint16_t port = free_port();
+  LiveRun run(live_config({port}));
+  UdpSender sender;
+  run.send(sender, 0, port, hdl64e_packets(2 * kHdl64eStatusPackets, StatusStream::kWhole, 100));
+  run.stop();
+  const drivers::ScanAssembler* assembler = run.pipeline().lidars().front()->channel.assembler();
+  REQUIRE(assembler != nullptr);
+  CHECK(assembler->sensor().lasers[5].elevation_rad == make_writer().calibration().lasers[5].elevation_rad);
+  CHECK(run.pipeline().scan_stats().packets == 2 * kHdl64eStatusPackets);
+  CHECK(run.pipeline().scan_stats().firings == 2 * kHdl64eStatusPackets * 384);
+  CHECK(run.pipeline().scan_stats().lost_packets == 0);
+  CHECK(run.count_lines(LogLevel::kInfo, "its own status stream") == 1);
+  CHECK_FALSE(run.poses.empty());
+}
+
+TEST_CASE("two live sensors on one port without a sender address are noticed", "[pipeline]") {
+  const std::uint16_t port = free_port();
+  LiveRun run(live_config({port}));
+  UdpSender first("127.0.0.1");
+  UdpSender second("127.0.0.2");
+  run.send(first, 0, port, vlp16_packets(100));
+  CHECK_FALSE(run.pipeline().lidars().front()->channel.has_mixed_senders());
+  run.send(second, 0, port, vlp16_packets(10));
+  CHECK(run.pipeline().lidars().front()->channel.has_mixed_senders());
+  CHECK(run.pipeline().lidars().front()->source.status().find("127.0.0.2") != std::string::npos);
+  run.stop();
+}
+
+TEST_CASE("the state of a live stream is said once after the first scans", "[pipeline]") {
+  const std::uint16_t port = free_port();
+  LiveRun run(live_config({port}));
+  UdpSender sender;
+  run.send(sender, 0, port, vlp16_packets(1600));
+  run.stop();
+  CHECK(run.count_lines(LogLevel::kInfo, "VLP-16: return mode ") == 1);
+  CHECK(run.count_lines(LogLevel::kInfo, "a packet every 1327.1 us, field of view 360 deg") == 1);
+}

@@ -1,0 +1,335 @@
+#include "tests/support/eventually.hpp"
+#include "tests/support/room_drive.hpp"
+#include "tests/support/two_lidars.hpp"
+#include "tests/support/udp_support.hpp"
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <regex>
+#include <sstream>
+#include <sys/types.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+using namespace nilio;
+using tests::s_curve;
+using tests::TemporaryFolder;
+using tests::write_room_drive;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Finished {
+  int status = -1;
+  std::string output;
+};
+
+std::string read_file(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// niliod with both output streams in a file.
+class Niliod {
+ public:
+  Niliod(const TemporaryFolder& folder, const std::vector<std::string>& arguments)
+      : log_(folder.path() / "niliod.log") {
+    std::vector<std::string> words{std::string(NILIO_BIN_DIR) + "/niliod"};
+    words.insert(words.end(), arguments.begin(), arguments.end());
+    pid_ = fork();
+    if (pid_ == 0) {
+      std::vector<char*> argv;
+      for (std::string& word : words) argv.push_back(word.data());
+      argv.push_back(nullptr);
+      if (freopen(log_.c_str(), "w", stdout) == nullptr || dup2(STDOUT_FILENO, STDERR_FILENO) < 0) _exit(126);
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+  }
+  [[nodiscard]] std::string output() const { return read_file(log_); }
+  [[nodiscard]] pid_t pid() const { return pid_; }
+  Finished wait() {
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), output()};
+  }
+  /// Waits until the pattern is in the output; its first group, or nothing.
+  [[nodiscard]] std::string await(const std::string& pattern) const {
+    const std::regex expression(pattern);
+    std::string found;
+    tests::eventually([&] {
+      const std::string text = output();
+      std::smatch match;
+      if (!std::regex_search(text, match, expression)) return false;
+      found = match[1].str();
+      return true;
+    });
+    return found;
+  }
+
+ private:
+  fs::path log_;
+  pid_t pid_ = -1;
+};
+
+Finished run_niliod(const TemporaryFolder& folder, const std::vector<std::string>& arguments) {
+  return Niliod(folder, arguments).wait();
+}
+
+std::size_t count_lines(const fs::path& path) {
+  const std::string text = read_file(path);
+  return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+}
+
+void write_file(const fs::path& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+const std::string kNoPublisher = "publisher.enabled=false";
+
+/// Domain of this process's own, so that nothing else on the machine hears or disturbs it.
+std::string own_domain() { return "publisher.domain=" + std::to_string(100 + getpid() % 100); }
+
+}  // namespace
+
+TEST_CASE(
+    "a publisher killed in mid-drive is started again after a tenth of a second, and every pose is in the "
+    "trajectory") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 6.0, true);
+  Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
+                         (folder.path() / "run").string(), "--set", own_domain(), "--set",
+                         "publisher.interfaces=[\"127.0.0.1\"]"});
+  const std::string pid = niliod.await("nilio-publisher started, pid ([0-9]+)");
+  REQUIRE_FALSE(pid.empty());
+  std::this_thread::sleep_for(std::chrono::seconds(2));
+  REQUIRE(kill(static_cast<pid_t>(std::stol(pid)), SIGKILL) == 0);
+  CHECK(niliod.await("killed by signal 9[^\\n]*next start in ([^\\n]*)") == "100 ms");
+  CHECK_FALSE(niliod.await("started again as process ([0-9]+)").empty());
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == 0);
+  const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+  CHECK(report["counters"]["publisher_restarts"] == 1);
+  CHECK(report["counters"]["publisher_dropped"] == 0);
+  CHECK(report["counters"]["poses"] == report["counters"]["scans"]);
+  CHECK(count_lines(folder.path() / "run" / "trajectory.tum") ==
+        report["counters"]["scans"].get<std::size_t>());
+  CHECK(report["counters"]["scans"].get<std::size_t>() >= 59);
+}
+
+TEST_CASE("a replay without the publisher's executable still gives every pose and says what is missing") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 1.0, false);
+  const fs::path alone = folder.path() / "bin";
+  fs::create_directory(alone);
+  fs::copy_file(fs::path(NILIO_BIN_DIR) / "niliod", alone / "niliod");
+  const std::string command = (alone / "niliod").string() + " --replay " + folder.path().string() +
+                              " --output " + (folder.path() / "run").string() + " > " +
+                              (folder.path() / "log").string() + " 2>&1";
+  CHECK(std::system(command.c_str()) == 0);
+  CHECK(read_file(folder.path() / "log").find("nilio-publisher") != std::string::npos);
+  CHECK(count_lines(folder.path() / "run" / "trajectory.tum") >= 9);
+}
+
+TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies of all stages are plotted") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 4.0, true);
+  Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
+                         (folder.path() / "run").string(), "--set", own_domain(), "--set",
+                         "publisher.interfaces=[\"127.0.0.1\"]"});
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == 0);
+  const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+  const auto samples = report["counters"]["publisher_samples"].get<std::uint64_t>();
+  CHECK(samples > 700);
+  CHECK(report["counters"]["publisher_samples_dropped"] == 0);
+  std::smatch match;
+  REQUIRE(
+      std::regex_search(finished.output, match, std::regex("at IMU rate ([0-9]+) poses, 0 writes failed")));
+  const std::uint64_t poses = std::stoull(match[1].str());
+  // None before the first scan has its pose, which a busy computer may be late with.
+  CHECK(poses > samples / 2);
+  CHECK(poses < samples);
+  for (const char* stage : {"receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "hand_over",
+                            "map", "end_to_end"}) {
+    INFO(stage);
+    const std::string text = read_file(folder.path() / "run" / "latency" / (std::string(stage) + ".hgrm"));
+    CHECK(text.find("       Value     Percentile TotalCount 1/(1-Percentile)") == 0);
+    const auto expected = report["stages"][stage]["count"].get<std::uint64_t>();
+    CHECK(std::regex_search(text, match, std::regex("Total count    = +([0-9]+)\\]")));
+    CHECK(std::stoull(match[1].str()) == expected);
+  }
+}
+
+TEST_CASE("SIGTERM ends a paced replay in order, with its outputs written") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 6.0, false);
+  Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
+                         (folder.path() / "run").string(), "--set", kNoPublisher});
+  REQUIRE_FALSE(niliod.await("(initialising -> tracking)").empty());
+  kill(niliod.pid(), SIGTERM);
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == 0);
+  CHECK(fs::exists(folder.path() / "run" / "latency.json"));
+  CHECK(count_lines(folder.path() / "run" / "trajectory.tum") < 40);
+}
+
+TEST_CASE("inputs that nothing can be done with end in one message that says what, where and what to do") {
+  const TemporaryFolder folder;
+  const std::string path = folder.path().string();
+  const auto expect = [&](const std::vector<std::string>& arguments, const std::vector<std::string>& words) {
+    const Finished finished = run_niliod(folder, arguments);
+    INFO(finished.output);
+    CHECK(finished.status == 1);
+    CHECK(finished.output.find("niliod: ") != std::string::npos);
+    for (const std::string& word : words) CHECK(finished.output.find(word) != std::string::npos);
+  };
+  SECTION("no such path") { expect({"--replay", path + "/nothing"}, {"/nothing", "does not exist"}); }
+  SECTION("an empty folder") { expect({"--replay", path}, {"nothing to replay", ".pcap"}); }
+  SECTION("an empty capture") {
+    write_file(folder.path() / "empty.pcap", "");
+    expect({"--replay", path + "/empty.pcap"}, {"empty.pcap", "empty"});
+  }
+  SECTION("a file that is no capture") {
+    write_file(folder.path() / "text.pcap", "this is some text and no capture at all, though long enough");
+    expect({"--replay", path + "/text.pcap"}, {"text.pcap"});
+  }
+  SECTION("a capture of another port") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    expect({"--replay", path, "--set", "lidar.port=2369"}, {"2369", "2368"});
+  }
+  SECTION("a model that the packets are not of") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    expect({"--replay", path, "--set", "lidar.model=HDL-64E-S2"}, {"HDL-64E-S2", "VLP-16"});
+  }
+  SECTION("a second LiDAR that would take the packets of the first") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    expect({"--replay", path, "--set", "lidar2.enabled=true"},
+           {"lidar and lidar2", "sender_address", "port"});
+  }
+  SECTION("an unknown key") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    write_file(folder.path() / "mine.yaml", "odometry:\n  thread: 2\n");
+    expect({"--replay", path, "--config", path + "/mine.yaml"},
+           {"mine.yaml:2", "odometry.thread", "odometry.threads"});
+  }
+  SECTION("a DBC signal that is not there") {
+    write_room_drive(folder.path(), s_curve, 0.3, true);
+    write_file(folder.path() / "mine.dbc",
+               "VERSION \"\"\nBU_: A\nBO_ 50 RateOfTurn: 6 A\n SG_ gyrX : 7|16@0- (0.001953125,0) [0|0] "
+               "\"rad/s\" A\n");
+    std::string yaml = "imu:\n  dbc: " + path + "/mine.dbc\n";
+    for (const char* axis : {"x", "y", "z"}) {
+      yaml += std::string("  angular_velocity_") + axis + ": {message: RateOfTurn, signal: gyrY}\n";
+      yaml += std::string("  linear_acceleration_") + axis + ": {message: RateOfTurn, signal: gyrX}\n";
+    }
+    write_file(folder.path() / "mine.yaml", yaml);
+    expect({"--replay", path, "--config", path + "/mine.yaml"}, {"mine.dbc", "gyrY", "gyrX"});
+  }
+  SECTION("no arguments") { expect({}, {"--replay", "--config"}); }
+  SECTION("an output folder that cannot be made") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    write_file(folder.path() / "file", "");
+    expect({"--replay", path, "--set", kNoPublisher, "--output", path + "/file/run"},
+           {"/file/run", "--output"});
+  }
+}
+
+TEST_CASE("inputs that are damaged are used as far as they go, and the damage is counted and said") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 3.0, true);
+  const std::string path = folder.path().string();
+  SECTION("a capture cut off in mid-record") {
+    const fs::path capture = folder.path() / "lidar.pcap";
+    fs::resize_file(capture, fs::file_size(capture) * 2 / 3 + 7);
+    const Finished finished =
+        run_niliod(folder, {"--replay", path, "--output", path + "/run", "--set", kNoPublisher});
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    CHECK(finished.output.find("lidar.pcap") != std::string::npos);
+    CHECK(finished.output.find("middle of a packet") != std::string::npos);
+    CHECK(count_lines(folder.path() / "run" / "trajectory.tum") >= 18);
+  }
+  SECTION("a CAN log with broken lines") {
+    const std::string log = read_file(folder.path() / "imu.log");
+    write_file(folder.path() / "imu.log",
+               "(1767268800.000000) can0 03Z#00\n(not a time) can0 032#00\n" + log + "(17672688");
+    const Finished finished =
+        run_niliod(folder, {"--replay", path, "--output", path + "/run", "--set", kNoPublisher});
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    CHECK(finished.output.find("imu.log") != std::string::npos);
+    CHECK(std::regex_search(finished.output, std::regex("imu.log[^\\n]*3 ")));
+    const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+    CHECK(report["counters"]["scans_with_imu"].get<int>() >= 12);
+  }
+}
+
+TEST_CASE("two LiDARs in one recording are reported each, and mixed ones are noticed") {
+  const TemporaryFolder folder;
+  tests::write_two_lidar_drive(folder.path(), s_curve, 1.5, 1.5);
+  const std::string path = folder.path().string();
+  SECTION("told apart") {
+    const std::vector<std::string> arguments = {
+        "--replay", path,
+        "--output", path + "/run",
+        "--set",    kNoPublisher,
+        "--set",    "lidar.sender_address=192.168.1.201",
+        "--set",    "lidar2.enabled=true",
+        "--set",    "lidar2.sender_address=192.168.1.202",
+    };
+    const Finished finished = run_niliod(folder, arguments);
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    CHECK(finished.output.find("lidar2: VLP-16: return mode single") != std::string::npos);
+    CHECK(finished.output.find("points merged") != std::string::npos);
+    CHECK(finished.output.find("are mixed") == std::string::npos);
+    const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+    REQUIRE(report["lidars"].size() == 2);
+    CHECK(report["lidars"][0]["section"] == "lidar");
+    CHECK(report["lidars"][0]["packets"] == report["counters"]["packets"]);
+    CHECK(report["lidars"][1]["model"] == "VLP-16");
+    CHECK(report["lidars"][1]["points_merged"].get<int>() > 300'000);
+    CHECK(report["lidars"][1]["packets_lost"] == 0);
+    CHECK(report["lidars"][1]["revolutions_per_minute"].get<double>() == Approx(600.0).margin(2.0));
+  }
+  SECTION("taken for one") {
+    const Finished finished = run_niliod(folder, {"--replay", path, "--set", kNoPublisher});
+    INFO(finished.output);
+    CHECK(finished.output.find("packets of several sensors are mixed") != std::string::npos);
+    CHECK(finished.output.find("192.168.1.202") != std::string::npos);
+  }
+}
+
+TEST_CASE("live, niliod waits for a sensor, refuses one of another model and goes on waiting") {
+  const TemporaryFolder folder;
+  const std::uint16_t port = tests::free_port();
+  Niliod niliod(folder, {"--set", kNoPublisher, "--set", "realtime.policy=other", "--set",
+                         "lidar.bind_address=127.0.0.1", "--set", "lidar.port=" + std::to_string(port),
+                         "--set", "lidar.position_port=0", "--set", "lidar.model=HDL-32E"});
+  CHECK_FALSE(niliod.await("(no scan for [0-9]+ s: [^\\n]*nothing arrives)").empty());
+  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
+  tests::UdpSender sender;
+  for (std::int64_t i = 0; i < 64; ++i) {
+    const auto bytes = drivers::encode(
+        room_packet(tests::Room::with_pillars(), s_curve, sensor, i * sensor.single().packet_period_ns));
+    sender.send(port, {bytes.begin(), bytes.end()});
+    if (i % 16 == 15) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  CHECK_FALSE(niliod.await("error: (lidar.model is HDL-32E, but the packets are of a VLP-16)").empty());
+  REQUIRE(kill(niliod.pid(), SIGTERM) == 0);
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == 0);
+}

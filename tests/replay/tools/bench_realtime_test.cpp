@@ -1,0 +1,93 @@
+#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
+
+#include "tests/support/read_all.hpp"
+#include "tests/support/tools_town_drive.hpp"
+#include "tools/bench/common/sensor_drive.hpp"
+#include "tools/bench/realtime/realtime.hpp"
+
+using namespace nilio;
+using namespace nilio::tools;
+using tests::read_all;
+using tests::read_text;
+using tests::run_command;
+using tests::TemporaryFolder;
+using tests::town_drive;
+
+namespace {
+
+void add_bench(CLI::App& app, int& /*status*/) { add_bench_realtime(app); }
+
+/// How often a text occurs in another.
+std::size_t count_of(const std::string& text, const std::string& part) {
+  std::size_t count = 0;
+  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++count;
+  return count;
+}
+
+}  // namespace
+
+TEST_CASE("the beginning of a drive has its first packets and frames to the bit, and nothing later",
+          "[drives]") {
+  const TemporaryFolder folder;
+  const auto drive = open_sensor_drive(town_drive());
+  REQUIRE(drive.ok());
+  REQUIRE(drive->truth);
+  const std::filesystem::path out = std::filesystem::path(folder.file("x")).parent_path();
+  const auto part = write_beginning(*drive, core::Duration::from_seconds(1.0), out);
+  REQUIRE(part.ok());
+  auto whole = drivers::open_pcap(town_drive() + "/lidar.pcap", {});
+  auto begun = drivers::open_pcap(part->files.captures.front(), {});
+  REQUIRE(whole.ok());
+  REQUIRE(begun.ok());
+  const auto all = read_all(**whole);
+  const auto first = read_all(**begun);
+  REQUIRE(first.size() == part->packets);
+  REQUIRE(first.size() < all.size());
+  for (std::size_t i = 0; i < first.size(); ++i) {
+    REQUIRE(first[i].stamp == all[i].stamp);
+    REQUIRE(first[i].data == all[i].data);
+    REQUIRE(first[i].sender_address == all[i].sender_address);
+  }
+  const core::Time end = all.front().stamp + core::Duration::from_seconds(1.0);
+  CHECK(first.back().stamp < end);
+  CHECK(all[first.size()].stamp >= end);
+  auto log = drivers::open_candump(part->files.can_logs.front(), "");
+  REQUIRE(log.ok());
+  const auto frames = read_all(**log);
+  REQUIRE(frames.size() > 100);
+  CHECK(frames.back().stamp < end);
+  CHECK(part->files.configuration == drive->files.configuration);
+}
+
+TEST_CASE("what has no packets to send, or an unknown name, is refused before anything is started") {
+  const TemporaryFolder folder;
+  CHECK(run_command(add_bench, {"realtime"}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere")}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--conditions", "busy"}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--budgets", "0"}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--feed", "tcp"}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--seconds", "nan"}) == -1);
+  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--soak", "0"}) == -1);
+}
+
+TEST_CASE("one command runs niliod under a budget and loads, finds the same poses again, and writes a page",
+          "[drives]") {
+  const TemporaryFolder folder;
+  REQUIRE(run_command(add_bench, {"realtime", town_drive(), "--seconds", "2", "--budgets", "20",
+                                  "--conditions", "hogs,memory,subscriber", "--memory-mib", "64", "--page",
+                                  folder.file("page.md"), "--domain", "232"}) == 0);
+  const std::string page = read_text(folder.file("page.md"));
+  CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
+  for (const char* part : {"| 20 | idle |", "| hogs |", "| memory |", "| subscriber |", "(default)"})
+    CHECK(page.find(part) != std::string::npos);
+  // Over UDP there is no IMU here; from its files there is.
+  CHECK(page.find("| idle, --as-live |") != std::string::npos);
+  CHECK(page.find("### What is asked, and what came of it") != std::string::npos);
+  CHECK(count_of(page, "| FAILED |") == 0);
+  CHECK(count_of(page, "| FAIL |") == 0);
+  CHECK(count_of(page, "| PASS |") + count_of(page, "| not comparable |") == 6);
+  // Threads and hogs need no network.
+  CHECK(count_of(page, "| PASS |") >= 3);
+  CHECK(read_text(folder.file("latency-town.svg")).find("<svg") != std::string::npos);
+}

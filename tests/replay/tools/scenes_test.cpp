@@ -1,0 +1,126 @@
+#include "tests/support/tools_trajectory_support.hpp"
+#include "tools/bench/odometry/measure.hpp"
+#include "tools/bench/odometry/odometry.hpp"
+#include "tools/bench/odometry/run.hpp"
+#include "tools/common/commands.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::tools;
+using core::OdometryResult;
+using core::TrackingState;
+using tests::run_command;
+using tests::TemporaryFolder;
+
+namespace {
+
+struct SceneRun {
+  std::vector<OdometryResult> results;
+  Accuracy accuracy;
+
+  [[nodiscard]] auto count(TrackingState state) const {
+    return std::count_if(results.begin(), results.end(),
+                         [&](const OdometryResult& r) { return r.state == state; });
+  }
+  [[nodiscard]] auto predicted() const {
+    return std::count_if(results.begin(), results.end(), [](const OdometryResult& r) { return r.predicted; });
+  }
+};
+
+/// Simulates a VLP-16's drive through a scene and registers it as niliod would.
+SceneRun drive(const std::string& scene, std::vector<std::string> options) {
+  const TemporaryFolder folder;
+  const std::string path = folder.file(scene);
+  std::vector<std::string> arguments{"simulate", path, "--scene", scene};
+  arguments.insert(arguments.end(), options.begin(), options.end());
+  REQUIRE(run_command(add_simulate_command, arguments) == 0);
+  const auto dataset = open_bench_dataset(path);
+  REQUIRE(dataset.ok());
+  const auto config = bench_config(*dataset, {});
+  REQUIRE(config.ok());
+  const auto run = run_odometry(*dataset, *config, nullptr, {});
+  REQUIRE(run.ok());
+  const auto accuracy = judge_trajectory(dataset->truth, run->trajectory);
+  REQUIRE(accuracy.ok());
+  return {run->results, *accuracy};
+}
+
+}  // namespace
+
+TEST_CASE("a bare tunnel is driven through with its axis said to be weak, and tracking goes on behind it",
+          "[drives]") {
+  for (const char* imu : {"xsens_mti", "none"}) {
+    CAPTURE(imu);
+    const SceneRun run = drive("tunnel", {"--imu", imu});
+    CHECK(run.count(TrackingState::kLost) == 0);
+    CHECK(run.count(TrackingState::kDegraded) > 60);
+    int along = 0;
+    int other = 0;
+    double widest_m = 0.0;
+    for (const OdometryResult& result : run.results) {
+      along += result.degenerate_axes & 1U;
+      other += (result.degenerate_axes & 0b110U) != 0 ? 1 : 0;
+      widest_m = std::max(widest_m, std::sqrt(result.pose_covariance(0, 0)));
+    }
+    CHECK(along > 60);
+    CHECK(other == 0);
+    // 15 s of driving by the last speed known.
+    CHECK(widest_m > 1.0);
+    const auto behind = run.results.end() - 40;
+    CHECK(std::count_if(behind, run.results.end(),
+                        [](const OdometryResult& r) { return r.state == TrackingState::kTracking; }) >= 38);
+    CHECK(run.accuracy.end_drift_percent < 3.0);
+  }
+}
+
+TEST_CASE("a car park's ramps, a forest and hard manoeuvres are tracked throughout", "[drives]") {
+  struct Expected {
+    const char* scene;
+    const char* duration;
+    double translation_percent;
+  };
+  for (const Expected& expected :
+       {Expected{"ramps", "45", 0.2}, Expected{"forest", "20", 0.3}, Expected{"manoeuvres", "20", 0.3}}) {
+    CAPTURE(expected.scene);
+    const SceneRun run = drive(expected.scene, {"--duration", expected.duration});
+    CHECK(run.count(TrackingState::kLost) == 0);
+    CHECK(run.predicted() == 0);
+    CHECK(run.count(TrackingState::kTracking) > 100);
+    REQUIRE(run.accuracy.near);
+    CHECK(run.accuracy.near->translation_percent < expected.translation_percent);
+  }
+}
+
+TEST_CASE("traffic on a highway does not take the pose along", "[drives]") {
+  const SceneRun run = drive("highway", {"--sensor", "hdl64e", "--duration", "30"});
+  CHECK(run.count(TrackingState::kLost) == 0);
+  REQUIRE(run.accuracy.far);
+  CHECK(run.accuracy.far->translation_percent < 0.5);
+}
+
+TEST_CASE("a parked car stays where it is while others pass and a bus stops beside it", "[drives]") {
+  const SceneRun run = drive("standstill", {"--duration", "30"});
+  CHECK(run.count(TrackingState::kTracking) + run.count(TrackingState::kInitialising) ==
+        static_cast<std::ptrdiff_t>(run.results.size()));
+  // Means of a second each: a single scan's pose has the noise of its ranges.
+  const auto mean_place = [&](std::size_t first) {
+    core::Vector3 sum = core::Vector3::Zero();
+    for (std::size_t i = first; i < first + 10; ++i) sum += run.results[i].T_odom_base.translation;
+    return core::Vector3(sum / 10.0);
+  };
+  for (std::size_t first = 20; first + 10 <= run.results.size(); first += 10) {
+    CAPTURE(first);
+    // The bus hides half of what the car can see.
+    CHECK((mean_place(first) - mean_place(10)).norm() < 0.025);
+  }
+  CHECK((mean_place(run.results.size() - 10) - mean_place(10)).norm() < 0.01);
+  // The map is not fed while standing, but once or twice by a pose that looks as if it moved.
+  CHECK(run.results.back().map_voxels < 1.1 * run.results[20].map_voxels);
+}

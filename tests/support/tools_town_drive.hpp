@@ -1,0 +1,27 @@
+#pragma once
+
+#include "tests/support/tools_trajectory_support.hpp"
+#include "tools/common/commands.hpp"
+
+#include <string>
+
+#include <catch2/catch.hpp>
+
+namespace nilio::tests {
+
+/// Simulates a drive through the town in the folder; its path.
+inline std::string simulate_town(const TemporaryFolder& folder, const std::string& seconds) {
+  const std::string drive = folder.file("town");
+  REQUIRE(run_command(tools::add_simulate_command,
+                      {"simulate", drive, "--duration", seconds, "--moving-start"}) == 0);
+  return drive;
+}
+
+/// Five seconds through the town, simulated once a process.
+inline const std::string& town_drive() {
+  static const TemporaryFolder folder;
+  static const std::string path = simulate_town(folder, "5");
+  return path;
+}
+
+}  // namespace nilio::tests

@@ -1,0 +1,115 @@
+#include "core/src/estimation/pose_covariance.hpp"
+#include "core/src/registration/registration.hpp"
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::core;
+
+namespace {
+
+/// A street of two walls and a floor along x, seen with 2 cm of noise; with gables across it or without.
+struct Corridor {
+  VoxelMap map{{1.0, 500.0, 40000, 6, 100}};
+  std::vector<Eigen::Vector3f> points;
+
+  explicit Corridor(bool gables) {
+    std::mt19937_64 generator(5);
+    std::normal_distribution<double> noise(0.0, 0.02);
+    std::vector<Vector3> world;
+    for (int i = 0; i < 90000; ++i) world.push_back(place(i, gables, generator) + error(noise, generator));
+    map.insert(world);
+    for (int i = 0; i < 2000; ++i) {
+      const Vector3 p = place(i, gables, generator) + error(noise, generator);
+      if (std::abs(p.x()) < 30.0) points.push_back(p.cast<float>());
+    }
+  }
+
+ private:
+  template <class Noise>
+  static Vector3 error(Noise& noise, std::mt19937_64& generator) {
+    return {noise(generator), noise(generator), noise(generator)};
+  }
+  static Vector3 place(int i, bool gables, std::mt19937_64& generator) {
+    std::uniform_real_distribution<double> along(-40.0, 40.0);
+    std::uniform_real_distribution<double> up(-1.5, 4.0);
+    const double x = along(generator);
+    const double z = up(generator);
+    if (i % 3 == 2) return {x, z - 1.0, -1.6};
+    if (gables && i % 30 == 0) return {i % 60 == 0 ? 10.4 : -15.4, 7.0 + up(generator), z};
+    return {x, i % 3 == 0 ? 4.5 : -4.5, z};
+  }
+};
+
+PosePrior prior_at(double x_m) {
+  PosePrior prior;
+  prior.T_map_moving.translation.x() = x_m;
+  prior.variance << Vector3::Constant(0.02 * 0.02), Vector3::Constant(0.001 * 0.001);
+  return prior;
+}
+
+RegistrationResult register_in(const Corridor& corridor, const PosePrior& prior) {
+  SolverOptions options;
+  options.max_iterations = 20;
+  options.prior = prior;
+  return register_planes(corridor.map, corridor.points, prior.T_map_moving, {}, options);
+}
+
+}  // namespace
+
+TEST_CASE("between bare walls the pose follows the prediction along them, and that axis alone is weak") {
+  const Corridor corridor(false);
+  PosePrior prior = prior_at(0.4);
+  prior.T_map_moving.translation.y() = 0.05;
+  const RegistrationResult result = register_in(corridor, prior);
+  CHECK(result.degenerate_axes == 0b000001);
+  CHECK(result.T_map_moving.translation.x() == Approx(0.4).margin(0.01));
+  CHECK(result.T_map_moving.translation.y() == Approx(0.0).margin(0.005));
+  CHECK(result.observed_share[0] < 0.2);
+  CHECK(result.observed_share[1] > 0.9);
+}
+
+TEST_CASE("a few gables across the street are enough to know where along it the vehicle is") {
+  const Corridor corridor(true);
+  const RegistrationResult result = register_in(corridor, prior_at(0.1));
+  CHECK(result.degenerate_axes == 0);
+  CHECK(result.T_map_moving.translation.x() == Approx(0.0).margin(0.01));
+  CHECK(result.observed_share[0] > 0.9);
+}
+
+TEST_CASE("a prediction far from what the scan shows plainly does not hold the pose") {
+  const Corridor corridor(true);
+  // Ten deviations.
+  const RegistrationResult result = register_in(corridor, prior_at(0.2));
+  CHECK(result.T_map_moving.translation.x() == Approx(0.0).margin(0.005));
+}
+
+TEST_CASE("without a scan's equations there is no information, with more points there is more") {
+  CHECK(measurement_variance({}) > 0.0);
+  const Corridor corridor(true);
+  const NormalEquations all = plane_equations(corridor.map, corridor.points, {}, {});
+  const std::vector<Eigen::Vector3f> few(corridor.points.begin(), corridor.points.begin() + 200);
+  const NormalEquations some = plane_equations(corridor.map, few, {}, {});
+  CHECK(all.H(0, 0) / measurement_variance(all) > 5.0 * some.H(0, 0) / measurement_variance(some));
+  CHECK(all.normal_square > 0.0);
+}
+
+TEST_CASE("the variance along a weak axis grows from scan to scan and is gone when the axis is seen again") {
+  UnobservedDrift drift;
+  const Vector6 square = Vector6::Constant(1e-4);
+  double before = 0.0;
+  for (int scan = 1; scan <= 100; ++scan) {
+    drift.advance(0b000001, square);
+    CHECK(drift.variance()[0] > before);
+    before = drift.variance()[0];
+    CHECK(drift.variance()[1] == 0.0);
+    // A speed that wanders by q a scan is off by sum k^2 q after n scans.
+    const double expected = 1e-4 * scan * (scan + 1) * (2 * scan + 1) / 6.0;
+    CHECK(drift.variance()[0] == Approx(expected));
+  }
+  drift.advance(0, square);
+  CHECK(drift.variance() == Vector6::Zero());
+}

@@ -1,0 +1,253 @@
+#include "nilio/core/odometry.hpp"
+
+#include "tests/support/synthetic_room.hpp"
+
+#include <algorithm>
+#include <functional>
+#include <limits>
+
+#include <Eigen/Cholesky>
+#include <catch2/catch.hpp>
+
+using namespace nilio::core;
+using nilio::tests::imu_sample;
+using nilio::tests::PoseFunction;
+using nilio::tests::Room;
+using nilio::tests::scan_room;
+
+namespace {
+
+constexpr double kPeriod = 0.1;
+
+/// 8 m/s forward with a gentle S-curve; already moving at time 0.
+SE3 driving(double t) {
+  const double yaw = 0.15 * std::sin(0.8 * t);
+  const double lateral = 8.0 * 0.15 / 0.8 * (1.0 - std::cos(0.8 * t));
+  return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(8.0 * t, lateral, 0.0)};
+}
+
+/// The same in bends that are as sharp as a town's: up to 23 deg/s.
+SE3 winding(double t) {
+  const double yaw = 0.25 * std::sin(1.6 * t);
+  const double lateral = 8.0 * 0.25 / 1.6 * (1.0 - std::cos(1.6 * t));
+  return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(8.0 * t, lateral, 0.0)};
+}
+
+struct Run {
+  std::vector<OdometryResult> results;
+  double worst_error_m = 0.0;
+  double end_error_m = 0.0;
+};
+
+struct RunSettings {
+  int scans = 60;
+  int threads = 1;
+  bool imu = false;
+  Vector3 gyro_bias = Vector3(0.002, -0.001, 0.0035);
+  std::function<void(int, Scan&)> damage;
+};
+
+Run run_odometry(const PoseFunction& T_world_base, const RunSettings& settings) {
+  const Room room = Room::with_pillars();
+  OdometryConfig config;
+  config.threads = settings.threads;
+  Odometry odometry(config);
+  Run run;
+  int imu_index = -20;
+  for (int i = 0; i < settings.scans; ++i) {
+    for (; settings.imu && imu_index * 0.005 < (i + 1) * kPeriod + 0.01; ++imu_index) {
+      odometry.add_imu(imu_sample(T_world_base, imu_index * 0.005, settings.gyro_bias));
+    }
+    Scan scan = scan_room(room, T_world_base, i * kPeriod, static_cast<std::uint64_t>(i));
+    if (settings.damage) settings.damage(i, scan);
+    run.results.push_back(odometry.register_scan(scan));
+    const SE3 truth = T_world_base(kPeriod).inverse() * T_world_base((i + 1) * kPeriod);
+    const SE3 estimate = run.results.front().T_odom_base.inverse() * run.results.back().T_odom_base;
+    run.end_error_m = (truth.translation - estimate.translation).norm();
+    run.worst_error_m = std::max(run.worst_error_m, run.end_error_m);
+  }
+  return run;
+}
+
+}  // namespace
+
+TEST_CASE("a vehicle that already moves is tracked from its second scan on, without an IMU") {
+  const Run run = run_odometry(driving, {});
+  CHECK(run.worst_error_m < 0.45);
+  CHECK(run.results[1].twist[0] == Approx(8.0).margin(0.3));
+  CHECK(run.results.front().state == TrackingState::kInitialising);
+  CHECK(run.results.back().state == TrackingState::kTracking);
+  CHECK_FALSE(run.results.back().imu_used);
+}
+
+TEST_CASE("with an IMU the rotation is predicted, its bias is learned and the drift is small") {
+  RunSettings settings;
+  settings.imu = true;
+  const Run run = run_odometry(winding, settings);
+  CHECK(run.worst_error_m < 0.45);
+  CHECK(run.results.back().imu_used);
+}
+
+TEST_CASE("a standing vehicle stays where it is") {
+  const Run run = run_odometry([](double) { return SE3{}; }, {});
+  CHECK(run.worst_error_m < 0.02);
+  CHECK(run.results.back().twist.norm() < 0.2);
+}
+
+TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in a second run") {
+  RunSettings settings;
+  settings.scans = 15;
+  settings.imu = true;
+  const Run reference = run_odometry(driving, settings);
+  for (const int threads : {1, 2, 4}) {
+    settings.threads = threads;
+    const Run run = run_odometry(driving, settings);
+    for (std::size_t i = 0; i < run.results.size(); ++i) {
+      CHECK(run.results[i].T_odom_base.translation == reference.results[i].T_odom_base.translation);
+      CHECK(run.results[i].T_odom_base.rotation.coeffs() ==
+            reference.results[i].T_odom_base.rotation.coeffs());
+      CHECK(run.results[i].pose_covariance == reference.results[i].pose_covariance);
+    }
+  }
+}
+
+TEST_CASE("a scan that is empty or full of nonsense gets the predicted pose, says so, and tracking goes on") {
+  RunSettings settings;
+  settings.imu = true;
+  settings.damage = [](int i, Scan& scan) {
+    if (i == 20) scan.points.clear();
+    if (i == 30) {
+      for (Point& point : scan.points) point.x = std::numeric_limits<float>::quiet_NaN();
+    }
+  };
+  const Run run = run_odometry(driving, settings);
+  for (const std::size_t i : {20U, 30U}) {
+    CHECK(run.results[i].predicted);
+    CHECK(run.results[i].state == TrackingState::kDegraded);
+    CHECK(run.results[i].stop_reason == StopReason::kTooFewPoints);
+    CHECK(run.results[i].pose_covariance(0, 0) > 100.0 * run.results[i - 1].pose_covariance(0, 0));
+    CHECK_FALSE(run.results[i + 1].predicted);
+  }
+  CHECK(run.worst_error_m < 0.45);
+}
+
+TEST_CASE("no scan but empty ones is reported as lost and never crashes") {
+  RunSettings settings;
+  settings.scans = 12;
+  settings.damage = [](int, Scan& scan) { scan.points.clear(); };
+  const Run run = run_odometry(driving, settings);
+  CHECK(run.results.back().state == TrackingState::kLost);
+  CHECK(run.results.back().T_odom_base.is_finite());
+}
+
+TEST_CASE("scans that are lost in between do not lose the track") {
+  const Room room = Room::with_pillars();
+  Odometry odometry(OdometryConfig{});
+  SE3 first;
+  SE3 last;
+  for (int i = -20; i < 1300; ++i) odometry.add_imu(imu_sample(driving, i * 0.005, Vector3::Zero()));
+  for (int i = 0; i < 60; ++i) {
+    if (i > 20 && i < 24) continue;
+    const OdometryResult result =
+        odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
+    if (i == 0) first = result.T_odom_base;
+    last = result.T_odom_base;
+    if (i == 24) CHECK(result.coarse_iterations > 0);
+  }
+  const SE3 truth = driving(kPeriod).inverse() * driving(6.0);
+  CHECK((truth.translation - (first.inverse() * last).translation).norm() < 0.45);
+}
+
+TEST_CASE("the covariance covers the error of a tracked pose and is symmetric and positive") {
+  const Run run = run_odometry(driving, {});
+  // Of the motion since the map here was new: how the first scans lay is not this pose's error.
+  const std::size_t last = run.results.size() - 1;
+  const std::size_t since = last - 10;
+  const SE3 truth = driving(kPeriod * static_cast<double>(since + 1)).inverse() *
+                    driving(kPeriod * static_cast<double>(last + 1));
+  const SE3 estimate = run.results[since].T_odom_base.inverse() * run.results[last].T_odom_base;
+  const double error_m = (truth.translation - estimate.translation).norm();
+  const Matrix6& covariance = run.results.back().pose_covariance;
+  CHECK((covariance - covariance.transpose()).norm() < 1e-15);
+  CHECK(covariance.ldlt().isPositive());
+  CHECK(error_m < 3.0 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
+}
+
+TEST_CASE("a vehicle that is turned and moved while nothing is seen is reported as lost and found again") {
+  // 14 deg and 2 m away from where the prediction has it.
+  const PoseFunction moved = [](double t) {
+    const SE3 jump{Eigen::Quaterniond(Eigen::AngleAxisd(0.25, Vector3::UnitZ())), Vector3(2.0, 0.5, 0.0)};
+    return t < 3.0 ? driving(1.0) : driving(1.0) * jump;
+  };
+  RunSettings settings;
+  settings.damage = [](int i, Scan& scan) {
+    if (i >= 24 && i < 30) scan.points.clear();
+  };
+  const Run run = run_odometry(moved, settings);
+  CHECK(run.results[23].state == TrackingState::kTracking);
+  CHECK(run.results[29].state == TrackingState::kLost);
+  CHECK(run.results[29].pose_covariance(0, 0) > 10.0 * run.results[24].pose_covariance(0, 0));
+  CHECK_FALSE(run.results[30].predicted);
+  CHECK(run.results.back().state == TrackingState::kTracking);
+  CHECK(run.end_error_m < 0.1);
+}
+
+TEST_CASE("a vehicle that left its map unseen begins a new one where it is predicted to be, and says so") {
+  RunSettings settings;
+  settings.scans = 90;
+  settings.damage = [](int i, Scan& scan) {
+    if (i >= 20 && i < 55) scan.points.clear();
+    // Another place: nothing of it is in the map.
+    if (i >= 55) {
+      for (Point& point : scan.points) point.x += 15.0F;
+    }
+  };
+  const PoseFunction creeping = [](double t) {
+    return SE3{Eigen::Quaterniond::Identity(), Vector3(t, 0.0, 0.0)};
+  };
+  const Run run = run_odometry(creeping, settings);
+  CHECK(run.results[54].state == TrackingState::kLost);
+  CHECK(run.results[55].state == TrackingState::kInitialising);
+  CHECK(run.results[70].state == TrackingState::kTracking);
+  const SE3 since = run.results[70].T_odom_base.inverse() * run.results[89].T_odom_base;
+  CHECK(since.translation.x() == Approx(1.9).margin(0.1));
+}
+
+TEST_CASE("a drive that goes on in another place is lost, begun anew there and tracked within twenty scans") {
+  constexpr int kSeam = 40;
+  Room other;
+  other.low = {-60.0, -9.0, -1.8};
+  other.high = {45.0, 60.0, 7.0};
+  for (int i = 0; i < 6; ++i) other.pillars.push_back({-25.0 + 9.0 * i, 4.0 + 3.0 * i, 0.6});
+  const PoseFunction slower = [](double t) {
+    const SE3 begin{Eigen::Quaterniond(Eigen::AngleAxisd(0.6, Vector3::UnitZ())), Vector3(-20.0, -3.0, 0.0)};
+    return begin * SE3{Eigen::Quaterniond::Identity(), Vector3(3.0 * t - 12.0, 0.0, 0.0)};
+  };
+  const Room room = Room::with_pillars();
+  for (const bool with_imu : {true, false}) {
+    Odometry odometry(OdometryConfig{});
+    std::vector<OdometryResult> results;
+    int imu_index = -20;
+    for (int i = 0; i < 2 * kSeam; ++i) {
+      for (; with_imu && imu_index * 0.005 < (i + 1) * kPeriod + 0.01; ++imu_index) {
+        const double time = imu_index * 0.005;
+        odometry.add_imu(imu_sample(time < kSeam * kPeriod ? winding : slower, time, Vector3::Zero()));
+      }
+      const bool is_other = i >= kSeam;
+      results.push_back(odometry.register_scan(scan_room(is_other ? other : room, is_other ? slower : winding,
+                                                         i * kPeriod, static_cast<std::uint64_t>(i))));
+    }
+    CHECK(results[kSeam - 1].state == TrackingState::kTracking);
+    const auto said = [&](TrackingState state) {
+      return std::any_of(results.begin() + kSeam, results.begin() + kSeam + 20,
+                         [&](const OdometryResult& result) { return result.state == state; });
+    };
+    CHECK(said(TrackingState::kLost));
+    CHECK(said(TrackingState::kInitialising));
+    for (int i = kSeam; i < kSeam + 10; ++i) CHECK(results[i].state != TrackingState::kTracking);
+    for (int i = kSeam + 20; i < 2 * kSeam; ++i) CHECK(results[i].state == TrackingState::kTracking);
+    const SE3 moved = results[kSeam + 20].T_odom_base.inverse() * results.back().T_odom_base;
+    CHECK(moved.translation.x() == Approx(3.0 * kPeriod * (kSeam - 21)).margin(0.05));
+    CHECK(so3_log(moved.rotation).norm() < 0.005);
+  }
+}

@@ -1,0 +1,133 @@
+#include "core/src/estimation/standing_start.hpp"
+
+#include "nilio/core/odometry.hpp"
+
+#include "tests/support/synthetic_room.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::core;
+using nilio::tests::imu_sample;
+using nilio::tests::Room;
+using nilio::tests::scan_room;
+
+namespace {
+
+constexpr double kForceNoise = 0.02;
+constexpr double kGyroNoise = 0.002;
+
+ImuStatistics felt(const Vector3& force) {
+  ImuStatistics statistics;
+  statistics.count = 40;
+  statistics.mean_acceleration = force;
+  statistics.acceleration_deviation = std::sqrt(3.0) * kForceNoise;
+  statistics.angular_velocity_deviation = std::sqrt(3.0) * kGyroNoise;
+  return statistics;
+}
+
+const Vector3 kSupport(-0.2, 0.1, 9.8);
+
+/// Stands for 2 s, then sets off at 1.2 m/s^2 that take a second to build up.
+double travelled(double t) {
+  constexpr double kStart = 2.0;
+  constexpr double kAcceleration = 1.2;
+  if (t < kStart) return 0.0;
+  const double u = t - kStart;
+  if (u < 1.0) return kAcceleration * u * u * u / 6.0;
+  return kAcceleration * (1.0 / 6.0 + 0.5 * (u - 1.0) + 0.5 * (u - 1.0) * (u - 1.0));
+}
+
+SE3 setting_off(double t) { return {Eigen::Quaterniond::Identity(), Vector3(travelled(t), 0.0, 0.0)}; }
+
+/// A tube without ends in which a lorry sets off with the vehicle, and what shows the motion along it beside
+/// its back are a few posts.
+Room tube_with_lorry(double t) {
+  Room room;
+  room.low = Vector3(-1000.0, -6.0, -1.8);
+  room.high = Vector3(1000.0, 7.0, 8.0);
+  room.pillars.push_back({25.0 + travelled(t), 1.0, 1.3});
+  for (int i = -4; i < 8; ++i) {
+    room.pillars.push_back({20.0 * i + 3.0, 5.0, 0.2});
+    room.pillars.push_back({20.0 * i + 9.0, -5.0, 0.2});
+  }
+  return room;
+}
+
+double place_behind_lorry(bool imu, double seconds) {
+  Odometry odometry{OdometryConfig{}};
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  double end = 0.0;
+  int sample = 0;
+  for (int i = 0; i < static_cast<int>(seconds * 10.0); ++i) {
+    const double start = 0.1 * i;
+    for (; imu && 0.005 * sample < start + 0.11; ++sample) {
+      ImuSample measured = imu_sample(setting_off, 0.005 * sample, Vector3::Zero());
+      for (double& rate : measured.angular_velocity) rate += kGyroNoise * normal(random);
+      for (double& force : measured.linear_acceleration) force += kForceNoise * normal(random);
+      odometry.add_imu(measured);
+    }
+    const Scan scan =
+        scan_room(tube_with_lorry(start + 0.05), setting_off, start, static_cast<std::uint64_t>(i));
+    OdometryResult result = odometry.register_scan(scan);
+    odometry.update_map(result);
+    end = result.T_odom_base.translation.x();
+  }
+  return end;
+}
+
+}  // namespace
+
+TEST_CASE("what idles stands until it sets off, and shows the support exactly") {
+  StandingStart start;
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal(0.0, kForceNoise / std::sqrt(40.0));
+  const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
+  for (int scan = 0; scan < 20; ++scan) CHECK(start.observe(felt(kSupport + noise()), Vector3::Zero()));
+  double acceleration = 0.0;
+  while (start.observe(felt(kSupport + Vector3(acceleration, 0.0, 0.0) + noise()), Vector3::Zero()))
+    acceleration += 0.01;
+  CHECK(acceleration < 0.1);
+  CHECK((start.mean_force() - kSupport).norm() < 0.02);
+  CHECK(start.is_over());
+}
+
+TEST_CASE("an acceleration that no longer changes is not standing again") {
+  StandingStart start;
+  CHECK(start.observe(felt(kSupport), Vector3::Zero()));
+  for (int scan = 0; scan < 50; ++scan)
+    CHECK_FALSE(start.observe(felt(kSupport + Vector3(1.2, 0.0, 0.0)), Vector3::Zero()));
+}
+
+TEST_CASE("shaking is no standing, and an IMU that is stuck, silent or shows no gravity no sign of it") {
+  ImuStatistics shaking = felt(kSupport);
+  shaking.acceleration_deviation = 0.5;
+  ImuStatistics swaying = felt(kSupport);
+  swaying.angular_velocity_deviation = 0.05;
+  ImuStatistics stuck = felt(kSupport);
+  stuck.acceleration_deviation = 0.0;
+  const ImuStatistics sideways = felt(Vector3(9.8, 0.1, -0.2));
+  const ImuStatistics in_units_of_g = felt(kSupport / 9.81);
+  for (const ImuStatistics& statistics : {shaking, swaying, stuck, ImuStatistics{}, sideways, in_units_of_g})
+    CHECK_FALSE(StandingStart().observe(statistics, Vector3::Zero()));
+}
+
+TEST_CASE("a walking pace that cannot be felt is not taken for standing once scans have shown it") {
+  StandingStart start;
+  int scans = 0;
+  while (scans < 100 && start.observe(felt(kSupport), Vector3(0.04 * scans, 0.0, 0.0))) ++scans;
+  CHECK(scans > 1);
+  CHECK(scans < 6);
+}
+
+TEST_CASE("a lorry that sets off with the vehicle does not hold the pose where setting off is felt") {
+  const double truth = travelled(6.0);
+  REQUIRE(truth > 7.0);
+  CHECK(std::abs(place_behind_lorry(true, 6.0) - truth) < 0.05 * truth);
+  // Where it is not, the lorry does.
+  CHECK(place_behind_lorry(false, 6.0) < 0.5 * truth);
+}

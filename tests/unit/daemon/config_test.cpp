@@ -1,0 +1,157 @@
+#include "daemon/config/schema.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::daemon;
+
+namespace {
+
+std::string error_of(const std::string& yaml) {
+  Config config;
+  const auto result = apply_yaml(config, yaml, "test.yaml");
+  return result ? "" : result.error().message;
+}
+
+}  // namespace
+
+TEST_CASE("an unknown key is named with file, line and the nearest key") {
+  const std::string error = error_of("odometry:\n  thread: 2\n");
+  CHECK(error.find("test.yaml:2: unknown key 'odometry.thread'") != std::string::npos);
+  CHECK(error.find("odometry.threads") != std::string::npos);
+}
+
+TEST_CASE("a value of the wrong type is refused with what the key takes") {
+  const std::string error = error_of("odometry:\n  threads: two\n");
+  CHECK(error == "test.yaml:2: odometry.threads takes a whole number, not 'two'");
+  CHECK(error_of("lidar:\n  extrinsic:\n    translation: [1, 2]\n").find("a list of three numbers in m") !=
+        std::string::npos);
+  CHECK(error_of("imu: 3\n").find("'imu' is a section") != std::string::npos);
+}
+
+TEST_CASE("a value out of range is refused with the range and its unit") {
+  CHECK(error_of("lidar:\n  max_range_m: 1000\n") ==
+        "test.yaml:2: lidar.max_range_m is 1000, allowed is 5 to 300 m");
+  CHECK(error_of("lidar:\n  max_range_m: .nan\n").find("not finite") != std::string::npos);
+  CHECK(error_of("lidar:\n  port: 0\n").find("1 to 65535") != std::string::npos);
+}
+
+TEST_CASE("a choice that does not exist is refused with the nearest one") {
+  CHECK(error_of("lidar:\n  model: VLP16\n").find("VLP-16") != std::string::npos);
+}
+
+TEST_CASE("all problems of a file are reported at once") {
+  const std::string error = error_of("odometry:\n  threads: 0\nlidar:\n  portt: 1\n");
+  CHECK(error.find("test.yaml:2:") != std::string::npos);
+  CHECK(error.find("test.yaml:4:") != std::string::npos);
+}
+
+TEST_CASE("text that is not YAML is refused with its line") {
+  CHECK(error_of("lidar:\n  model: [\n").find("test.yaml:") == 0);
+  CHECK(error_of("just text\n").find("is not a configuration") != std::string::npos);
+  CHECK(error_of("").empty());
+}
+
+TEST_CASE("a missing file is refused with its path") {
+  Config config;
+  const auto result = apply_file(config, "/nonexistent/nilio.yaml");
+  REQUIRE_FALSE(result.ok());
+  CHECK(result.error().message.find("/nonexistent/nilio.yaml: cannot be read") == 0);
+}
+
+TEST_CASE("overrides set one key and are checked like a file") {
+  Config config;
+  CHECK(apply_override(config, "odometry.threads=2").ok());
+  CHECK(config.odometry.threads == 2);
+  CHECK(apply_override(config, "publisher.interfaces=[\"127.0.0.1\"]").ok());
+  CHECK(config.publisher.interfaces == std::vector<std::string>{"127.0.0.1"});
+  CHECK_FALSE(apply_override(config, "odometry.threads").ok());
+  CHECK_FALSE(apply_override(config, "odometry.threads=0").ok());
+  CHECK_FALSE(apply_override(config, "odometry.nothing=1").ok());
+  CHECK(config.odometry.threads == 2);
+}
+
+TEST_CASE("a list of overrides is applied in order, up to the first that is wrong") {
+  Config config;
+  CHECK(apply_overrides(config, {"odometry.threads=2", "odometry.threads=3"}).ok());
+  CHECK(config.odometry.threads == 3);
+  const auto applied =
+      apply_overrides(config, {"odometry.threads=4", "odometry.nothing=1", "odometry.threads=5"});
+  REQUIRE_FALSE(applied.ok());
+  CHECK(applied.error().message.find("odometry.nothing") != std::string::npos);
+  CHECK(config.odometry.threads == 4);
+}
+
+TEST_CASE("the effective configuration reads back as it was") {
+  Config config;
+  REQUIRE(apply_yaml(config,
+                     "lidar:\n  extrinsic:\n    translation: [0.1, -2, 1.73]\nimu:\n  angular_velocity_z: "
+                     "{message: M, signal: S, scale: -0.0174532925}\n",
+                     "a")
+              .ok());
+  const std::string yaml = to_yaml(config);
+  Config again;
+  REQUIRE(apply_yaml(again, yaml, "b").ok());
+  CHECK(to_yaml(again) == yaml);
+  CHECK(again.lidar.extrinsic.translation == std::vector<double>{0.1, -2.0, 1.73});
+  CHECK(again.imu.angular_velocity[2].signal == "S");
+}
+
+TEST_CASE("every key is described") {
+  const std::string text = describe_keys();
+  Config config;
+  for (const ConfigKey& key : config_keys(config)) {
+    CHECK(text.find(key.path + ":") != std::string::npos);
+    CHECK_FALSE(key.help.empty());
+  }
+}
+
+TEST_CASE("the configuration that ships is the default") {
+  Config config;
+  REQUIRE(apply_file(config, std::string(NILIO_SOURCE_DIR) + "/config/nilio.yaml").ok());
+  CHECK(to_yaml(config) == to_yaml(Config{}));
+}
+
+TEST_CASE("LiDARs beside the first are printed when they are on, and named when they are off") {
+  Config config;
+  CHECK(to_yaml(config).find("lidar2:") == std::string::npos);
+  CHECK(to_yaml(config).find("# lidar2, lidar3, lidar4: off") != std::string::npos);
+  REQUIRE(
+      apply_yaml(config,
+                 "lidar2: {enabled: true, sender_address: 10.0.0.2, wait_ms: 30, extrinsic: {translation: "
+                 "[1, 2, 3]}}\n",
+                 "a")
+          .ok());
+  const std::string yaml = to_yaml(config);
+  CHECK(yaml.find("# lidar3, lidar4: off") != std::string::npos);
+  Config again;
+  REQUIRE(apply_yaml(again, yaml, "b").ok());
+  CHECK(to_yaml(again) == yaml);
+  CHECK(again.more_lidars[0].enabled);
+  CHECK(again.more_lidars[0].wait_ms == 30.0);
+  CHECK(again.more_lidars[0].extrinsic.translation == std::vector<double>{1.0, 2.0, 3.0});
+  CHECK_FALSE(again.more_lidars[1].enabled);
+  // What would do nothing is no key.
+  CHECK(error_of("lidar2:\n  min_coverage: 0.5\n").find("lidar2.min_coverage") != std::string::npos);
+}
+
+TEST_CASE("files that a configuration file names are beside it") {
+  const auto folder = std::filesystem::temp_directory_path() / ("nilio_config_" + std::to_string(getpid()));
+  std::filesystem::create_directories(folder);
+  const std::string path = (folder / "nilio.yaml").string();
+  std::ofstream(path)
+      << "lidar:\n  calibration: unit.yaml\nlidar2:\n  enabled: true\n  calibration: /etc/other.yaml\n";
+  nilio::daemon::Config config;
+  REQUIRE(nilio::daemon::apply_file(config, path).ok());
+  CHECK(config.lidar.calibration == (folder / "unit.yaml").string());
+  CHECK(config.more_lidars[0].calibration == "/etc/other.yaml");
+  // What came from elsewhere stays.
+  std::ofstream(path) << "lidar:\n  port: 2369\n";
+  config.lidar.calibration = "given.yaml";
+  REQUIRE(nilio::daemon::apply_file(config, path).ok());
+  CHECK(config.lidar.calibration == "given.yaml");
+  std::filesystem::remove_all(folder);
+}

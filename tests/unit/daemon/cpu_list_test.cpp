@@ -1,0 +1,31 @@
+#include "daemon/realtime/cpu_list.hpp"
+
+#include <string>
+
+#include <catch2/catch.hpp>
+
+using nilio::daemon::cpu_list_text;
+using nilio::daemon::CpuList;
+using nilio::daemon::parse_cpu_list;
+
+TEST_CASE("processors are listed as taskset does it, and nothing means any") {
+  CHECK(parse_cpu_list("").value().empty());
+  CHECK(parse_cpu_list("0").value() == CpuList{0});
+  CHECK(parse_cpu_list("1-2,4").value() == CpuList{1, 2, 4});
+  CHECK(parse_cpu_list("5,0-1,1").value() == CpuList{0, 1, 5});
+  for (const std::string text : {"", "0", "1-2,4", "0-3,7,9-10,1023"}) {
+    CAPTURE(text);
+    CHECK(cpu_list_text(parse_cpu_list(text).value()) == text);
+  }
+}
+
+TEST_CASE("a list of processors that is none is refused with the item that is wrong") {
+  for (const std::string text :
+       {"a", "1-", "-1", "3-1", "1024", "1,,2", "1,", ",", "1 ", "0x1", "99999999999"}) {
+    CAPTURE(text);
+    const auto cpus = parse_cpu_list(text);
+    REQUIRE_FALSE(cpus.ok());
+    CHECK(cpus.error().message.find("expected numbers and ranges") != std::string::npos);
+  }
+  CHECK(parse_cpu_list("0,7-x").error().message.find("'7-x'") != std::string::npos);
+}

@@ -1,0 +1,98 @@
+#include "daemon/input/input.hpp"
+#include "tests/support/hdl64e_packets.hpp"
+#include "tests/support/room_drive.hpp"
+
+#include <span>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::daemon;
+using Catch::Matchers::Contains;
+using tests::TemporaryFolder;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+void touch(const fs::path& path) { std::ofstream(path) << "x"; }
+
+std::vector<std::string> names(const std::vector<std::string>& paths) {
+  std::vector<std::string> result;
+  for (const std::string& path : paths) result.push_back(fs::path(path).filename().string());
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("the numbered files of a recording are its parts in the order of their numbers") {
+  const TemporaryFolder folder;
+  for (const char* name :
+       {"lidar_9998.pcap", "lidar_10000.pcap", "lidar_9999.pcap", "can_10000.log", "can_9999.log"})
+    touch(folder.path() / name);
+  const auto files = find_replay_files({folder.path().string()});
+  REQUIRE(files.ok());
+  CHECK(names(files->captures) ==
+        std::vector<std::string>{"lidar_9998.pcap", "lidar_9999.pcap", "lidar_10000.pcap"});
+  CHECK(names(files->can_logs) == std::vector<std::string>{"can_9999.log", "can_10000.log"});
+}
+
+TEST_CASE("captures that are no parts of one recording stay an error that names both") {
+  const TemporaryFolder folder;
+  const TemporaryFolder other;
+  const auto expect_refused = [](const std::vector<std::string>& paths) {
+    const auto files = find_replay_files(paths);
+    REQUIRE_FALSE(files.ok());
+    CHECK_THAT(files.error().message, Contains("a second capture beside"));
+  };
+  touch(folder.path() / "lidar_0001.pcap");
+  touch(other.path() / "lidar_0002.pcap");
+  expect_refused({folder.path().string(), other.path().string()});
+  const std::string twice = (folder.path() / "lidar_0001.pcap").string();
+  expect_refused({twice, twice});
+  touch(folder.path() / "drive.pcap");
+  expect_refused({folder.path().string()});
+}
+
+TEST_CASE("CAN logs without a capture are something to play, but not to replay") {
+  const TemporaryFolder folder;
+  touch(folder.path() / "can_0001.log");
+  CHECK(sort_replay_files({folder.path().string()}).ok());
+  CHECK_FALSE(find_replay_files({folder.path().string()}).ok());
+}
+
+TEST_CASE("a missing part of a recording is warned of") {
+  const TemporaryFolder folder;
+  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, false);
+  fs::copy_file(folder.path() / "lidar.pcap", folder.path() / "lidar_0003.pcap");
+  fs::rename(folder.path() / "lidar.pcap", folder.path() / "lidar_0001.pcap");
+  const auto files = find_replay_files({folder.path().string()});
+  REQUIRE(files.ok());
+  const auto input = open_replay(*files, Config{});
+  REQUIRE(input.ok());
+  REQUIRE(!input->warnings.empty());
+  CHECK_THAT(input->warnings.front(), Contains("lidar_0001.pcap: 1 parts of the recording are missing"));
+}
+
+TEST_CASE("a replay looks ahead for the calibration that an HDL-64E sends, and plays from the first packet") {
+  const TemporaryFolder folder;
+  const std::string path = (folder.path() / "lidar.pcap").string();
+  auto writer = drivers::PcapWriter::create(path);
+  REQUIRE(writer.ok());
+  const std::vector<drivers::Packet> packets =
+      tests::hdl64e_packets(2 * drivers::kHdl64eStatusPackets, tests::StatusStream::kWhole, 100);
+  for (const drivers::Packet& packet : packets)
+    REQUIRE(writer->write(packet.stamp, 2368, std::span(packet.data).first(packet.size)));
+  REQUIRE(writer->close());
+  const auto files = find_replay_files({path});
+  REQUIRE(files.ok());
+  const auto input = open_replay(*files, Config{});
+  REQUIRE(input.ok());
+  REQUIRE(input->sensor.has_value());
+  CHECK(input->sensor->lasers[9].elevation_rad == tests::make_writer().calibration().lasers[9].elevation_rad);
+  CHECK_THAT(input->notes.front(), Contains("HDL-64E-S2") && Contains("its own status stream"));
+  std::vector<drivers::Packet> slots(1);
+  REQUIRE(input->packets->read(slots, {}).count == 1);
+  CHECK(slots[0].stamp == packets[0].stamp);
+  CHECK(input->first_stamp == packets[0].stamp);
+}

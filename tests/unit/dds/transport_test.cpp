@@ -1,0 +1,407 @@
+#include "ipc/dds/diagnostics.hpp"
+#include "ipc/dds/odometry_publisher.hpp"
+#include "ipc/dds/odometry_subscriber.hpp"
+#include "ipc/dds/types.hpp"
+#include "ipc/histogram.hpp"
+#include "ipc/publisher_process.hpp"
+#include "tests/support/dds_support.hpp"
+
+#include <algorithm>
+#include <arpa/inet.h>
+#include <array>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <netinet/in.h>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/topic/TypeSupport.hpp>
+
+namespace {
+
+using namespace nilio::dds;
+using nilio::core::Duration;
+using nilio::core::Time;
+using nilio::ipc::PoseRecord;
+using nilio::ipc::PublisherEvent;
+using nilio::ipc::PublisherProcess;
+using nilio::ipc::PublisherProcessConfig;
+using namespace nilio::tests;
+using Clock = std::chrono::steady_clock;
+
+/// Degrees taken for radians.
+PoseRecord record_with_bad_imu() {
+  PoseRecord record;
+  record.state = nilio::core::TrackingState::kTracking;
+  record.has_imu = true;
+  nilio::core::ImuDiagnosis& scale =
+      record.imu_health.rows[static_cast<std::size_t>(nilio::core::ImuCheck::kGyroScale)];
+  scale.value = 57.3;
+  scale.state = nilio::core::ImuCheckState::kBad;
+  record.imu_health.reason = nilio::core::ImuCheck::kGyroScale;
+  return record;
+}
+
+Odometry expected_odometry(std::uint64_t sequence) {
+  Odometry odometry;
+  odometry.frame_id = "odom";
+  odometry.child_frame_id = "base_link";
+  fill_odometry(sample_record(sequence), odometry);
+  return odometry;
+}
+
+TransformStamped parse_transform(std::istream& in) {
+  TransformStamped transform;
+  transform.stamp = read_stamp(in);
+  in >> transform.frame_id >> transform.child_frame_id;
+  read_numbers(in, transform.translation);
+  read_numbers(in, transform.rotation_xyzw);
+  return transform;
+}
+
+}  // namespace
+
+TEST_CASE("a subscriber on the same machine receives every pose with every field, in order") {
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  for (std::uint64_t i = 0; i < 50; ++i) {
+    REQUIRE(publisher->publish_odometry(sample_record(i)));
+    REQUIRE(publisher->publish_transform(sample_record(i)));
+    const auto received = subscriber->next(kPatience);
+    REQUIRE(received.has_value());
+    CHECK(received->message == expected_odometry(i));
+    CHECK(received->written.ns > 0);
+    CHECK(received->received >= received->written);
+  }
+  const SubscriberCounts counts = subscriber->counts();
+  CHECK(counts.received == 50);
+  CHECK(counts.lost == 0);
+  CHECK(counts.writers_seen == 1);
+  CHECK(counts.publishers == 1);
+}
+
+TEST_CASE("a latency report arrives as it was sent") {
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  CHECK_FALSE(subscriber->latency_report().has_value());
+  LatencyReport report;
+  report.stamp = {123'456'789'012};
+  report.stages = {{"write", 3, 1.0, 1.5, 2.0, 2.5, 3.0, {{0.5, 1.0, 2}, {2.0, 4.0, 1}}}};
+  report.ring_dropped = 17;
+  std::optional<LatencyReport> received;
+  // The reports' own reader may be found a little later.
+  REQUIRE(eventually([&] {
+    REQUIRE(publisher->publish_latency(report));
+    received = subscriber->latency_report();
+    return received.has_value();
+  }));
+  CHECK(*received == report);
+}
+
+TEST_CASE("diagnostics name what is wrong with the IMU, and how old the last pose is") {
+  const PoseRecord record = record_with_bad_imu();
+  const DiagnosticArray fresh = make_diagnostics(record, Time{7}, Duration::from_milliseconds(100.0));
+  REQUIRE(fresh.statuses.size() == 2);
+  CHECK(fresh.stamp == Time{7});
+  CHECK(fresh.statuses[0].level == DiagnosticStatus::Level::kOk);
+  CHECK(fresh.statuses[1].level == DiagnosticStatus::Level::kError);
+  CHECK(fresh.statuses[1].message.find("not used because of gyro_scale; gyro_scale: rates come in deg/s") ==
+        0);
+  const auto& values = fresh.statuses[1].values;
+  const auto scale =
+      std::find_if(values.begin(), values.end(), [](const KeyValue& v) { return v.key == "gyro_scale"; });
+  REQUIRE(scale != values.end());
+  CHECK(scale->value == "57.3 1, bad");
+
+  const DiagnosticArray stale = make_diagnostics(record, Time{7}, Duration::from_seconds(2.5));
+  CHECK(stale.statuses[0].level == DiagnosticStatus::Level::kStale);
+  CHECK(stale.statuses[0].message == "no pose for 2.5 s");
+  CHECK(make_diagnostics(PoseRecord{}, Time{}, Duration{}).statuses.size() == 1);
+}
+
+TEST_CASE("diagnostics arrive as they were sent") {
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  const DiagnosticArray sent = make_diagnostics(record_with_bad_imu(), Time{5}, Duration{});
+  std::optional<DiagnosticArray> received;
+  REQUIRE(eventually([&] {
+    REQUIRE(publisher->publish_diagnostics(sent));
+    received = subscriber->diagnostics();
+    return received.has_value();
+  }));
+  CHECK(*received == sent);
+}
+
+TEST_CASE("garbage from another writer on the topic does not disturb the subscriber") {
+  namespace fastdds = eprosima::fastdds::dds;
+  // Announces itself as odometry and sends a frame name that claims more bytes than there are.
+  class GarbageType : public OdometryType {
+   public:
+    bool serialize(void*, Payload* payload) override {
+      const std::array<std::uint8_t, 24> bytes{0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0x7F};
+      std::copy(bytes.begin(), bytes.end(), payload->data);
+      payload->length = bytes.size();
+      return true;
+    }
+  };
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  auto vandal = Participant::create(loopback(domain));
+  REQUIRE(vandal.ok());
+  const fastdds::TypeSupport type(new GarbageType);
+  type.register_type(&(*vandal)->get());
+  fastdds::Topic* const topic =
+      (*vandal)->get().create_topic("rt/odom", type.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
+  fastdds::DataWriter* const writer = (*vandal)
+                                          ->get()
+                                          .create_publisher(fastdds::PUBLISHER_QOS_DEFAULT)
+                                          ->create_datawriter(topic, fastdds::DATAWRITER_QOS_DEFAULT);
+  REQUIRE(writer != nullptr);
+  const auto publisher = make_publisher(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
+  REQUIRE(eventually([writer] {
+    fastdds::PublicationMatchedStatus matched;
+    writer->get_publication_matched_status(matched);
+    return matched.current_count == 1;
+  }));
+  Odometry anything;
+  for (std::uint64_t i = 0; i < 300; ++i) {
+    CHECK(writer->write(&anything));
+    REQUIRE(publisher->publish_odometry(sample_record(i)));
+    const auto received = subscriber->next(kPatience);
+    REQUIRE(received.has_value());
+    CHECK(received->message.stamp.ns == sample_record(i).stamp_ns);
+  }
+  CHECK(subscriber->counts().received == 300);
+}
+
+TEST_CASE("CycloneDDS reads our odometry, transform and diagnostics from the IDL, every field equal") {
+  const auto reader_program = built_program("nilio-cyclone-reader");
+  if (!reader_program) return;
+  const std::uint32_t domain = test_domain();
+  constexpr std::uint64_t message_count = 20;
+  const auto publisher = make_publisher(domain);
+  Program reader(kCycloneLoopback + reader_program->string() + " " + std::to_string(domain) + " " +
+                 std::to_string(message_count) + " 30");
+  REQUIRE(wait_for_subscriber(*publisher));
+  // The two sides find each other independently; a volatile CycloneDDS reader takes nothing from before its
+  // own finding.
+  REQUIRE(reader.line() == "ready");
+  for (std::uint64_t i = 0; i < message_count; ++i) {
+    REQUIRE(publisher->publish_odometry(sample_record(i)));
+    REQUIRE(publisher->publish_transform(sample_record(i)));
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  const DiagnosticArray diagnostics = make_diagnostics(record_with_bad_imu(), Time{1}, Duration{});
+  REQUIRE(publisher->publish_diagnostics(diagnostics));
+  std::uint64_t odometries = 0;
+  std::uint64_t transforms = 0;
+  std::size_t statuses = 0;
+  while (const auto line = reader.line()) {
+    std::istringstream in(*line);
+    std::string kind;
+    in >> kind;
+    if (kind == "odometry") {
+      CHECK(parse_odometry(in) == expected_odometry(odometries++));
+    } else if (kind == "diagnostics") {
+      REQUIRE(statuses < diagnostics.statuses.size());
+      const DiagnosticStatus& status = diagnostics.statuses[statuses++];
+      std::string expected = "diagnostics " + std::to_string(static_cast<int>(status.level)) + " [" +
+                             status.name + "] [" + status.message + "]";
+      for (const KeyValue& value : status.values) expected += " [" + value.key + "=" + value.value + "]";
+      CHECK(*line == expected);
+    } else if (kind == "transform") {
+      const PoseRecord record = sample_record(transforms++);
+      CHECK(
+          parse_transform(in) ==
+          TransformStamped{{record.stamp_ns}, "odom", "base_link", record.position, record.orientation_xyzw});
+    }
+  }
+  CHECK(odometries == message_count);
+  CHECK(transforms == message_count);
+  CHECK(statuses == 2);
+  CHECK(reader.exit_status() == 0);
+}
+
+TEST_CASE("a publisher process drains its ring before it stops, however early it is stopped") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  PublisherProcessConfig config = process_config(*executable, domain);
+  config.wait_for_subscribers = kPatience;
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  constexpr std::uint64_t pose_count = 200;
+  for (std::uint64_t i = 0; i < pose_count; ++i) REQUIRE((*process)->publish(sample_record(i)));
+  REQUIRE((*process)->start().ok());
+  const auto stopped = (*process)->stop(kPatience);
+  REQUIRE(stopped.has_value());
+  INFO(stopped->message);
+  CHECK(stopped->exit_status == 0);
+  CHECK(stopped->unpublished == 0);
+  std::uint64_t expected = 0;
+  while (const auto received = subscriber->next(Duration::from_seconds(1.0)))
+    CHECK(received->message == expected_odometry(expected++));
+  CHECK(expected == pose_count);
+  CHECK(subscriber->counts().lost == 0);
+  const auto report = subscriber->latency_report();
+  REQUIRE(report.has_value());
+  CHECK(report->poses_published == pose_count);
+  CHECK(report->failed_writes == 0);
+  REQUIRE(report->stages.size() == nilio::ipc::kLatencyStageCount - 1 + 3);
+  CHECK(report->stages[1].p50_us == Approx(1000.0).epsilon(0.01));
+  CHECK(report->stages.back().name == "received_to_written");
+  CHECK(report->stages.back().count >= pose_count);
+}
+
+TEST_CASE("a publisher killed with SIGKILL is started again after a tenth of a second and loses no pose") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  PublisherProcessConfig config = process_config(*executable, domain);
+  config.wait_for_subscribers = kPatience;
+  // However long it lives on a busy computer, each pause is twice the one before.
+  config.healthy_after = kPatience;
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+
+  std::uint64_t sequence = 0;
+  std::uint64_t expected = 0;
+  std::uint64_t repeated = 0;
+  bool killed = false;
+  int outages = 0;
+  std::vector<double> pauses_ms;
+  const auto limit = Clock::now() + std::chrono::minutes(2);
+  while (outages < 3 && Clock::now() < limit) {
+    REQUIRE((*process)->publish(sample_record(sequence++)));
+    const auto event = (*process)->poll();
+    if (event && event->kind == PublisherEvent::Kind::kDied)
+      pauses_ms.push_back(event->back_off.milliseconds());
+    const auto next_pose = Clock::now() + std::chrono::milliseconds(20);
+    while (const auto received = subscriber->next(Duration{(next_pose - Clock::now()).count()})) {
+      const auto stamp = received->message.stamp.ns;
+      if (expected > 0 && stamp == sample_record(expected - 1).stamp_ns) {
+        ++repeated;  // was written, but not yet given back, when the kill came
+        continue;
+      }
+      CHECK(stamp == sample_record(expected++).stamp_ns);
+      if (!killed || (*process)->restarts() <= static_cast<std::uint64_t>(outages)) continue;
+      ++outages;
+      killed = false;
+    }
+    if (!killed && sequence % 100 == 50) {
+      kill((*process)->pid(), SIGKILL);
+      killed = true;
+    }
+  }
+  REQUIRE(outages == 3);
+  CHECK(pauses_ms == std::vector<double>{100.0, 200.0, 400.0});
+  CHECK(repeated <= 3);
+  CHECK((*process)->restarts() == 3);
+  CHECK(subscriber->counts().writers_seen == 4);
+  CHECK((*process)->ring().dropped() == 0);
+}
+
+TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  const std::uint32_t domain = test_domain();
+  const auto subscriber = make_subscriber(domain);
+  PublisherProcessConfig config = process_config(*executable, domain);
+  config.wait_for_subscribers = kPatience;
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  REQUIRE((*process)->publish(sample_record(0)));
+  REQUIRE(subscriber->next(kPatience).has_value());
+
+  // RTPS 2.3 of eProsima, then two statistics submessages of the right length, where only one, the last, is
+  // expected.
+  std::vector<std::uint8_t> datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
+  datagram.insert(datagram.end(), 12, 0x42);
+  for (int i = 0; i < 2; ++i) {
+    datagram.insert(datagram.end(), {0x80, 0x01, 56, 0});
+    datagram.insert(datagram.end(), 56, 0);
+  }
+  const int sender = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  for (std::uint32_t offset = 10; offset < 30;
+       ++offset) {  // the ports of the first participants of the domain
+    to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
+    sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+  }
+  close(sender);
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  const auto event = (*process)->poll();
+  INFO((event ? event->message : ""));
+  CHECK_FALSE(event.has_value());
+  REQUIRE((*process)->publish(sample_record(1)));
+  const auto received = subscriber->next(kPatience);
+  REQUIRE(received.has_value());
+  CHECK(received->message == expected_odometry(1));
+}
+
+TEST_CASE("a publisher ends when its parent dies") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  std::array<int, 2> pids{};
+  REQUIRE(pipe2(pids.data(), O_CLOEXEC) == 0);
+  const std::uint32_t domain = test_domain();
+  const pid_t parent = fork();
+  REQUIRE(parent >= 0);
+  if (parent == 0) {
+    auto process = PublisherProcess::create(process_config(*executable, domain));
+    const auto pid = (*process)->start();
+    const pid_t publisher = pid ? *pid : -1;
+    if (write(pids[1], &publisher, sizeof publisher) != sizeof publisher) _exit(1);
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    raise(SIGKILL);
+  }
+  pid_t publisher = -1;
+  REQUIRE(read(pids[0], &publisher, sizeof publisher) == sizeof publisher);
+  REQUIRE(publisher > 0);
+  waitpid(parent, nullptr, 0);
+  CHECK(eventually([publisher] {
+    // Gone, or dead and waiting for an init that reaps it.
+    std::ifstream stat("/proc/" + std::to_string(publisher) + "/stat");
+    std::string pid, name, state;
+    return !(stat >> pid >> name >> state) || state == "Z";
+  }));
+  close(pids[0]);
+  close(pids[1]);
+}
+
+TEST_CASE("a publisher that gets no ring says so and fails") {
+  const auto executable = built_program("nilio-publisher");
+  if (!executable) return;
+  Program program(executable->string() + " --ring-fd=1 --wake-fd=1 2>&1");
+  CHECK_THAT(program.line().value_or(""), Catch::Matchers::Contains("file descriptor 1 is not a ring"));
+  CHECK(program.exit_status() == 1);
+}

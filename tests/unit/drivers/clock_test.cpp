@@ -1,0 +1,158 @@
+#include "drivers/common/clock_fit.hpp"
+#include "drivers/velodyne/clock/sensor_clock.hpp"
+#include "tests/support/drivers_support.hpp"
+
+#include <cmath>
+#include <random>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::drivers;
+using nilio::tests::kEpochNs;
+using nilio::tests::TurningSensor;
+
+TEST_CASE("offset and drift of a clock are found under one-sided jitter") {
+  std::mt19937 random(3);
+  std::exponential_distribution<double> delay_us(1.0 / 300.0);
+  for (const double drift_ppm : {-58.0, 0.0, 20.0}) {
+    ClockFit fit;
+    std::int64_t sensor_ns = 0;
+    for (; sensor_ns < 90'000'000'000; sensor_ns += 1'327'000) {
+      const auto true_ns =
+          5'000'000'000 + static_cast<std::int64_t>(drift_ppm * 1e-6 * static_cast<double>(sensor_ns));
+      fit.observe(sensor_ns, true_ns + std::llround(1e3 * delay_us(random)));
+    }
+    const auto expected_ns =
+        5'000'000'000 + static_cast<std::int64_t>(drift_ppm * 1e-6 * static_cast<double>(sensor_ns));
+    INFO("drift " << drift_ppm << " ppm: " << fit.drift() * 1e6);
+    CHECK(std::abs(fit.drift() * 1e6 - drift_ppm) < 0.2);
+    CHECK(std::abs(fit.offset_at(sensor_ns) - expected_ns) < 10'000);
+  }
+}
+
+TEST_CASE("before a drift can be told the least difference is the offset") {
+  ClockFit fit;
+  CHECK(fit.empty());
+  fit.observe(0, 900);
+  fit.observe(1'000'000, 700);
+  fit.observe(2'000'000, 800);
+  CHECK_FALSE(fit.empty());
+  CHECK(fit.offset_at(3'000'000) == 700);
+  CHECK(fit.drift() == 0.0);
+}
+
+TEST_CASE("scan times of a drifting sensor follow the host's clock without jitter or jumps") {
+  // 20 parts per million fast, 3 s ahead, up to a few milliseconds late on the network.
+  const TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp16),
+                             .start_azimuth_deg = 180.0};
+  constexpr double kFast = 20e-6;
+  std::mt19937 random(5);
+  std::exponential_distribution<double> delay_us(1.0 / 300.0);
+  ScanAssembler assembler(source.sensor, {});
+  core::Scan scan;
+  double largest_error_us = 0.0;
+  double largest_step_error_us = 0.0;
+  std::int64_t last_start_ns = 0;
+  for (std::size_t i = 0; i < 45'000; ++i) {
+    Packet packet = source.packet(i, std::llround(1e3 * delay_us(random)));
+    const auto since_start = static_cast<double>(source.packet_time_ns(i) - source.start_ns);
+    VelodyneDataPacket data = source.data(i);
+    const std::int64_t sensor_ns =
+        source.packet_time_ns(i) + 3'000'000'000 + static_cast<std::int64_t>(kFast * since_start);
+    data.timestamp_us = static_cast<std::uint32_t>(sensor_ns / 1000 % 3'600'000'000);
+    const auto bytes = encode(data);
+    std::copy(bytes.begin(), bytes.end(), packet.data.begin());
+    if (!assembler.add(packet)) continue;
+    assembler.take_scan(scan);
+    CHECK(scan.clock_source == core::ClockSource::kFreeRunning);
+    // Scans start at the cut, every 0.1 s to within a step.
+    const auto revolution = static_cast<double>(scan.start.ns - source.start_ns) / 1e8;
+    const double error_us = 1e5 * (revolution - std::floor(revolution + 0.01));
+    if (scan.sequence >= 100) {
+      largest_error_us = std::max(largest_error_us, std::abs(error_us));
+      const double step_us = static_cast<double>(scan.start.ns - last_start_ns) * 1e-3;
+      largest_step_error_us = std::max(largest_step_error_us, std::abs(step_us - 1e5));
+    }
+    REQUIRE(scan.start.ns > last_start_ns);
+    last_start_ns = scan.start.ns;
+  }
+  // A step of the azimuth lasts 111 us, so the cut itself is that late at most.
+  CHECK(largest_error_us < 111.0 + 20.0);
+  CHECK(largest_step_error_us < 111.0 + 20.0);
+  CHECK(assembler.status().clock_drift_ppm == Approx(-20.0).margin(1.0));
+  CHECK(assembler.status().clock_offset_s == Approx(-3.0).margin(2e-3));
+}
+
+TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off") {
+  SensorClock clock(TimeSource::kSensor, true);
+  clock.set_packet_period(1'327'104);
+  const std::int64_t true_ns = kEpochNs;
+  const core::Time host{true_ns - 7 * 3'600'000'000'000};
+  clock.hear({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
+  const auto timestamp_us = static_cast<std::uint32_t>(true_ns / 1000 % 3'600'000'000);
+  const PacketArrival arrival = clock.arrive(timestamp_us, 0, host, 0);
+  CHECK(arrival.line_ns == true_ns);
+  CHECK(clock.source() == core::ClockSource::kPpsLocked);
+
+  // The first position packet comes after the first data packets.
+  SensorClock late(TimeSource::kSensor, true);
+  late.set_packet_period(1'327'104);
+  CHECK(late.arrive(timestamp_us, 0, host, 0).line_ns == host.ns);
+  late.hear({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
+  const core::Time next{host.ns + 1'327'000};
+  CHECK(late.arrive(timestamp_us + 1327, 50, next, 0).order == PacketOrder::kJump);
+  CHECK(late.restart(timestamp_us + 1327, 50, next) == true_ns + 1'327'000);
+  const core::Time after{host.ns + 2'654'000};
+  CHECK(late.arrive(timestamp_us + 2654, 100, after, 0).order == PacketOrder::kNext);
+}
+
+TEST_CASE("what the time rests on is said as telemetry tells it") {
+  const core::Time host{kEpochNs + 2'000'000};
+  const auto timestamp_us = static_cast<std::uint32_t>(kEpochNs / 1000 % 3'600'000'000);
+  const auto source_after = [&](TimeSource wanted, std::uint32_t stamp_us,
+                                const std::optional<GpsReport>& report) {
+    SensorClock clock(wanted, true);
+    clock.set_packet_period(1'327'104);
+    if (report) clock.hear(*report, host);
+    clock.arrive(stamp_us, 0, host, 0);
+    return clock.source();
+  };
+  const GpsReport locked{.pulse_locked = true, .utc = host};
+  const GpsReport nmea{.pulse_locked = false, .utc = host};
+  const GpsReport nothing{};
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, locked) == core::ClockSource::kPpsLocked);
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, nmea) == core::ClockSource::kNmeaOnly);
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, nothing) == core::ClockSource::kPtp);
+  CHECK(source_after(TimeSource::kAuto, timestamp_us + 500'000'000, nothing) ==
+        core::ClockSource::kFreeRunning);
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, std::nullopt) == core::ClockSource::kPtp);
+  CHECK(source_after(TimeSource::kHost, timestamp_us, locked) == core::ClockSource::kHost);
+}
+
+TEST_CASE("a sensor without a clock gets even times from jittering receive times") {
+  const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS1);
+  TurningSensor source{.sensor = sensor, .start_azimuth_deg = 180.0};
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> delay_us(0.0, 200.0);
+  ScanAssembler assembler(sensor, {});
+  core::Scan scan;
+  std::int64_t last_end_ns = 0;
+  int scans = 0;
+  for (std::size_t i = 0; i < 6'000; ++i) {
+    VelodyneDataPacket data = source.data(i);
+    data.timestamp_us = static_cast<std::uint32_t>(random());
+    Packet packet = TurningSensor::wrap(data);
+    packet.stamp = source.packet(i, std::llround(1e3 * delay_us(random))).stamp;
+    if (!assembler.add(packet)) continue;
+    assembler.take_scan(scan);
+    ++scans;
+    CHECK(scan.clock_source == core::ClockSource::kHost);
+    CHECK(scan.start.ns > last_end_ns);
+    CHECK((scan.end - scan.start).seconds() == Approx(0.1).margin(5e-4));
+    last_end_ns = scan.end.ns;
+  }
+  CHECK(scans >= 20);
+  CHECK(assembler.stats().time_jumps + assembler.stats().lost_packets + assembler.stats().duplicate_packets ==
+        0);
+}

@@ -1,0 +1,260 @@
+#include "nilio/drivers/network/udp.hpp"
+
+#include "tests/support/udp_support.hpp"
+
+#include <array>
+#include <ctime>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::drivers;
+using Catch::Matchers::Contains;
+using nilio::tests::free_port;
+using nilio::tests::free_ports;
+using nilio::tests::kSecond;
+using nilio::tests::loopback;
+using nilio::tests::read_packets;
+using nilio::tests::UdpSender;
+
+namespace {
+
+std::int64_t realtime_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_REALTIME, &now);
+  return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
+}
+
+std::vector<std::uint8_t> numbered(std::uint8_t number, std::size_t size = 1206) {
+  return std::vector<std::uint8_t>(size, number);
+}
+
+}  // namespace
+
+TEST_CASE("datagrams arrive over loopback in order with kernel stamps") {
+  const std::uint16_t port = free_port();
+  auto source = open_udp(loopback(port));
+  REQUIRE(source.ok());
+  UdpSender sender;
+  const std::int64_t before = realtime_ns();
+  for (std::uint8_t i = 0; i < 100; ++i) sender.send(port, numbered(i));
+  const std::vector<Packet> packets = read_packets(**source, 100);
+  REQUIRE(packets.size() == 100);
+  for (std::size_t i = 0; i < 100; ++i) {
+    CHECK(packets[i].size == 1206);
+    CHECK(packets[i].data[1205] == i);
+    CHECK(packets[i].sender_address == 0x7F000001);
+    CHECK(packets[i].destination_port == port);
+    CHECK(packets[i].stamp.ns >= before);
+    CHECK(packets[i].stamp.ns <= realtime_ns());
+    CHECK(packets[i].received_ns > 0);
+    CHECK_FALSE(packets[i].truncated);
+  }
+  CHECK((*source)->stats().delivered == 100);
+  CHECK((*source)->stats().kernel_dropped == 0);
+}
+
+TEST_CASE("empty datagrams are delivered and those longer than a slot are cut and marked") {
+  const std::uint16_t port = free_port();
+  auto source = open_udp(loopback(port));
+  REQUIRE(source.ok());
+  UdpSender sender;
+  sender.send(port, {});
+  sender.send(port, numbered(1, kPacketCapacity));
+  sender.send(port, numbered(2, kPacketCapacity + 1));
+  sender.send(port, numbered(3, 9000));
+  const std::vector<Packet> packets = read_packets(**source, 4);
+  REQUIRE(packets.size() == 4);
+  CHECK(packets[0].size == 0);
+  CHECK_FALSE(packets[0].truncated);
+  CHECK(packets[1].size == kPacketCapacity);
+  CHECK_FALSE(packets[1].truncated);
+  CHECK(packets[2].truncated);
+  CHECK(packets[3].truncated);
+  CHECK(packets[3].size == kPacketCapacity);
+  CHECK_THAT((*source)->status(),
+             Contains("1 of 0 bytes") && Contains("1 of 9000 bytes to port " + std::to_string(port)));
+}
+
+TEST_CASE("data and position packets come through one source, each port in its own order") {
+  const auto ports = free_ports(2);
+  auto source = open_udp(loopback(ports[0], ports[1]));
+  REQUIRE(source.ok());
+  UdpSender sender;
+  for (std::uint8_t i = 0; i < 90; ++i) {
+    sender.send(ports[0], numbered(i));
+    if (i % 3 == 0) sender.send(ports[1], numbered(i, 512));
+  }
+  const std::vector<Packet> packets = read_packets(**source, 120);
+  REQUIRE(packets.size() == 120);
+  std::vector<std::uint8_t> data;
+  std::vector<std::uint8_t> position;
+  for (const Packet& packet : packets) {
+    if (packet.destination_port == ports[0]) {
+      CHECK(packet.size == 1206);
+      data.push_back(packet.data[0]);
+    } else {
+      CHECK(packet.destination_port == ports[1]);
+      CHECK(packet.size == 512);
+      position.push_back(packet.data[0]);
+    }
+  }
+  REQUIRE(data.size() == 90);
+  REQUIRE(position.size() == 30);
+  for (std::size_t i = 0; i < data.size(); ++i) CHECK(data[i] == i);
+  for (std::size_t i = 0; i < position.size(); ++i) CHECK(position[i] == 3 * i);
+  CHECK_THAT((*source)->status(), Contains("90 data and 30 position packets"));
+}
+
+TEST_CASE("a flood on one port does not shut out the other") {
+  const auto ports = free_ports(2);
+  auto source = open_udp(loopback(ports[0], ports[1]));
+  REQUIRE(source.ok());
+  UdpSender sender;
+  for (int flooded = 0; flooded < 2; ++flooded) {
+    const std::uint16_t loud = ports[static_cast<std::size_t>(flooded)];
+    const std::uint16_t quiet = ports[static_cast<std::size_t>(1 - flooded)];
+    for (int i = 0; i < 20; ++i) sender.send(loud, numbered(0, 512));
+    sender.send(quiet, numbered(1, 512));
+    std::array<Packet, 4> slots;
+    bool heard = false;
+    for (int read = 0; read < 2; ++read) {
+      const std::size_t count = (*source)->read(slots, kSecond).count;
+      CHECK(count > 0);
+      for (std::size_t i = 0; i < count; ++i) heard = heard || slots[i].destination_port == quiet;
+    }
+    CHECK(heard);
+    CHECK(read_packets(**source, 13).size() == 13);
+  }
+}
+
+TEST_CASE("two sensors on one port are told apart by the sender's address") {
+  const std::uint16_t port = free_port();
+  UdpSourceConfig config = loopback(port);
+  config.sender_address = "127.0.0.3";
+  auto source = open_udp(config);
+  REQUIRE(source.ok());
+  UdpSender wanted("127.0.0.3");
+  UdpSender other("127.0.0.4");
+  UdpSender third("127.0.0.5");
+  for (std::uint8_t i = 0; i < 20; ++i) {
+    other.send(port, numbered(100));
+    wanted.send(port, numbered(i));
+    if (i % 4 == 0) third.send(port, numbered(101));
+  }
+  const std::vector<Packet> packets = read_packets(**source, 20);
+  REQUIRE(packets.size() == 20);
+  for (std::size_t i = 0; i < 20; ++i) {
+    CHECK(packets[i].data[0] == i);
+    CHECK(packets[i].sender_address == 0x7F000003);
+  }
+  CHECK((*source)->stats().other == 25);
+  CHECK_THAT((*source)->status(), Contains("ignored 20 from 127.0.0.4, 5 from 127.0.0.5") &&
+                                      Contains("only 127.0.0.3 is accepted"));
+}
+
+TEST_CASE("what overflows the socket's buffer is counted as the kernel counts it, also at the very end") {
+  const std::uint16_t port = free_port();
+  UdpSourceConfig config = loopback(port);
+  config.receive_buffer_bytes = 4096;
+  auto source = open_udp(config);
+  REQUIRE(source.ok());
+  UdpSender sender;
+  for (std::uint8_t i = 0; i < 50; ++i) sender.send(port, numbered(i));
+  // Until none comes for a second: then none came after the drops to bring their count along.
+  std::size_t received = read_packets(**source, 50).size();
+  REQUIRE(received > 0);
+  REQUIRE(received < 50);
+  CHECK((*source)->stats().kernel_dropped == 50 - received);
+  // One that does is not counted twice.
+  sender.send(port, numbered(50));
+  received += read_packets(**source, 1).size();
+  CHECK((*source)->stats().kernel_dropped == 51 - received);
+  CHECK_THAT((*source)->status(), Contains(std::to_string(51 - received) + " dropped by the kernel"));
+}
+
+TEST_CASE("drops on both ports are added up") {
+  const auto ports = free_ports(2);
+  UdpSourceConfig config = loopback(ports[0], ports[1]);
+  config.receive_buffer_bytes = 4096;
+  auto source = open_udp(config);
+  REQUIRE(source.ok());
+  UdpSender sender;
+  for (std::uint8_t i = 0; i < 40; ++i) {
+    sender.send(ports[0], numbered(i));
+    sender.send(ports[1], numbered(i, 512));
+  }
+  const std::size_t received = read_packets(**source, 80).size();
+  CHECK(received < 80);
+  CHECK((*source)->stats().kernel_dropped == 80 - received);
+}
+
+TEST_CASE("a multicast group is joined and shared between two sources") {
+  const auto ports = free_ports(2);
+  UdpSourceConfig config = loopback(ports[0], ports[1]);
+  config.multicast_group = "239.255.17.42";
+  for (const char* interface : {"", "127.0.0.1", "lo"}) {
+    config.multicast_interface = interface;
+    auto first = open_udp(config);
+    auto second = open_udp(config);
+    REQUIRE(first.ok());
+    REQUIRE(second.ok());
+    UdpSender sender;
+    REQUIRE(sender.send_through("127.0.0.1"));
+    sender.send(ports[0], numbered(1), "239.255.17.42");
+    sender.send(ports[1], numbered(2, 512), "239.255.17.42");
+    // To the computer, and to another group: neither is for those who joined.
+    sender.send(ports[0], numbered(3));
+    sender.send(ports[0], numbered(4), "239.255.17.43");
+    for (auto* source : {&first, &second}) {
+      CHECK(read_packets(***source, 2).size() == 2);
+      std::array<Packet, 4> slots;
+      CHECK((**source)->read(slots, {10'000'000}).count == 0);
+    }
+  }
+}
+
+TEST_CASE("a multicast group or interface that cannot be is named") {
+  UdpSourceConfig config = loopback(free_port());
+  config.multicast_group = "192.168.1.201";
+  CHECK_THAT(open_udp(config).error().message, Contains("192.168.1.201 is no multicast group"));
+  config.multicast_group = "239.255.17.42";
+  config.multicast_interface = "lidar0";
+  CHECK_THAT(open_udp(config).error().message, Contains("no interface 'lidar0'"));
+  config.multicast_interface = "203.0.113.7";
+  CHECK_THAT(open_udp(config).error().message, Contains("cannot join the multicast group 239.255.17.42"));
+}
+
+TEST_CASE("a receive buffer that was not granted names the setting that allows it") {
+  UdpSourceConfig config = loopback(free_port());
+  config.receive_buffer_bytes = 1 << 30;
+  auto source = open_udp(config);
+  REQUIRE(source.ok());
+  const std::string status = (*source)->status();
+  const bool granted = status.find("receive buffer 1048576 KiB") != std::string::npos;
+  if (!granted) CHECK_THAT(status, Contains("net.core.rmem_max=1073741824"));
+}
+
+TEST_CASE("an address that cannot be listened on is named with the reason") {
+  const auto ports = free_ports(2);
+  auto first = open_udp(loopback(ports[0], ports[1]));
+  REQUIRE(first.ok());
+  const auto second = open_udp(loopback(ports[0]));
+  REQUIRE_FALSE(second.ok());
+  CHECK_THAT(second.error().message,
+             Contains("127.0.0.1:" + std::to_string(ports[0])) && Contains("another program"));
+  const auto third = open_udp(loopback(free_port(), ports[1]));
+  REQUIRE_FALSE(third.ok());
+  CHECK_THAT(third.error().message,
+             Contains("127.0.0.1:" + std::to_string(ports[1])) && Contains("position port of 0"));
+  CHECK_THAT(open_udp(loopback(ports[0], ports[0])).error().message, Contains("a port each"));
+  const auto foreign = open_udp({.bind_address = "203.0.113.7", .port = free_port(), .position_port = 0});
+  REQUIRE_FALSE(foreign.ok());
+  CHECK_THAT(foreign.error().message, Contains("203.0.113.7") && Contains("ip -4 address"));
+  const auto broken = open_udp({.bind_address = "lidar", .port = free_port(), .position_port = 0});
+  REQUIRE_FALSE(broken.ok());
+  CHECK_THAT(broken.error().message, Contains("'lidar' is no IPv4 address"));
+  UdpSourceConfig config = loopback(free_port());
+  config.sender_address = "sensor";
+  CHECK_THAT(open_udp(config).error().message, Contains("'sensor' is no IPv4 address for the sender"));
+}

@@ -1,0 +1,254 @@
+#include "ipc/publisher_process.hpp"
+
+#include "tests/support/eventually.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+#include <catch2/catch.hpp>
+
+namespace {
+
+using Catch::Matchers::Contains;
+using nilio::core::Duration;
+using nilio::ipc::PublisherEvent;
+using nilio::ipc::PublisherProcess;
+using nilio::ipc::PublisherProcessConfig;
+using nilio::tests::eventually;
+using nilio::tests::TemporaryFolder;
+using Kind = PublisherEvent::Kind;
+
+// A shell script that plays the publisher, in a folder of its own.
+class FakePublisher {
+ public:
+  explicit FakePublisher(const std::string& script) {
+    std::ofstream(path()) << "#!/bin/sh\ncd " << folder_.text() << "\n" << script << "\n";
+    std::filesystem::permissions(path(), std::filesystem::perms::owner_all);
+  }
+
+  [[nodiscard]] std::filesystem::path path() const { return folder_.path() / "publisher.sh"; }
+  // What the script wrote into a file, waiting until it ends with a line end.
+  [[nodiscard]] std::string output(const std::string& name) const {
+    std::string text;
+    REQUIRE(eventually([&] {
+      std::ostringstream read;
+      read << std::ifstream(folder_.file(name)).rdbuf();
+      text = read.str();
+      return text.ends_with('\n');
+    }));
+    return text;
+  }
+
+ private:
+  TemporaryFolder folder_;
+};
+
+PublisherProcessConfig config_for(const std::filesystem::path& executable) {
+  PublisherProcessConfig config;
+  config.executable = executable;
+  config.ring_capacity = 8;
+  config.initial_back_off = Duration::from_milliseconds(20.0);
+  config.max_back_off = Duration::from_milliseconds(100.0);
+  return config;
+}
+
+PublisherEvent wait_for_event(PublisherProcess& process) {
+  std::optional<PublisherEvent> event;
+  REQUIRE(eventually([&] {
+    event = process.poll();
+    return event.has_value();
+  }));
+  return *event;
+}
+
+}  // namespace
+
+TEST_CASE("the publisher gets its settings as arguments and no descriptors but its own") {
+  const FakePublisher fake("ls /proc/self/fd > descriptors; echo \"$@\" > arguments; exec sleep 100");
+  const int leak = open("/dev/null", O_RDONLY);  // NOLINT: without close-on-exec on purpose
+  REQUIRE(leak >= 0);
+  PublisherProcessConfig config = config_for(fake.path());
+  config.domain = 42;
+  config.interface_whitelist = {"127.0.0.1", "10.0.0.7"};
+  config.odom_frame = "my odom";
+  config.topic_prefix = "car";
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  const std::string arguments = fake.output("arguments");
+  CHECK_THAT(arguments, Contains("--domain=42") && Contains("--interface=127.0.0.1") &&
+                            Contains("--interface=10.0.0.7"));
+  CHECK_THAT(arguments, Contains("--odom-frame=my odom") && Contains("--topic-prefix=car"));
+  CHECK_THAT(arguments, Contains("--parent-pid=" + std::to_string(getpid())));
+  // 0 to 7; ls itself has one more for the folder it lists, and the shell may have one for its script.
+  std::istringstream descriptors(fake.output("descriptors"));
+  int descriptor = -1;
+  int count = 0;
+  while (descriptors >> descriptor) {
+    ++count;
+    CHECK((descriptor < 9 || descriptor == 10));
+  }
+  CHECK(count >= 9);
+  CHECK(count <= 10);
+  close(leak);
+}
+
+TEST_CASE("what the IMU-rate poses need is handed over exactly, or not at all") {
+  const FakePublisher fake("echo \"$@\" > arguments; exec sleep 100");
+  PublisherProcessConfig config = config_for(fake.path());
+  SECTION("wanted") {
+    config.imu_poses.emplace();
+    config.imu_poses->propagation.T_base_imu.rotation = Eigen::Quaterniond(0.1, 0.7, -0.7, 0.1);
+    config.imu_poses->propagation.T_base_imu.translation = {-0.81, 0.0, 2.0 / 3.0};
+    config.imu_poses->slew.jump_rad = 1.0 / 3.0;
+    auto process = PublisherProcess::create(config);
+    REQUIRE(process.ok());
+    REQUIRE((*process)->start().ok());
+    const std::string arguments = fake.output("arguments");
+    CHECK_THAT(arguments, Contains("--imu-rate ") && Contains("--imu-turn-jump=0.33333333333333331"));
+    CHECK_THAT(arguments, Contains("--imu-orientation=0.69999999999999996,-0.69999999999999996,0."
+                                   "10000000000000001,0.10000000000000001"));
+    CHECK_THAT(arguments, Contains("--imu-position=-0.81000000000000005,0,0.66666666666666663"));
+    CHECK((*process)->publish_sample({}));
+    CHECK((*process)->samples().size() == 1);
+  }
+  SECTION("not wanted") {
+    auto process = PublisherProcess::create(config);
+    REQUIRE(process.ok());
+    REQUIRE((*process)->start().ok());
+    CHECK(fake.output("arguments").find("--imu-rate ") == std::string::npos);
+    CHECK_FALSE((*process)->publish_sample({}));
+    CHECK((*process)->samples().written() == 0);
+  }
+}
+
+TEST_CASE("samples that find the ring full are counted and never block") {
+  PublisherProcessConfig config = config_for("/bin/true");
+  config.imu_poses.emplace();
+  config.sample_ring_capacity = 16;
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  int accepted = 0;
+  for (int i = 0; i < 50; ++i) accepted += (*process)->publish_sample({}) ? 1 : 0;
+  CHECK(accepted == 16);
+  CHECK((*process)->samples().dropped() == 34);
+}
+
+TEST_CASE("a publisher that does not end when asked is killed") {
+  const FakePublisher fake("trap '' TERM; echo up > up; while :; do sleep 0.05; done");
+  auto process = PublisherProcess::create(config_for(fake.path()));
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  REQUIRE(fake.output("up") == "up\n");
+  CHECK((*process)->publish({}));
+  const auto stopped = (*process)->stop(Duration::from_milliseconds(100.0));
+  REQUIRE(stopped.has_value());
+  CHECK(stopped->kind == Kind::kStopped);
+  CHECK(stopped->signal == SIGKILL);
+  CHECK(stopped->unpublished == 1);
+  CHECK_FALSE((*process)->running());
+  CHECK_FALSE((*process)->poll().has_value());
+}
+
+TEST_CASE("a publisher that dies is started again with growing pauses") {
+  const FakePublisher fake("exit 3");
+  auto process = PublisherProcess::create(config_for(fake.path()));
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  double expected_ms = 20.0;
+  auto before = std::chrono::steady_clock::now();
+  for (std::uint64_t restart = 0; restart < 5; ++restart) {
+    const PublisherEvent died = wait_for_event(**process);
+    REQUIRE(died.kind == Kind::kDied);
+    CHECK(died.exit_status == 3);
+    CHECK(died.signal == 0);
+    CHECK(died.restarts == restart);
+    CHECK(died.back_off.milliseconds() == expected_ms);
+    CHECK_THAT(died.message, Contains("ended with status 3"));
+    const PublisherEvent started = wait_for_event(**process);
+    const auto after = std::chrono::steady_clock::now();
+    // Between two starts, whenever in between the death was seen.
+    const std::chrono::duration<double, std::milli> pause = after - std::exchange(before, after);
+    REQUIRE(started.kind == Kind::kStarted);
+    CHECK(started.restarts == restart + 1);
+    CHECK(started.pid > 0);
+    CHECK(pause.count() >= expected_ms);
+    expected_ms = std::min(2.0 * expected_ms, 100.0);
+  }
+  CHECK((*process)->restarts() == 5);
+}
+
+TEST_CASE("after a healthy life the pause is short again") {
+  const FakePublisher fake("sleep 0.1; exit 1");
+  PublisherProcessConfig config = config_for(fake.path());
+  config.healthy_after = Duration::from_milliseconds(50.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  for (int i = 0; i < 3; ++i) {
+    const PublisherEvent died = wait_for_event(**process);
+    CHECK(died.back_off.milliseconds() == 20.0);
+    CHECK(wait_for_event(**process).kind == Kind::kStarted);
+  }
+}
+
+TEST_CASE("a publisher killed by a signal is reported with it") {
+  const FakePublisher fake("exec sleep 100");
+  auto process = PublisherProcess::create(config_for(fake.path()));
+  REQUIRE(process.ok());
+  const auto pid = (*process)->start();
+  REQUIRE(pid.ok());
+  CHECK_FALSE((*process)->poll().has_value());
+  kill(*pid, SIGKILL);
+  const PublisherEvent died = wait_for_event(**process);
+  CHECK(died.kind == Kind::kDied);
+  CHECK(died.pid == *pid);
+  CHECK(died.signal == SIGKILL);
+  CHECK(died.exit_status == -1);
+  CHECK_THAT(died.message, Contains("killed by signal 9"));
+}
+
+TEST_CASE("a publisher that reads nothing although poses wait is killed") {
+  const FakePublisher fake("exec sleep 100");
+  PublisherProcessConfig config = config_for(fake.path());
+  config.hang_timeout = Duration::from_milliseconds(100.0);
+  auto process = PublisherProcess::create(config);
+  REQUIRE(process.ok());
+  REQUIRE((*process)->start().ok());
+  std::this_thread::sleep_for(std::chrono::milliseconds(150));
+  CHECK_FALSE((*process)->poll().has_value());  // nothing to read is no reason
+  CHECK((*process)->publish({}));
+  CHECK(wait_for_event(**process).kind == Kind::kHung);
+  CHECK(wait_for_event(**process).signal == SIGKILL);
+}
+
+TEST_CASE("an executable that is not there is an error that names it, and is tried again") {
+  auto process = PublisherProcess::create(config_for("/nonexistent/nilio-publisher"));
+  REQUIRE(process.ok());
+  const auto started = (*process)->start();
+  REQUIRE_FALSE(started.ok());
+  CHECK_THAT(started.error().message, Contains("/nonexistent/nilio-publisher") && Contains("No such file"));
+  CHECK(wait_for_event(**process).kind == Kind::kStartFailed);
+  CHECK_FALSE((*process)->stop().has_value());
+}
+
+TEST_CASE("poses that find the ring full are counted and never block") {
+  auto process = PublisherProcess::create(config_for("/bin/true"));
+  REQUIRE(process.ok());
+  int accepted = 0;
+  for (int i = 0; i < 20; ++i) accepted += (*process)->publish({}) ? 1 : 0;
+  CHECK(accepted == 8);
+  CHECK((*process)->ring().dropped() == 12);
+}

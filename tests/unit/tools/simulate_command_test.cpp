@@ -1,0 +1,156 @@
+#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
+
+#include "tests/support/tools_run_command.hpp"
+#include "tests/support/tools_simulate_support.hpp"
+#include "tools/common/commands.hpp"
+#include "tools/evaluate/trajectory.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using tests::SimulationFolder;
+
+namespace {
+
+/// "nilio simulate <arguments>".
+tests::CommandResult hear_simulate(const std::string& arguments) {
+  return tests::hear_command(tools::add_simulate_command, "simulate " + arguments);
+}
+
+int simulate(const std::string& arguments) { return hear_simulate(arguments).status; }
+
+const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
+
+}  // namespace
+
+TEST_CASE("the same seed gives the same bytes in every file, another seed does not") {
+  const SimulationFolder a;
+  const SimulationFolder b;
+  const SimulationFolder c;
+  REQUIRE(simulate(a.path().string() + kShort) == 0);
+  REQUIRE(simulate(b.path().string() + kShort) == 0);
+  REQUIRE(simulate(c.path().string() + kShort + " --seed 2") == 0);
+  for (const char* name : {"lidar.pcap", "imu.candump.log", "truth.tum"}) {
+    const std::string content = tests::read_whole(a.path() / name);
+    CHECK(content.size() > 10'000);
+    CHECK(content == tests::read_whole(b.path() / name));
+    CHECK(content != tests::read_whole(c.path() / name));
+  }
+  CHECK(tests::read_whole(a.path() / "nilio.yaml") == tests::read_whole(b.path() / "nilio.yaml"));
+}
+
+TEST_CASE("the truth begins at the identity and its times are those of the IMU frames") {
+  const SimulationFolder folder;
+  REQUIRE(simulate(folder.path().string() + kShort + " --imu oxts_rt3003 --imu-rate 100") == 0);
+  const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
+  REQUIRE(truth.ok());
+  CHECK(truth->poses.size() == 201);
+  CHECK(truth->poses.front().matrix().isApprox(Eigen::Matrix4d::Identity(), 1e-9));
+  CHECK(truth->poses.back().translation().norm() == Approx(10.0).margin(0.3));
+
+  auto source = drivers::open_candump((folder.path() / "imu.candump.log").string(), "can0");
+  REQUIRE(source.ok());
+  auto preset = drivers::imu_preset("oxts_rt3003");
+  REQUIRE(preset.ok());
+  auto decoder = drivers::ImuDecoder::create(preset->mapping, preset->database);
+  REQUIRE(decoder.ok());
+  std::vector<core::ImuSample> samples;
+  std::vector<drivers::CanFrame> frames(64);
+  while (true) {
+    const drivers::SourceRead read = (*source)->read(frames, core::Duration{0});
+    for (std::size_t i = 0; i < read.count; ++i) {
+      if (const auto sample = decoder->add(frames[i])) samples.push_back(*sample);
+    }
+    if (read.state != drivers::SourceState::kData) break;
+  }
+  REQUIRE(samples.size() == 101);
+  CHECK(samples.front().stamp == truth->stamps.front());
+  CHECK(samples.back().stamp == truth->stamps.back());
+  CHECK(samples[50].linear_acceleration[2] == Approx(9.81).margin(1.5));
+}
+
+TEST_CASE("without an IMU neither its file nor its configuration is written") {
+  const SimulationFolder folder;
+  REQUIRE(simulate(folder.path().string() + kShort) == 0);
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
+  REQUIRE(simulate(folder.path().string() + kShort + " --imu none --sensor hdl64e") == 0);
+  CHECK_FALSE(std::filesystem::exists(folder.path() / "imu.candump.log"));
+  const std::string configuration = tests::read_whole(folder.path() / "nilio.yaml");
+  CHECK_THAT(configuration, Catch::Contains("model: HDL-64E-S2") && !Catch::Contains("imu:"));
+}
+
+TEST_CASE("options out of range, not a number and unknown names are refused while parsing") {
+  for (const char* option : {"--speed nan", "--rpm 0", "--length -5", "--range-noise inf", "--imu-rate 1e9",
+                             "--sensor os1", "--return-mode triple", "--gps maybe", "--network-jitter-us -1",
+                             "--rpm 1300", "--imu foo", "--moving-cars -1", "--seed x"}) {
+    INFO(option);
+    CHECK(simulate("somewhere " + std::string(option)) == tests::kNotAccepted);
+  }
+}
+
+TEST_CASE("what cannot be done is said with place and remedy") {
+  const SimulationFolder folder;
+  tests::CommandResult result;
+  SECTION("a folder that cannot be made") {
+    std::ofstream(folder.path() / "file") << "x";
+    const std::string path = (folder.path() / "file" / "below").string();
+    result = hear_simulate(path + kShort);
+    CHECK_THAT(result.errors, Catch::Contains(path) && Catch::Contains("cannot be made"));
+  }
+  SECTION("a full disk") {
+    std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap");
+    result = hear_simulate(folder.path().string() + kShort);
+    CHECK_THAT(result.errors, Catch::Contains("lidar.pcap") && Catch::Contains("disk"));
+  }
+  SECTION("a bad line in a pose file") {
+    const auto poses = folder.path() / "poses.txt";
+    std::ofstream(poses) << "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 nan 0 0 1 0\n";
+    result = hear_simulate(folder.path().string() + " --trajectory " + poses.string());
+    CHECK_THAT(result.errors, Catch::Contains("poses.txt:2"));
+  }
+  SECTION("an option that the trajectory does not use") {
+    result = hear_simulate(folder.path().string() + " --calib x");
+    CHECK_THAT(result.errors, Catch::Contains("--calib"));
+  }
+  CHECK(result.status == 1);
+}
+
+TEST_CASE("every model can be asked for by name, and what it cannot do is said") {
+  const SimulationFolder folder;
+  tests::CommandResult result;
+  const auto errors = [&](const std::string& options) {
+    result = hear_simulate(folder.path().string() + kShort + options);
+    return result.errors;
+  };
+  CHECK_THAT(errors(" --sensor vlp-32c --return-mode dual_confidence"),
+             Catch::Contains("VLP-32C has only single, dual"));
+  CHECK(result.status == 1);
+  CHECK_THAT(errors(" --sensor HDL-64E-S1 --gps none"), Catch::Contains("--gps: HDL-64E-S1 sends no time"));
+  CHECK(result.status == 1);
+  CHECK_THAT(errors(" --stream-calibration on"), Catch::Contains("VLP-16 sends no calibration"));
+  CHECK(result.status == 1);
+  CHECK(errors(" --sensor puckhires --return-mode dual --gps nmea --rpm 1200").empty());
+  CHECK(result.status == 0);
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("model: Puck-Hi-Res"));
+}
+
+TEST_CASE("an HDL-64E that sends its calibration has it written beside the recording") {
+  const SimulationFolder folder;
+  REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3") == 0);
+  const auto path = folder.path() / "calibration.yaml";
+  // By its name alone, so that the recording can be moved.
+  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"),
+             Catch::Contains("calibration: calibration.yaml"));
+  const auto built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
+  const auto read = drivers::with_calibration_file(built_in, path.string());
+  REQUIRE(read.ok());
+  CHECK(read->lasers != built_in.lasers);
+  REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3 --stream-calibration off") == 0);
+  CHECK_FALSE(std::filesystem::exists(path));
+}

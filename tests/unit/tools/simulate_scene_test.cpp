@@ -1,0 +1,112 @@
+#include "tests/support/tools_simulate_support.hpp"
+
+#include <cmath>
+#include <numbers>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::tools::simulation;
+using core::SE3;
+using core::Vector3;
+using tests::SimulatedWorld;
+
+namespace {
+
+/// Rays over a metre and a half of road in front of the vehicle's axles, across its width and height.
+std::vector<std::pair<Vector3, Vector3>> sweep(const SE3& T_world_base) {
+  // Casting begins 0.4 m after the origin.
+  constexpr double back = -0.45;
+  std::vector<std::pair<Vector3, Vector3>> rays;
+  for (const double y : {-0.95, -0.5, 0.0, 0.5, 0.95}) {
+    for (const double z : {0.35, 0.8, 1.4, 2.0}) {
+      rays.emplace_back(T_world_base * Vector3(back, y, z), T_world_base.rotation * Vector3::UnitX());
+    }
+  }
+  return rays;
+}
+
+/// How often something stands in the way of the vehicle.
+int count_obstacles(const SimulatedWorld& world, double speed_step_s) {
+  int obstacles = 0;
+  for (double t = 0.0; t < world.trajectory.duration_s(); t += speed_step_s) {
+    for (const float distance : tests::cast_rays(world.scene, sweep(world.trajectory.pose(t)), t, 1.5F)) {
+      obstacles += distance > 0.0F ? 1 : 0;
+    }
+  }
+  return obstacles;
+}
+
+/// A figure of eight of two circles, driven twice, at 8 m/s: crosses itself and comes back on its own lane.
+std::vector<SE3> figure_of_eight() {
+  constexpr double radius = 22.0;
+  std::vector<SE3> poses;
+  for (double s = 0.0; s < 2.0 * 4.0 * std::numbers::pi * radius; s += 8.0 * kControlIntervalS) {
+    const double turn = std::fmod(s / radius, 4.0 * std::numbers::pi);
+    const double way = turn < 2.0 * std::numbers::pi ? 1.0 : -1.0;
+    const double yaw = way * std::fmod(turn, 2.0 * std::numbers::pi);
+    poses.push_back({core::so3_exp({0.0, 0.0, yaw}),
+                     {way * radius * std::sin(yaw), way * radius * (1.0 - std::cos(yaw)), 0.0}});
+  }
+  return poses;
+}
+
+}  // namespace
+
+TEST_CASE("nothing stands in the driven lane on any pass, and no moving car drives into the vehicle") {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+    TownDriveConfig config;
+    config.seed = seed;
+    const SimulatedWorld world = tests::make_world(make_town_drive(config), seed, 20);
+    CHECK(world.town.summary.buildings > 20);
+    CHECK(world.town.summary.parked_cars > 5);
+    CHECK(world.scene.cars().size() > 5);
+    CHECK(count_obstacles(world, 0.05) == 0);
+  }
+}
+
+TEST_CASE("a drive that crosses itself has its lane free at the crossing too") {
+  const SimulatedWorld world = tests::make_world(figure_of_eight(), 7, 10);
+  CHECK(world.town.summary.buildings > 3);
+  CHECK(count_obstacles(world, 0.05) == 0);
+}
+
+TEST_CASE("the ground carries the vehicle") {
+  const SimulatedWorld world = tests::make_world(make_town_drive({}), 1, 0);
+  for (double t = 2.0; t < world.trajectory.duration_s(); t += 0.7) {
+    const Vector3 base = world.trajectory.pose(t).translation;
+    CHECK(std::abs(world.town.ground.height(base.head<2>()) - base.z()) < 0.08);
+  }
+}
+
+TEST_CASE("moving cars move, on the ground and along their heading") {
+  const SimulatedWorld world = tests::make_world(make_town_drive({}), 1, 15);
+  std::size_t seen = 0;
+  for (const MovingCar& car : world.scene.cars()) {
+    for (double t = 0.0; t < world.trajectory.duration_s(); t += 0.5) {
+      const auto now = car.pose(t);
+      const auto later = car.pose(t + 0.1);
+      if (!now || !later) continue;
+      ++seen;
+      const Vector3 step = now->inverse() * later->translation;
+      CHECK(step.x() == Approx(0.1 * car.speed_m_s).epsilon(0.25));
+      CHECK(std::abs(step.y()) < 0.35);
+      const Vector3& p = now->translation;
+      CHECK(std::abs(world.town.ground.height(p.head<2>()) - p.z()) < 0.05);
+    }
+  }
+  CHECK(seen > 50);
+}
+
+TEST_CASE("density 0 leaves bare streets and density 1 builds them up") {
+  TownDriveConfig config;
+  config.extent.length_m = 150.0;
+  const VehicleTrajectory trajectory(make_town_drive(config), kControlIntervalS);
+  const auto bare = build_town(trajectory, {1, 0.0});
+  REQUIRE(bare.ok());
+  CHECK(bare->summary.buildings + bare->summary.trees + bare->summary.parked_cars + bare->summary.posts == 0);
+  const auto full = build_town(trajectory, {1, 1.0});
+  REQUIRE(full.ok());
+  CHECK(full->summary.buildings > 8);
+  CHECK(full->mesh.triangles.size() > bare->mesh.triangles.size());
+}

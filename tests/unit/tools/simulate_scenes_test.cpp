@@ -1,0 +1,41 @@
+#include "tools/simulate/scenes/scene.hpp"
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::tools::simulation;
+
+TEST_CASE("every scene is the same for the same seed, another for another, and has something in it") {
+  for (const SceneInfo& info : scene_infos()) {
+    if (info.kind == SceneKind::kTown || info.kind == SceneKind::kManoeuvres) continue;
+    CAPTURE(info.name);
+    SceneConfig config;
+    config.extent.duration_s = 4.0;
+    const auto one = build_scene(info.kind, config);
+    const auto same = build_scene(info.kind, config);
+    config.seed = 2;
+    const auto other = build_scene(info.kind, config);
+    REQUIRE(one.ok());
+    REQUIRE(same.ok());
+    REQUIRE(other.ok());
+    CHECK(one->mesh.vertices.size() > 1000);
+    CHECK(one->mesh.vertices == same->mesh.vertices);
+    CHECK(one->mesh.materials.size() == one->mesh.triangles.size());
+    CHECK(one->mesh.vertices != other->mesh.vertices);
+    CHECK(one->poses.size() >= 80);
+  }
+}
+
+TEST_CASE("a bus comes to rest where it halts, stays, and drives on at its speed") {
+  MovingCar bus;
+  for (int i = 0; i < 400; ++i) bus.path.emplace_back(i, 0.0, 0.0);
+  bus.speed_m_s = 9.0;
+  bus.halt_m = 150.0;
+  bus.halt_s = 60.0;
+  // At 9 m/s it brakes from 33.75 m before.
+  const double braking_from_s = (150.0 - 33.75) / 9.0;
+  CHECK(bus.travelled_m(braking_from_s) == Approx(150.0 - 33.75));
+  CHECK(bus.travelled_m(braking_from_s + 7.5) == Approx(150.0));
+  CHECK(bus.travelled_m(braking_from_s + 67.0) == Approx(150.0));
+  CHECK(bus.travelled_m(braking_from_s + 75.0) == Approx(150.0 + 33.75));
+  CHECK(bus.travelled_m(braking_from_s + 76.0) == Approx(150.0 + 33.75 + 9.0));
+}

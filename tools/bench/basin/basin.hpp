@@ -1,0 +1,11 @@
+#pragma once
+
+#include "tools/common/command_line_fwd.hpp"
+
+namespace nilio::tools {
+
+/// `nilio bench basin`: from how far away each registration method finds home. A failure ends the parsing
+/// with CLI::RuntimeError.
+void add_bench_basin(CLI::App& bench);
+
+}  // namespace nilio::tools

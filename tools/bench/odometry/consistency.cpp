@@ -1,0 +1,106 @@
+#include "tools/bench/odometry/consistency.hpp"
+
+#include <optional>
+
+#include <Eigen/Cholesky>
+
+namespace nilio::tools {
+
+namespace {
+
+using core::Matrix6;
+using core::OdometryResult;
+using core::SE3;
+using core::Vector6;
+
+// Of the chi-square distribution with six degrees of freedom.
+constexpr double kWithin95 = 12.592;
+constexpr double kDegreesOfFreedom = 6.0;
+constexpr core::Duration kMaxGap = core::Duration::from_milliseconds(30.0);
+constexpr std::size_t kScansOfASecond = 10;
+
+class NeesSum {
+ public:
+  void add(const Vector6& error, const Matrix6& covariance) {
+    const double square = error.dot(covariance.ldlt().solve(error));
+    sum_ += square;
+    within_ += square <= kWithin95 ? 1 : 0;
+    ++count_;
+  }
+  [[nodiscard]] Nees result() const {
+    if (count_ == 0) return {};
+    const auto count = static_cast<double>(count_);
+    return {count_, sum_ / (kDegreesOfFreedom * count), static_cast<double>(within_) / count};
+  }
+
+ private:
+  double sum_ = 0.0;
+  std::size_t within_ = 0;
+  std::size_t count_ = 0;
+};
+
+bool is_registered(const OdometryResult& result) {
+  return result.state != core::TrackingState::kInitialising && !result.predicted;
+}
+
+/// In the axes of the body itself.
+Matrix6 body_covariance(const OdometryResult& result) {
+  const Matrix6 to_body = core::block_rotation(result.T_odom_base.rotation.conjugate().toRotationMatrix());
+  return to_body * result.pose_covariance * to_body.transpose();
+}
+
+/// Takes a small motion, translation first, from the axes of the one body to those of the other.
+Matrix6 adjoint(const SE3& T_to_from) {
+  const core::Matrix3 R = T_to_from.rotation.toRotationMatrix();
+  Matrix6 result = core::block_rotation(R);
+  result.topRightCorner<3, 3>() = core::skew(T_to_from.translation) * R;
+  return result;
+}
+
+/// `from` and `to` with the truth at both.
+void add_motion(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
+                const SE3& true_to, NeesSum& sum) {
+  const SE3 T_to_from = to.T_odom_base.inverse() * from.T_odom_base;
+  const SE3 true_motion = true_from.inverse() * true_to;
+  const Matrix6 A = adjoint(T_to_from);
+  sum.add(core::se3_log(true_motion.inverse() * T_to_from.inverse()),
+          body_covariance(to) + A * body_covariance(from) * A.transpose());
+}
+
+void add_twist(const OdometryResult& result, const SE3& true_start, const SE3& true_end, NeesSum& sum) {
+  const double seconds = (result.scan_end - result.scan_start).seconds();
+  if (seconds <= 0.0) return;
+  const Vector6 true_twist = core::se3_log(true_start.inverse() * true_end) / seconds;
+  sum.add(result.twist - true_twist, result.twist_covariance);
+}
+
+}  // namespace
+
+Consistency judge_consistency(const Trajectory& truth, std::span<const OdometryResult> results) {
+  NeesSum steps;
+  NeesSum seconds;
+  NeesSum twists;
+  const auto true_at = [&](core::Time stamp) -> std::optional<SE3> {
+    if (truth.format != TrajectoryFormat::kTum) return std::nullopt;
+    const std::optional<Pose> pose = interpolate_pose(truth, stamp, kMaxGap);
+    if (!pose) return std::nullopt;
+    return se3_of(*pose);
+  };
+  const auto add_since = [&](std::size_t before, std::size_t i, const SE3& true_end, NeesSum& sum) {
+    if (i < before || !is_registered(results[i - before])) return;
+    const std::optional<SE3> true_before = true_at(results[i - before].scan_end);
+    if (true_before) add_motion(results[i - before], *true_before, results[i], true_end, sum);
+  };
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    if (!is_registered(results[i])) continue;
+    const std::optional<SE3> true_start = true_at(results[i].scan_start);
+    const std::optional<SE3> true_end = true_at(results[i].scan_end);
+    if (!true_start || !true_end) continue;
+    add_twist(results[i], *true_start, *true_end, twists);
+    add_since(1, i, *true_end, steps);
+    add_since(kScansOfASecond, i, *true_end, seconds);
+  }
+  return {steps.result(), seconds.result(), twists.result()};
+}
+
+}  // namespace nilio::tools

@@ -1,0 +1,274 @@
+#include "tools/bench/realtime/identity_checks.hpp"
+
+#include "nilio/core/tracking.hpp"
+
+#include "tools/bench/common/niliod_run.hpp"
+#include "tools/bench/realtime/background_load.hpp"
+#include "tools/common/file_text.hpp"
+#include "tools/common/sha256.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+namespace nilio::tools {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Result;
+using Verdict = IdentityCheck::Verdict;
+
+/// A busy computer loses packets now and then; what it loses tells nothing of the poses.
+constexpr int kAttempts = 3;
+constexpr unsigned kHogs = 2;
+const std::string kUnlimited = "odometry.budget=off";
+const std::string kCounted = "odometry.budget=ops";
+const std::string kTight = "odometry.budget_ms=2";
+
+std::string text_of(const fs::path& path) { return file_text(path).value_or(""); }
+
+std::size_t lines_of(const std::string& text) {
+  return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+}
+
+/// Why the packets or scans of a live run are not those that were sent; empty when they are.
+std::string difference_of_input(const RealtimeRun& run) {
+  const RunFigures& f = run.figures;
+  const auto say = [](std::uint64_t count, const char* what) { return std::to_string(count) + what; };
+  if (f.packets_lost > 0) return say(f.packets_lost, " packets were lost on the way");
+  if (f.packets_dropped > 0) return say(f.packets_dropped, " packets found no room");
+  if (run.sent && run.sent->packets_failed > 0)
+    return say(run.sent->packets_failed, " packets were not sent");
+  return {};
+}
+
+/// Otherwise the bits of its stamps rest on when packets happened to arrive.
+bool has_gps_time(const RealtimeRun& run) {
+  return run.figures.clock_source == core::name_of(core::ClockSource::kPpsLocked) ||
+         run.figures.clock_source == core::name_of(core::ClockSource::kNmeaOnly);
+}
+constexpr const char* kNoGpsTime = "the sensor's time was fitted onto the host's: it knows no GPS time";
+
+class IdentityRuns {
+ public:
+  IdentityRuns(const SensorDrive& drive, const DrivePart& part, const RealtimeRunConfig& config,
+               const fs::path& folder, StopSignals& signals)
+      : drive_(drive), part_(part), config_(config), folder_(folder), signals_(signals) {}
+
+  Result<IdentityCheck> file_and_loopback();
+  Result<IdentityCheck> threads(const std::string& count);
+  Result<IdentityCheck> loaded_and_idle();
+  Result<IdentityCheck> overload_and_log(Feed feed);
+
+ private:
+  /// trajectory.kitti of the run in a folder of its own.
+  Result<std::string> over_file(std::vector<std::string> overrides, const std::string& decisions = {});
+  /// Of the file as the loopback has it: without an IMU where its frames are not sent.
+  [[nodiscard]] std::vector<std::string> like_loopback(Feed feed) const;
+  /// Counted operations, on an idle computer with one thread.
+  Result<std::string> reference();
+  fs::path next_folder() { return folder_ / ("check" + std::to_string(runs_++)); }
+
+  const SensorDrive& drive_;
+  const DrivePart& part_;
+  const RealtimeRunConfig& config_;
+  const fs::path& folder_;
+  StopSignals& signals_;
+  int runs_ = 0;
+  std::optional<std::string> reference_;
+};
+
+Result<std::string> IdentityRuns::over_file(std::vector<std::string> overrides,
+                                            const std::string& decisions) {
+  const fs::path folder = next_folder();
+  overrides.insert(overrides.begin(), config_.overrides.begin(), config_.overrides.end());
+  const auto run = run_niliod_over_file({part_.files, std::move(overrides), decisions}, folder, signals_);
+  if (!run) return run.error();
+  return text_of(folder / "trajectory.kitti");
+}
+
+Result<std::string> IdentityRuns::reference() {
+  if (!reference_) {
+    const Result<std::string> text = over_file({kCounted, kTight, "odometry.threads=1"});
+    if (!text) return text.error();
+    reference_ = *text;
+  }
+  return *reference_;
+}
+
+std::vector<std::string> IdentityRuns::like_loopback(Feed feed) const {
+  if (feed == Feed::kReplay || !config_.can_interface.empty()) return {};
+  return {"imu.enabled=false"};
+}
+
+IdentityCheck compare(const std::string& name, const std::string& first, const std::string& second) {
+  IdentityCheck check{name, Verdict::kFail, sha256(first), sha256(second), {}};
+  if (first.empty()) {
+    check.remark = "no poses";
+  } else if (first == second) {
+    check.verdict = Verdict::kPass;
+    check.remark = std::to_string(lines_of(first)) + " poses";
+  } else {
+    check.remark = "please report this";
+  }
+  return check;
+}
+
+Result<IdentityCheck> IdentityRuns::file_and_loopback() {
+  const std::string name = "file = UDP loopback, no budget";
+  std::vector<std::string> overrides = like_loopback(Feed::kUdp);
+  overrides.push_back(kUnlimited);
+  const Result<std::string> file = over_file(overrides);
+  if (!file) return file.error();
+  IdentityCheck check{name, Verdict::kNotComparable, sha256(*file), {}, {}};
+  RealtimeRunConfig config = config_;
+  config.feed = Feed::kUdp;
+  config.condition = Condition::kIdle;
+  config.overrides.push_back(kUnlimited);
+  for (int i = 0; i < kAttempts; ++i) {
+    const fs::path folder = next_folder();
+    const auto run = run_niliod_in_real_time(drive_, part_, config, folder, signals_);
+    if (!run) return run.error();
+    check.remark = difference_of_input(*run);
+    const std::string live = text_of(folder / "trajectory.kitti");
+    check.second = sha256(live);
+    if (!has_gps_time(*run)) {
+      check.remark = kNoGpsTime;
+      break;
+    }
+    if (!check.remark.empty()) continue;
+    const std::uint64_t superseded = run->figures.superseded;
+    if (superseded == 0) return compare_with_file(name, *file, live);
+    // While it looks what the sensor is, or is kept from running: what a file does not know, its log does.
+    const Result<std::string> repeated = over_file(overrides, (folder / "decisions.jsonl").string());
+    if (!repeated) return repeated.error();
+    check = compare(name, *repeated, live);
+    check.remark += ", " + std::to_string(superseded) + " superseded scans left out by the decision log";
+    return check;
+  }
+  return check;
+}
+
+Result<IdentityCheck> IdentityRuns::threads(const std::string& count) {
+  const Result<std::string> first = reference();
+  if (!first) return first.error();
+  const Result<std::string> second = over_file({kCounted, kTight, "odometry.threads=" + count});
+  if (!second) return second.error();
+  return compare("1 thread = " + count + " threads, counted 2 ms", *first, *second);
+}
+
+Result<IdentityCheck> IdentityRuns::loaded_and_idle() {
+  const Result<std::string> first = reference();
+  if (!first) return first.error();
+  const Result<BackgroundLoad> load = BackgroundLoad::cpu_hogs(kHogs);
+  if (!load) return load.error();
+  const Result<std::string> second = over_file({kCounted, kTight, "odometry.threads=1"});
+  if (!second) return second.error();
+  return compare("idle = two CPU hogs, counted 2 ms", *first, *second);
+}
+
+Result<IdentityCheck> IdentityRuns::overload_and_log(Feed feed) {
+  const std::string name = std::string("live run, 2 ms and hogs = its decision log, ") +
+                           (feed == Feed::kUdp ? "UDP" : "--as-live");
+  RealtimeRunConfig config = config_;
+  config.feed = feed;
+  config.condition = Condition::kHogs;
+  config.overrides.insert(config.overrides.end(), {"odometry.budget=wall", kTight});
+  IdentityCheck check{name, Verdict::kNotComparable, {}, {}, {}};
+  for (int i = 0; i < kAttempts; ++i) {
+    const fs::path folder = next_folder();
+    const auto run = run_niliod_in_real_time(drive_, part_, config, folder, signals_);
+    if (!run) return run.error();
+    check.remark = difference_of_input(*run);
+    const std::string live = text_of(folder / "trajectory.kitti");
+    check.first = sha256(live);
+    if (run->sent && !has_gps_time(*run)) {
+      check.remark = kNoGpsTime;
+      break;
+    }
+    if (!check.remark.empty()) continue;
+    std::vector<std::string> overrides = like_loopback(feed);
+    overrides.insert(overrides.end(), {"odometry.budget=wall", kTight});
+    const Result<std::string> repeated = over_file(overrides, (folder / "decisions.jsonl").string());
+    if (!repeated) return repeated.error();
+    check = compare(name, live, *repeated);
+    check.remark += ", " + std::to_string(run->figures.superseded) + " superseded, " +
+                    std::to_string(run->figures.predicted_by_guard) + " predicted by the guard";
+    return check;
+  }
+  return check;
+}
+
+const char* verdict_name(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kPass:
+      return "PASS";
+    case Verdict::kFail:
+      return "FAIL";
+    case Verdict::kNotComparable:
+      break;
+  }
+  return "not comparable";
+}
+
+}  // namespace
+
+std::string sha256_of_lines(const std::string& text, std::size_t lines) {
+  std::size_t end = 0;
+  for (std::size_t i = 0; i < lines && end < text.size(); ++i) {
+    const std::size_t newline = text.find('\n', end);
+    end = newline == std::string::npos ? text.size() : newline + 1;
+  }
+  return sha256(std::string_view(text).substr(0, end));
+}
+
+IdentityCheck compare_with_file(const std::string& name, const std::string& file_kitti,
+                                const std::string& live_kitti) {
+  const std::size_t in_file = lines_of(file_kitti);
+  const std::size_t live = lines_of(live_kitti);
+  IdentityCheck check;
+  check.name = name;
+  check.first = sha256_of_lines(file_kitti, live);
+  check.second = sha256(live_kitti);
+  check.remark = std::to_string(live) + " poses of the file's " + std::to_string(in_file);
+  const bool complete = live > 0 && live <= in_file && in_file - live <= 1;
+  check.verdict = complete && check.first == check.second ? Verdict::kPass : Verdict::kFail;
+  return check;
+}
+
+Result<std::vector<IdentityCheck>> check_identities(const SensorDrive& drive, const DrivePart& part,
+                                                    const RealtimeRunConfig& config, const fs::path& folder,
+                                                    StopSignals& signals) {
+  IdentityRuns runs(drive, part, config, folder, signals);
+  std::vector<IdentityCheck> checks;
+  const auto keep = [&checks](Result<IdentityCheck> check) -> Result<std::monostate> {
+    if (!check) return check.error();
+    checks.push_back(std::move(check).value());
+    return std::monostate{};
+  };
+  if (auto kept = keep(runs.file_and_loopback()); !kept) return kept.error();
+  for (const char* count : {"2", "4"}) {
+    if (auto kept = keep(runs.threads(count)); !kept) return kept.error();
+  }
+  if (auto kept = keep(runs.loaded_and_idle()); !kept) return kept.error();
+  for (const Feed feed : {Feed::kReplay, Feed::kUdp}) {
+    if (auto kept = keep(runs.overload_and_log(feed)); !kept) return kept.error();
+  }
+  return checks;
+}
+
+BenchTable identity_table(std::span<const IdentityCheck> checks) {
+  BenchTable table{{"check", "verdict", "first", "second", "remark"}, {}};
+  for (const IdentityCheck& check : checks)
+    table.rows.push_back({check.name, verdict_name(check.verdict), check.first, check.second, check.remark});
+  return table;
+}
+
+bool any_failed(std::span<const IdentityCheck> checks) {
+  return std::any_of(checks.begin(), checks.end(),
+                     [](const IdentityCheck& check) { return check.verdict == Verdict::kFail; });
+}
+
+}  // namespace nilio::tools

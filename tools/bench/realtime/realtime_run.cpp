@@ -1,0 +1,290 @@
+#include "tools/bench/realtime/realtime_run.hpp"
+
+#include "daemon/input/receive.hpp"
+#include "tools/bench/common/niliod_run.hpp"
+#include "tools/bench/common/pose_listener.hpp"
+#include "tools/bench/realtime/background_load.hpp"
+#include "tools/bench/realtime/wakeup_noise.hpp"
+#include "tools/common/child_process.hpp"
+#include "tools/common/file_text.hpp"
+#include "tools/common/free_port.hpp"
+#include "tools/common/monotonic_sleep.hpp"
+#include "tools/common/thread_priority.hpp"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <csignal>
+#include <memory>
+#include <sys/prctl.h>
+#include <thread>
+#include <utility>
+
+namespace nilio::tools {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Duration;
+using core::Error;
+using core::Result;
+
+constexpr unsigned kHogs = 2;
+/// The sensor is another device, which no load on this computer holds up.
+constexpr int kSenderPriority = 90;
+constexpr Duration kPoll = Duration::from_milliseconds(20.0);
+constexpr Duration kConnectLimit = Duration::from_seconds(20.0);
+constexpr Duration kQuiet = Duration::from_seconds(1.0);
+constexpr Duration kBacklogLimit = Duration::from_seconds(20.0);
+constexpr Duration kPatience = Duration::from_seconds(10.0);
+/// For starting and ending, beside the length of the drive.
+constexpr Duration kReplayMargin = Duration::from_seconds(60.0);
+constexpr std::array<const char*, 4> kConditionNames{"idle", "hogs", "memory", "subscriber"};
+
+const Error kInterrupted{"interrupted"};
+
+/// One run, from the start of the first program to the end of the last.
+class RunInRealTime {
+ public:
+  RunInRealTime(const SensorDrive& drive, const DrivePart& part, const RealtimeRunConfig& config,
+                const fs::path& folder, StopSignals& signals)
+      : drive_(drive), part_(part), config_(config), folder_(folder), signals_(signals) {}
+
+  Result<RealtimeRun> run();
+
+ private:
+  Result<std::monostate> start_load();
+  Result<std::monostate> start_program();
+  /// Nothing to wait for is not an error; what cannot be waited for any longer is noted.
+  template <class Condition>
+  Result<bool> wait_for(Duration limit, const Condition& condition);
+  Result<std::monostate> connect();
+  Result<std::monostate> stop_slow_subscriber();
+  Result<std::monostate> feed();
+  Result<std::monostate> play();
+  Result<std::monostate> let_backlog_end();
+  void read_report();
+
+  const SensorDrive& drive_;
+  const DrivePart& part_;
+  const RealtimeRunConfig& config_;
+  const fs::path& folder_;
+  StopSignals& signals_;
+  std::uint16_t port_ = 0;
+  std::uint16_t position_port_ = 0;
+  std::unique_ptr<PoseListener> listener_;
+  std::optional<BackgroundLoad> load_;
+  std::optional<ChildProcess> slow_subscriber_;
+  std::optional<ChildProcess> niliod_;
+  RealtimeRun result_;
+};
+
+template <class Condition>
+Result<bool> RunInRealTime::wait_for(Duration limit, const Condition& condition) {
+  const std::int64_t deadline = daemon::monotonic_ns() + limit.ns;
+  while (!condition()) {
+    if (signals_.wait(kPoll)) return kInterrupted;
+    if (daemon::monotonic_ns() > deadline) return false;
+  }
+  return true;
+}
+
+Result<std::monostate> RunInRealTime::start_load() {
+  if (config_.condition == Condition::kHogs || config_.condition == Condition::kMemory) {
+    Result<BackgroundLoad> load = config_.condition == Condition::kHogs
+                                      ? BackgroundLoad::cpu_hogs(kHogs)
+                                      : BackgroundLoad::memory_pressure(pressure_bytes(config_.memory_bytes));
+    if (!load) return load.error();
+    load_.emplace(std::move(load).value());
+  }
+  if (config_.condition != Condition::kSlowSubscriber) return std::monostate{};
+  const Result<fs::path> nilio = find_sibling_program("nilio");
+  if (!nilio) return nilio.error();
+  auto watch = ChildProcess::start(
+      *nilio, {"watch", "--domain", std::to_string(config_.domain), "--interface", "127.0.0.1"},
+      folder_ / "subscriber.log");
+  if (!watch) return watch.error();
+  slow_subscriber_.emplace(std::move(watch).value());
+  return std::monostate{};
+}
+
+Result<std::monostate> RunInRealTime::start_program() {
+  std::vector<std::string> overrides{"publisher.domain=" + std::to_string(config_.domain),
+                                     "publisher.interfaces=[\"127.0.0.1\"]"};
+  std::vector<std::string> arguments;
+  if (config_.feed == Feed::kReplay) {
+    arguments = replay_arguments(part_.files);
+    arguments.emplace_back("--as-live");
+  } else {
+    const Result<std::array<std::uint16_t, 2>> ports = free_udp_ports(config_.port);
+    if (!ports) return ports.error();
+    port_ = (*ports)[0];
+    position_port_ = drive_.config.lidar.position_port == 0 ? std::uint16_t{0} : (*ports)[1];
+    if (!part_.files.configuration.empty()) arguments = {"--config", part_.files.configuration};
+    overrides.insert(overrides.end(), {"lidar.bind_address=127.0.0.1", "lidar.sender_address=\"\"",
+                                       "lidar.multicast_group=\"\"", "lidar.port=" + std::to_string(port_),
+                                       "lidar.position_port=" + std::to_string(position_port_)});
+    overrides.push_back(config_.can_interface.empty() ? "imu.enabled=false"
+                                                      : "imu.interface=" + config_.can_interface);
+  }
+  overrides.insert(overrides.end(), config_.overrides.begin(), config_.overrides.end());
+  Result<ChildProcess> niliod =
+      start_niliod(std::move(arguments), overrides, folder_, watch_environment(folder_));
+  if (!niliod) return niliod.error();
+  niliod_.emplace(std::move(niliod).value());
+  return std::monostate{};
+}
+
+Result<std::monostate> RunInRealTime::connect() {
+  const Result<bool> connected =
+      wait_for(kConnectLimit, [this] { return niliod_->poll() || listener_->is_connected(); });
+  if (!connected) return connected.error();
+  const std::optional<int> ended = niliod_->poll();
+  // A replay may be over before anybody has found its publisher.
+  if (ended && (config_.feed == Feed::kUdp || *ended != 0))
+    return Error{"niliod ended at once with status " + std::to_string(*ended) + ": " + niliod_->last_line()};
+  if (!listener_->is_connected())
+    result_.notes.push_back("no publisher was found on DDS domain " + std::to_string(config_.domain) + ": " +
+                            niliod_->last_line());
+  return std::monostate{};
+}
+
+Result<std::monostate> RunInRealTime::stop_slow_subscriber() {
+  if (!slow_subscriber_) return std::monostate{};
+  const Result<bool> found = wait_for(kConnectLimit, [this] {
+    const std::string said = file_text(folder_ / "subscriber.log").value_or("");
+    return said.find(": 1 publisher(s)") != std::string::npos ||
+           said.find(" received, ") != std::string::npos;
+  });
+  if (!found) return found.error();
+  if (!*found) result_.notes.emplace_back("the slow subscriber did not find the publisher: it slows nothing");
+  slow_subscriber_->send_signal(SIGSTOP);
+  return std::monostate{};
+}
+
+Result<std::monostate> RunInRealTime::play() {
+  PlayConfig play;
+  play.captures = part_.files.captures;
+  play.recorded_port = static_cast<std::uint16_t>(drive_.config.lidar.port);
+  play.recorded_position_port = static_cast<std::uint16_t>(drive_.config.lidar.position_port);
+  play.port = port_;
+  play.position_port = position_port_;
+  // As a sensor whose clock is right has it; otherwise its time is fitted onto the host's.
+  play.restamp = true;
+  if (!config_.can_interface.empty()) {
+    play.can_logs = part_.files.can_logs;
+    play.can_interface = config_.can_interface;
+  }
+  auto session = PlaySession::open(
+      play, [this](const std::string& line) { result_.notes.push_back("sender: " + line); });
+  if (!session) return session.error();
+  std::atomic<bool> stop{false};
+  std::atomic<bool> ended{false};
+  const std::int64_t begin_ns = daemon::realtime_ns();
+  std::thread sender([&] {
+    make_this_thread_fifo(kSenderPriority);
+    prctl(PR_SET_TIMERSLACK, 1UL);
+    result_.sent = (*session)->run([&stop] { return stop.load(); });
+    ended.store(true);
+  });
+  bool died = false;
+  while (!ended.load() && !stop.load()) {
+    died = niliod_->poll().has_value();
+    if (died || signals_.wait(kPoll)) stop.store(true);
+  }
+  sender.join();
+  if (died) return Error{"niliod ended during the run: " + niliod_->last_line()};
+  if (signals_.wait(Duration{})) return kInterrupted;
+  result_.stamp_shift = part_.first_stamp - core::Time{begin_ns};
+  return std::monostate{};
+}
+
+/// What the sender's end leaves in sockets and rings belongs to the run.
+Result<std::monostate> RunInRealTime::let_backlog_end() {
+  const std::int64_t sent_ns = daemon::monotonic_ns();
+  const Result<bool> quiet = wait_for(kBacklogLimit, [&] {
+    return daemon::monotonic_ns() - std::max(listener_->last_pose_ns(), sent_ns) > kQuiet.ns;
+  });
+  if (!quiet) return quiet.error();
+  if (!*quiet)
+    result_.notes.emplace_back("poses still came 20 s after the last packet: the rest is left out");
+  return std::monostate{};
+}
+
+Result<std::monostate> RunInRealTime::feed() {
+  if (auto stopped = stop_slow_subscriber(); !stopped) return stopped;
+  if (config_.feed == Feed::kReplay) return await_end(*niliod_, part_.length + kReplayMargin, signals_);
+  if (auto played = play(); !played) return played;
+  if (auto ended = let_backlog_end(); !ended) return ended;
+  if (const int status = niliod_->stop(kPatience); status != 0)
+    return Error{"niliod ended with status " + std::to_string(status) + ": " + niliod_->last_line()};
+  return std::monostate{};
+}
+
+/// The publisher's rows: from the last packet, or the CAN frame, to the return of DDS write().
+void RunInRealTime::read_report() {
+  const auto report = listener_->latency_report();
+  if (!report) return;
+  for (const dds::StageLatency& stage : report->stages) {
+    ipc::LatencySummary summary;
+    summary.name = stage.name;
+    summary.count = stage.count;
+    summary.p50_us = stage.p50_us;
+    summary.p99_us = stage.p99_us;
+    summary.max_us = stage.max_us;
+    if (stage.name == "received_to_written") result_.received_to_written = summary;
+    if (stage.name == "imu_received_to_written") result_.imu_pose = summary;
+  }
+}
+
+Result<RealtimeRun> RunInRealTime::run() {
+  std::error_code error;
+  fs::create_directories(folder_, error);
+  if (error) return Error{folder_.string() + ": cannot be made (" + error.message() + ")"};
+  auto listener = PoseListener::start(config_.domain);
+  if (!listener) return listener.error();
+  listener_ = std::move(listener).value();
+  if (auto started = start_load(); !started) return started.error();
+  if (auto started = start_program(); !started) return started.error();
+  if (auto connected = connect(); !connected) return connected.error();
+  WakeupNoise noise;
+  const auto fed = feed();
+  noise.stop();
+  if (!fed) return fed.error();
+  if (load_ && !load_->is_running()) result_.notes.emplace_back("the load was killed during the run");
+  Result<RunFigures> figures = read_run_figures(folder_);
+  if (!figures) return figures.error();
+  result_.figures = std::move(figures).value();
+  if (auto watch = read_thread_watch(folder_)) {
+    result_.watch = std::move(watch).value();
+  } else {
+    result_.why_not_watched = watch.error().message;
+  }
+  result_.noise = ipc::summarize("wake-up", noise.histogram());
+  result_.noise_is_fifo = noise.is_fifo();
+  listener_->stop();
+  result_.transport = ipc::summarize("DDS", listener_->transport());
+  result_.packet_to_subscriber = ipc::summarize("packet to subscriber", listener_->packet_to_pose());
+  read_report();
+  return std::move(result_);
+}
+
+}  // namespace
+
+const char* condition_name(Condition condition) {
+  return kConditionNames[static_cast<std::size_t>(condition)];
+}
+
+std::optional<Condition> parse_condition(const std::string& name) {
+  const auto found = std::find(kConditionNames.begin(), kConditionNames.end(), name);
+  if (found == kConditionNames.end()) return std::nullopt;
+  return static_cast<Condition>(found - kConditionNames.begin());
+}
+
+Result<RealtimeRun> run_niliod_in_real_time(const SensorDrive& drive, const DrivePart& part,
+                                            const RealtimeRunConfig& config, const fs::path& folder,
+                                            StopSignals& signals) {
+  return RunInRealTime(drive, part, config, folder, signals).run();
+}
+
+}  // namespace nilio::tools

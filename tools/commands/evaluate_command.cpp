@@ -1,0 +1,176 @@
+#include "tools/common/commands.hpp"
+#include "tools/evaluate/metrics.hpp"
+#include "tools/evaluate/metrics_report.hpp"
+#include "tools/evaluate/trajectory.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <memory>
+
+#include <CLI/CLI.hpp>
+
+namespace nilio::tools {
+
+namespace {
+
+constexpr int kUnusable = 1;
+constexpr int kThresholdExceeded = 3;
+
+struct EvaluateArguments {
+  std::string truth_path;
+  std::string estimate_path;
+  std::string calibration_path;
+  std::string json_path;
+  Alignment alignment = Alignment::kOrigin;
+  Association association = Association::kInterpolate;
+  std::optional<double> max_time_difference_s;
+  std::vector<double> segment_lengths_m;
+  std::optional<double> max_drift_percent;
+  std::optional<double> max_translation_percent;
+};
+
+/// A LiDAR-frame trajectory as the camera sees it: T_camera_lidar * T * T_camera_lidar^-1.
+core::Result<Trajectory> to_camera_frame(Trajectory trajectory, const std::string& calibration_path) {
+  const auto T_camera_lidar = read_kitti_calibration(calibration_path);
+  if (!T_camera_lidar) return T_camera_lidar.error();
+  for (Pose& pose : trajectory.poses) pose = *T_camera_lidar * pose * T_camera_lidar->inverse();
+  return trajectory;
+}
+
+core::Result<PosePairs> load_pairs(const EvaluateArguments& arguments) {
+  const auto truth = read_trajectory(arguments.truth_path);
+  if (!truth) return truth.error();
+  auto estimate = read_trajectory(arguments.estimate_path);
+  if (!estimate) return estimate.error();
+  if (!arguments.calibration_path.empty()) {
+    estimate = to_camera_frame(std::move(estimate).value(), arguments.calibration_path);
+    if (!estimate) return estimate.error();
+  }
+  AssociationOptions options;
+  options.method = arguments.association;
+  if (arguments.max_time_difference_s) {
+    options.max_time_difference = core::Duration::from_seconds(*arguments.max_time_difference_s);
+  }
+  return associate(*truth, *estimate, options);
+}
+
+/// 0, or 3 with a line for each threshold that is exceeded, or 1 when a threshold cannot be judged.
+int check_thresholds(const Evaluation& evaluation, const EvaluateArguments& arguments) {
+  int status = 0;
+  if (arguments.max_drift_percent) {
+    if (evaluation.truth_length_m <= 0.0) {
+      std::cerr << "nilio evaluate: --max-drift cannot be judged: the truth does not move\n";
+      return kUnusable;
+    }
+    const double drift = end_drift_percent(evaluation, arguments.alignment);
+    if (!(drift <= *arguments.max_drift_percent)) {
+      std::cerr << "nilio evaluate: end drift " << drift << " % exceeds --max-drift "
+                << *arguments.max_drift_percent << " %\n";
+      status = kThresholdExceeded;
+    }
+  }
+  if (arguments.max_translation_percent) {
+    if (!evaluation.segments) {
+      std::cerr << "nilio evaluate: --max-t cannot be judged: the path of " << evaluation.truth_length_m
+                << " m has no segment; give shorter ones with --segments\n";
+      return kUnusable;
+    }
+    const double translation = evaluation.segments->all.translation_percent;
+    if (!(translation <= *arguments.max_translation_percent)) {
+      std::cerr << "nilio evaluate: t_rel " << translation << " % exceeds --max-t "
+                << *arguments.max_translation_percent << " %\n";
+      status = kThresholdExceeded;
+    }
+  }
+  return status;
+}
+
+bool write_json(const std::string& path, const std::string& json) {
+  if (path == "-") {
+    std::cout << json;
+    return true;
+  }
+  std::ofstream file(path);
+  file << json;
+  file.close();
+  if (file) return true;
+  std::cerr << "nilio evaluate: " << path
+            << ": cannot be written; check the folder and the space on the disk\n";
+  return false;
+}
+
+int run_evaluate(const EvaluateArguments& arguments) {
+  const auto pairs = load_pairs(arguments);
+  if (!pairs) {
+    std::cerr << "nilio evaluate: " << pairs.error().message << '\n';
+    return kUnusable;
+  }
+  EvaluationOptions options;
+  options.report_unaligned = arguments.alignment == Alignment::kNone;
+  if (!arguments.segment_lengths_m.empty()) options.segment_lengths_m = arguments.segment_lengths_m;
+  const Evaluation evaluation = evaluate(*pairs, options);
+  const ReportOptions report{arguments.alignment};
+  if (arguments.json_path != "-") std::cout << format_report(evaluation, report);
+  if (!arguments.json_path.empty() && !write_json(arguments.json_path, format_json(evaluation, report))) {
+    return kUnusable;
+  }
+  return check_thresholds(evaluation, arguments);
+}
+
+}  // namespace
+
+void add_evaluate_command(CLI::App& app, int& status) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  CLI::App* command =
+      app.add_subcommand("evaluate", "compare a trajectory with the truth: APE, RPE, KITTI segments");
+  command->footer(
+      "Both files are TUM (time x y z qx qy qz qw) or both are KITTI (12 numbers per line, paired line by "
+      "line).\n"
+      "Exit status: 0 done, 1 input cannot be used, 3 a --max-... threshold is exceeded.");
+  command->add_option("truth", arguments->truth_path, "true trajectory")->required();
+  command->add_option("estimate", arguments->estimate_path, "trajectory to be judged")->required();
+  command->add_option(
+      "--calib", arguments->calibration_path,
+      "KITTI calib.txt: turns an estimate of the LiDAR into the camera's frame with its line Tr:");
+  command
+      ->add_option("--align", arguments->alignment,
+                   "alignment that counts for the end drift; 'none' adds the unaligned APE (default: origin)")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Alignment>{
+              {"none", Alignment::kNone}, {"origin", Alignment::kOrigin}, {"se3", Alignment::kSe3}},
+          CLI::ignore_case));
+  command
+      ->add_option("--associate", arguments->association,
+                   "TUM: 'interpolate' the truth at the estimate's times (default), or 'nearest' as evo does")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Association>{{"interpolate", Association::kInterpolate},
+                                             {"nearest", Association::kNearest}},
+          CLI::ignore_case));
+  command
+      ->add_option(
+          "--max-time-difference", arguments->max_time_difference_s,
+          "seconds; nearest: between the two poses (default 0.01), interpolate: between the truth's poses "
+          "around the estimate's (default 0.2)")
+      ->check(CLI::Range(0.0, 1e6));
+  command
+      ->add_option("--segments", arguments->segment_lengths_m,
+                   "segment lengths in metres instead of 100,200,...,800")
+      ->delimiter(',')
+      ->check(CLI::Range(1e-3, 1e7));
+  command->add_option("--json", arguments->json_path,
+                      "also write the numbers as JSON; '-': only JSON, to standard output");
+  command
+      ->add_option("--max-drift", arguments->max_drift_percent,
+                   "exit with status 3 when the end drift is more than this percentage of the path")
+      ->check(CLI::NonNegativeNumber);
+  command
+      ->add_option(
+          "--max-t", arguments->max_translation_percent,
+          "exit with status 3 when the segments' mean translation error is more than this percentage")
+      ->check(CLI::NonNegativeNumber);
+  command->callback([arguments, &status] { status = run_evaluate(*arguments); });
+}
+
+}  // namespace nilio::tools

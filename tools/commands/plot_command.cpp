@@ -1,0 +1,99 @@
+#include "tools/common/commands.hpp"
+#include "tools/evaluate/metrics.hpp"
+#include "tools/evaluate/trajectory.hpp"
+#include "tools/plot/canvas.hpp"
+#include "tools/plot/figure.hpp"
+#include "tools/plot/map.hpp"
+#include "tools/plot/trajectories.hpp"
+
+#include <filesystem>
+#include <iostream>
+#include <map>
+#include <memory>
+
+#include <CLI/CLI.hpp>
+
+namespace nilio::tools {
+
+namespace {
+
+constexpr int kWidth = 1600;
+constexpr int kHeight = 900;
+
+struct PlotArguments {
+  std::vector<std::string> trajectory_paths;
+  std::string truth_path;
+  std::string map_path;
+  std::string output_path;
+  Alignment alignment = Alignment::kOrigin;
+  PlotPlane plane = PlotPlane::kAuto;
+};
+
+core::Result<PlotFigure> make_figure(const PlotArguments& arguments) {
+  std::vector<Trajectory> estimates;
+  for (const std::string& path : arguments.trajectory_paths) {
+    auto estimate = read_trajectory(path);
+    if (!estimate) return estimate.error();
+    estimate->path = std::filesystem::path(path).stem().string();
+    estimates.push_back(std::move(estimate).value());
+  }
+  std::optional<Trajectory> truth;
+  if (!arguments.truth_path.empty()) {
+    auto loaded = read_trajectory(arguments.truth_path);
+    if (!loaded) return loaded.error();
+    truth = std::move(loaded).value();
+    truth->path = std::filesystem::path(arguments.truth_path).stem().string();
+  }
+  std::vector<Eigen::Vector3f> map;
+  if (!arguments.map_path.empty()) {
+    auto points = read_map_points(arguments.map_path);
+    if (!points) return points.error();
+    map = std::move(points).value();
+  }
+  return trajectory_figure(estimates, truth, std::move(map), {arguments.alignment, arguments.plane});
+}
+
+int run_plot(const PlotArguments& arguments) {
+  const auto fail = [](const core::Error& error) {
+    std::cerr << "nilio plot: " << error.message << '\n';
+    return 1;
+  };
+  const auto figure = make_figure(arguments);
+  if (!figure) return fail(figure.error());
+  auto canvas = Canvas::create(arguments.output_path, kWidth, kHeight);
+  if (!canvas) return fail(canvas.error());
+  draw_figure(*canvas, *figure);
+  const auto saved = canvas->save();
+  return saved ? 0 : fail(saved.error());
+}
+
+}  // namespace
+
+void add_plot_command(CLI::App& app, int& status) {
+  auto arguments = std::make_shared<PlotArguments>();
+  CLI::App* command = app.add_subcommand("plot", "draw trajectories from above, their errors and a map");
+  command->footer(
+      "With --truth, estimates are moved onto it (--align) and their position errors are drawn too.\n"
+      "The map is moved with the first trajectory.");
+  command->add_option("trajectories", arguments->trajectory_paths, "TUM or KITTI files")->required();
+  command->add_option("--truth", arguments->truth_path, "true trajectory, TUM or KITTI, drawn in grey");
+  command->add_option("--map", arguments->map_path,
+                      "map points as .ply (binary) or .xyz, coloured by height");
+  command->add_option("-o,--output", arguments->output_path, "picture to write, .png or .svg")->required();
+  command->add_option("--align", arguments->alignment, "with --truth: none, origin (default) or se3")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Alignment>{
+              {"none", Alignment::kNone}, {"origin", Alignment::kOrigin}, {"se3", Alignment::kSe3}},
+          CLI::ignore_case));
+  command
+      ->add_option(
+          "--plane", arguments->plane,
+          "plane seen from above: xy, xz (camera frame) or auto (default: xz for KITTI camera poses)")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, PlotPlane>{
+              {"auto", PlotPlane::kAuto}, {"xy", PlotPlane::kXy}, {"xz", PlotPlane::kXz}},
+          CLI::ignore_case));
+  command->callback([arguments, &status] { status = run_plot(*arguments); });
+}
+
+}  // namespace nilio::tools

@@ -1,0 +1,217 @@
+#include "tools/common/commands.hpp"
+#include "tools/common/number_between.hpp"
+#include "tools/common/stop_signals.hpp"
+#include "tools/record/session.hpp"
+
+#include <array>
+#include <cstdio>
+#include <ctime>
+#include <memory>
+#include <sys/statvfs.h>
+
+#include <CLI/CLI.hpp>
+
+namespace nilio::tools {
+
+namespace {
+
+constexpr core::Duration kPollPeriod{100'000'000};
+constexpr double kStatusPeriodS = 5.0;
+/// Sources that are silent are named in the first status line and once a minute.
+constexpr std::uint64_t kLinesPerSilenceReport = 12;
+constexpr double kMega = 1e6;
+
+struct RecordArguments {
+  RecordConfig config;
+  std::string folder;
+  double rotate_mb = 1000.0;
+  double rotate_s = 0.0;
+  double duration_s = 0.0;
+  double buffer_mb = 128.0;
+  double receive_buffer_mb = 8.0;
+};
+
+double monotonic_s() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
+}
+
+void say(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", line.c_str()); }
+
+unsigned long long printable(std::uint64_t number) { return number; }
+
+std::string losses(const RecordProgress& progress) {
+  std::array<char, 160> text{};
+  std::snprintf(text.data(), text.size(), "lost %llu in the kernel, %llu in the ring, %llu at the disk",
+                printable(progress.kernel_dropped), printable(progress.ring_dropped),
+                printable(progress.disk_lost));
+  return text.data();
+}
+
+std::string free_space(const std::filesystem::path& folder) {
+  struct statvfs space {};
+  if (statvfs(folder.c_str(), &space) != 0) return "";
+  std::array<char, 48> text{};
+  std::snprintf(text.data(), text.size(), ", %.1f GB free",
+                static_cast<double>(space.f_bavail) * static_cast<double>(space.f_frsize) * 1e-9);
+  return text.data();
+}
+
+/// A line every few seconds with the rates since the last.
+class RecordStatus {
+ public:
+  void show(const RecordSession& session, const std::filesystem::path& folder, double now_s) {
+    if (now_s - shown_s_ < kStatusPeriodS) return;
+    const RecordProgress progress = session.progress();
+    const double span = now_s - shown_s_;
+    std::array<char, 400> text{};
+    std::snprintf(
+        text.data(), text.size(),
+        "%.0f s, %s: %llu packets, %llu frames, %.1f MB, %.0f packets and frames/s, %.2f MB/s; %s%s%s",
+        now_s - begin_s_, record_file_name(RecordStream::kLidar, progress.part).c_str(),
+        printable(progress.packets), printable(progress.frames), static_cast<double>(progress.bytes) / kMega,
+        static_cast<double>(progress.received - last_.received) / span,
+        static_cast<double>(progress.bytes - last_.bytes) / kMega / span, losses(progress).c_str(),
+        free_space(folder).c_str(), progress.blocked ? "; THE DISK TAKES NOTHING" : "");
+    say(text.data());
+    if (lines_shown_++ % kLinesPerSilenceReport == 0) {
+      for (const std::string& line : session.source_lines(true)) say(line);
+    }
+    last_ = progress;
+    shown_s_ = now_s;
+  }
+
+  [[nodiscard]] double elapsed_s() const { return monotonic_s() - begin_s_; }
+
+ private:
+  double begin_s_ = monotonic_s();
+  double shown_s_ = begin_s_;
+  RecordProgress last_;
+  std::uint64_t lines_shown_ = 0;
+};
+
+/// 0, or 1 when nothing was recorded or the disk did not take everything.
+int print_summary(const RecordSession& session, double seconds) {
+  const RecordProgress progress = session.progress();
+  std::printf("recorded   %llu packets, %llu frames, %.3f MB in %.1f s\n", printable(progress.packets),
+              printable(progress.frames), static_cast<double>(progress.bytes) / kMega, seconds);
+  std::printf("lost       %llu by the kernel, %llu by full rings, %llu by the disk\n",
+              printable(progress.kernel_dropped), printable(progress.ring_dropped),
+              printable(progress.disk_lost));
+  std::printf("files      %llu written, %llu old ones deleted\n", printable(progress.files),
+              printable(progress.deleted));
+  for (const std::string& line : session.source_lines(false)) std::printf("source     %s\n", line.c_str());
+  if (progress.packets + progress.frames > 0) return progress.disk_lost > 0 ? 1 : 0;
+  say("nothing was recorded; the lines above say what each source has seen");
+  return 1;
+}
+
+int run_record(RecordArguments& arguments) {
+  RecordConfig& config = arguments.config;
+  config.folder = arguments.folder;
+  config.limits.rotate_bytes = static_cast<std::uint64_t>(arguments.rotate_mb * kMega);
+  config.limits.rotate_after = core::Duration::from_seconds(arguments.rotate_s);
+  config.ring_bytes = static_cast<std::size_t>(arguments.buffer_mb * kMega);
+  config.receive_buffer_bytes = static_cast<int>(arguments.receive_buffer_mb * 1024.0 * 1024.0);
+  StopSignals signals;
+  auto session = RecordSession::open(config, say);
+  if (!session) {
+    say(session.error().message);
+    return 1;
+  }
+  (*session)->start();
+  say("recording to " + config.folder.string() + free_space(config.folder) + "; end with Ctrl-C");
+  RecordStatus status;
+  while (!signals.wait(kPollPeriod)) {
+    if (arguments.duration_s > 0.0 && status.elapsed_s() >= arguments.duration_s) break;
+    if ((*session)->progress().all_sources_failed) break;
+    status.show(**session, config.folder, monotonic_s());
+  }
+  (*session)->stop();
+  return print_summary(**session, status.elapsed_s());
+}
+
+void add_source_options(CLI::App& command, RecordArguments& a) {
+  command.add_option("--port", a.config.data_port, "UDP port of the data packets; 0 = none")
+      ->capture_default_str();
+  command.add_option("--position-port", a.config.position_port, "UDP port of the position packets; 0 = none")
+      ->capture_default_str();
+  command.add_option("--bind", a.config.bind_address, "own IPv4 address to receive on; 0.0.0.0 = all")
+      ->capture_default_str();
+  command.add_option("--multicast-group", a.config.multicast_group,
+                     "multicast group to join; none by default");
+  command.add_option("--multicast-interface", a.config.multicast_interface,
+                     "address or name of the interface to join on; by default as routes say");
+  command.add_option("--sender", a.config.sender_address,
+                     "record only packets of this IPv4 address (default: of all)");
+  command
+      .add_option("--can", a.config.can_interfaces,
+                  "record this CAN interface, such as can0; may be repeated (default: none)")
+      ->take_all()
+      ->expected(1);
+}
+
+void add_file_options(CLI::App& command, RecordArguments& a) {
+  command
+      .add_option("--rotate-mb", a.rotate_mb,
+                  "begin the next part before one grows beyond this, MB = 10^6 bytes")
+      ->check(number_between(0.01, 1e9))
+      ->capture_default_str();
+  command.add_option("--rotate-s", a.rotate_s, "begin the next part after so many seconds; 0 = never")
+      ->check(number_between(0.0, 1e9))
+      ->capture_default_str();
+  command
+      .add_option("--keep", a.config.limits.keep,
+                  "keep only the newest N parts in the folder, those of earlier recordings among them, and "
+                  "delete older ones; 0 = keep all")
+      ->capture_default_str();
+  command.add_option("--duration", a.duration_s, "end after so many seconds; 0 = at Ctrl-C or SIGTERM")
+      ->check(number_between(0.0, 1e9))
+      ->capture_default_str();
+}
+
+void add_resource_options(CLI::App& command, RecordArguments& a) {
+  command
+      .add_option("--buffer-mb", a.buffer_mb,
+                  "memory in which data packets wait for the disk, MB; a VLS-128 in dual mode fills 24 MB/s")
+      ->check(number_between(1.0, 100000.0))
+      ->capture_default_str();
+  command
+      .add_option("--receive-buffer-mb", a.receive_buffer_mb,
+                  "receive buffer of each socket, MiB; more than net.core.rmem_max needs CAP_NET_ADMIN")
+      ->check(number_between(0.01, 1000.0))
+      ->capture_default_str();
+  command
+      .add_option("--priority", a.config.priority,
+                  "SCHED_FIFO priority of the receive threads; 0 = normal scheduling")
+      ->check(CLI::Range(0, 99))
+      ->capture_default_str();
+}
+
+}  // namespace
+
+void add_record_command(CLI::App& app, int& status) {
+  auto arguments = std::make_shared<RecordArguments>();
+  CLI::App* command = app.add_subcommand("record", "record LiDAR packets and CAN frames to files");
+  command->footer(
+      "Writes lidar_0001.pcap (UDP packets with nanosecond stamps, sender and ports; the destination address "
+      "is\n"
+      "written as broadcast) and can_0001.log (as 'candump -L') to OUTPUT_FOLDER, in parts with numbers that "
+      "go on\n"
+      "after those in the folder: nothing is overwritten. 'niliod --replay OUTPUT_FOLDER' and 'nilio play\n"
+      "OUTPUT_FOLDER' take all parts as one recording, so give each drive a folder.\n"
+      "What was received more than half a second ago survives 'kill -9', more than 1.5 s ago the loss of "
+      "power.\n"
+      "When the disk is full, what does not fit is lost and counted, and recording goes on when there is "
+      "room.\n"
+      "Exit status: 0, or 1 when nothing was recorded or the disk did not take everything.");
+  command->add_option("OUTPUT_FOLDER", arguments->folder, "folder for the recording, made if missing")
+      ->required();
+  add_source_options(*command, *arguments);
+  add_file_options(*command, *arguments);
+  add_resource_options(*command, *arguments);
+  command->callback([arguments, &status] { status = run_record(*arguments); });
+}
+
+}  // namespace nilio::tools

@@ -1,0 +1,20 @@
+#pragma once
+
+#include "tools/common/command_line_fwd.hpp"
+
+namespace nilio::tools {
+
+/// Each adds one command to `nilio`. The command runs while the line is parsed and leaves its exit status in
+/// `status` (0 done, 1 failed with one message on standard error).
+void add_simulate_command(CLI::App& app, int& status);
+void add_convert_command(CLI::App& app, int& status);
+void add_evaluate_command(CLI::App& app, int& status);
+void add_inspect_command(CLI::App& app, int& status);
+void add_plot_command(CLI::App& app, int& status);
+void add_watch_command(CLI::App& app, int& status);
+void add_record_command(CLI::App& app, int& status);
+void add_play_command(CLI::App& app, int& status);
+/// A group of measurements; one that fails ends the parsing with CLI::RuntimeError.
+void add_bench_command(CLI::App& app);
+
+}  // namespace nilio::tools

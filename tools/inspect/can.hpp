@@ -1,0 +1,81 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
+#include "nilio/drivers/can/dbc/dbc.hpp"
+
+#include "tools/inspect/imu.hpp"
+#include "tools/inspect/statistics.hpp"
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace nilio::tools {
+
+/// One signal of a DBC, decoded from every frame that has it.
+struct CanSignalFindings {
+  std::string name;
+  std::string unit;
+  Spread physical;
+};
+
+/// Frames of one identifier on one interface.
+struct CanMessageFindings {
+  std::string interface_name;
+  std::uint32_t id = 0;
+  bool extended = false;
+  std::uint64_t frames = 0;
+  std::uint8_t shortest = 0;
+  std::uint8_t longest = 0;
+  /// From frame to frame: rate, jitter and longest gap.
+  Spread interval_s;
+  /// Intervals of more than twice the usual one.
+  std::uint64_t gaps = 0;
+  /// From the DBC; empty where it has no such message.
+  std::string name;
+  std::vector<CanSignalFindings> signals;
+
+  [[nodiscard]] double rate_hz() const;
+};
+
+/// What is in one candump log.
+struct CanFindings {
+  std::string path;
+  std::uint64_t frames = 0;
+  std::uint64_t error_frames = 0;
+  std::uint64_t remote_frames = 0;
+  std::uint64_t fd_frames = 0;
+  std::uint64_t broken_lines = 0;
+  std::uint64_t first_broken_line = 0;
+  /// Frames whose stamp is before that of the frame before.
+  std::uint64_t out_of_order = 0;
+  /// Stamps of the earliest and the latest frame.
+  core::Time first;
+  core::Time last;
+  std::map<std::string, std::uint64_t> interfaces;
+  /// By interface and identifier.
+  std::vector<CanMessageFindings> messages;
+  /// Frames of identifiers beyond those that are told apart.
+  std::uint64_t further_frames = 0;
+  /// Presets of which there are messages, whether whole and plausible or not, the one with most samples
+  /// first.
+  std::vector<ImuFindings> imus;
+
+  [[nodiscard]] bool usable() const { return frames > error_frames; }
+  [[nodiscard]] double duration_s() const { return (last - first).seconds(); }
+  /// The IMU to use; null when there is none.
+  [[nodiscard]] const ImuFindings* imu() const;
+  /// Stamps that count from the start of the log cannot be set beside a capture's.
+  [[nodiscard]] bool has_wall_clock() const;
+};
+
+/// Reads the log once; what is kept does not grow with it. With a DBC (may be null) messages are named and
+/// their signals decoded. Fails when it cannot be read.
+core::Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcDatabase* dbc = nullptr);
+
+/// For a log that is not usable: what was found instead and what to do, one line.
+std::string why_unusable(const CanFindings& can);
+
+}  // namespace nilio::tools

@@ -1,0 +1,68 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
+#include "nilio/drivers/packet.hpp"
+
+#include "tools/inspect/statistics.hpp"
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace nilio::tools {
+
+/// What the messages of one IMU preset on one CAN interface say.
+struct ImuFindings {
+  std::string preset;
+  std::string interface_name;
+  drivers::ImuDecoderStats stats;
+  core::Time first;
+  core::Time last;
+  Spread interval_s;
+  /// Length of the specific force, m/s^2.
+  Spread acceleration_m_s2;
+  /// rad/s and m/s^2 by axis.
+  std::array<Spread, 3> angular_velocity;
+  std::array<Spread, 3> linear_acceleration;
+  /// Seconds without motion and what the axes read meanwhile: the gyros' bias, and gravity.
+  std::uint64_t still_seconds = 0;
+  std::array<Spread, 3> still_angular_velocity;
+  std::array<Spread, 3> still_linear_acceleration;
+
+  /// Gravity is about what it should be: another device with the same identifiers does not get that right.
+  [[nodiscard]] bool plausible() const;
+  [[nodiscard]] double rate_hz() const;
+  /// Angle between the mean acceleration (while still, if it ever was) and z; nothing without samples.
+  [[nodiscard]] std::optional<double> tilt_deg() const;
+};
+
+/// Tries one preset on the frames of one interface. One thread.
+class ImuInspector {
+ public:
+  static core::Result<ImuInspector> create(const std::string& preset, const std::string& interface_name);
+
+  void add(const drivers::CanFrame& frame);
+  /// At the end of the log, once.
+  ImuFindings finish();
+
+ private:
+  explicit ImuInspector(drivers::ImuDecoder decoder) : decoder_(std::move(decoder)) {}
+  void add_sample(const core::ImuSample& sample);
+  void close_window();
+
+  /// About a second of samples.
+  struct Window {
+    core::Time start;
+    std::array<Spread, 3> angular_velocity;
+    std::array<Spread, 3> linear_acceleration;
+  };
+
+  drivers::ImuDecoder decoder_;
+  ImuFindings findings_;
+  Window window_;
+};
+
+}  // namespace nilio::tools

@@ -1,0 +1,26 @@
+#pragma once
+
+#include "core/src/estimation/imu_buffer.hpp"
+#include "core/src/imu_monitor/imu_monitor.hpp"
+#include "tools/inspect/imu_calibration/axis_permutation.hpp"
+
+#include <span>
+#include <vector>
+
+namespace nilio::core {
+
+/// What the accelerometer and the registered positions have in common.
+struct ForceComparison {
+  /// Gravity first, then horizontal directions, the strongest first.
+  std::vector<DirectionPair> pairs;
+  /// Both horizontal directions are among them.
+  bool spans_space = false;
+  /// Measured over actual length of the force at steady speed; 0 = not known.
+  double gravity_ratio = 0.0;
+};
+
+/// `imu` has all samples, in base_link as configured.
+ForceComparison compare_forces(std::span<const RegisteredMotion> motions, const ImuBuffer& imu,
+                               const Vector3& imu_position, Duration max_gap);
+
+}  // namespace nilio::core

@@ -1,0 +1,22 @@
+#include "tools/common/commands.hpp"
+
+#include <CLI/CLI.hpp>
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
+  app.require_subcommand(1);
+  app.set_version_flag("--version", NILIO_VERSION);
+  int status = 0;
+  nilio::tools::add_record_command(app, status);
+  nilio::tools::add_play_command(app, status);
+  nilio::tools::add_simulate_command(app, status);
+  nilio::tools::add_convert_command(app, status);
+  nilio::tools::add_evaluate_command(app, status);
+  nilio::tools::add_inspect_command(app, status);
+  nilio::tools::add_plot_command(app, status);
+  nilio::tools::add_watch_command(app, status);
+  nilio::tools::add_bench_command(app);
+  CLI11_PARSE(app, argc, argv);
+  return status;
+}

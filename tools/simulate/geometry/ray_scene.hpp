@@ -1,0 +1,69 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include "tools/simulate/geometry/mesh.hpp"
+#include "tools/simulate/scenes/traffic.hpp"
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+namespace nilio::tools::simulation {
+
+inline constexpr std::size_t kRayGroup = 16;
+
+/// Rays that are cast together, world coordinates; directions are unit vectors.
+struct RayGroup {
+  std::array<Eigen::Vector3f, kRayGroup> origin;
+  std::array<Eigen::Vector3f, kRayGroup> direction;
+  std::array<double, kRayGroup> time_s{};
+};
+
+/// First thing on a ray.
+struct RayHit {
+  bool hit = false;
+  float distance_m = 0.0F;
+  /// Cosine of the angle between ray and surface normal, 0 (grazing) to 1.
+  float incidence_cosine = 0.0F;
+  Material material = Material::kAsphalt;
+};
+
+/// A car that may be near during some span of time, and where its middle is then.
+struct NearbyCar {
+  const MovingCar* car = nullptr;
+  Eigen::Vector3f centre;
+  /// Around the centre, all of it.
+  float radius_m = 0.0F;
+};
+
+/// Ray casting (Embree) against what stands still and against moving cars, each at its pose at the ray's own
+/// time. Casting is const and may be done by any number of threads; results do not depend on the threads.
+class RayScene {
+ public:
+  /// Fails when Embree cannot start or there is not enough memory.
+  static core::Result<RayScene> create(const TriangleMesh& still, std::vector<MovingCar> cars);
+  RayScene(RayScene&&) noexcept;
+  RayScene& operator=(RayScene&&) noexcept;
+  RayScene(const RayScene&) = delete;
+  RayScene& operator=(const RayScene&) = delete;
+  ~RayScene();
+
+  [[nodiscard]] const std::vector<MovingCar>& cars() const;
+  /// Cars within `range_m` of a place at a time; replaces the content of `nearby`.
+  void find_cars(double time_s, const core::Vector3& place, double range_m,
+                 std::vector<NearbyCar>& nearby) const;
+  /// `nearby` must be those found for within 10 ms of the rays' times.
+  void cast(const RayGroup& rays, float max_distance_m, std::span<const NearbyCar> nearby,
+            std::array<RayHit, kRayGroup>& hits) const;
+
+ private:
+  struct State;
+  explicit RayScene(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace nilio::tools::simulation

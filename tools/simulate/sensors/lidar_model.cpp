@@ -1,0 +1,318 @@
+#include "tools/simulate/sensors/lidar_model.hpp"
+
+#include "tools/simulate/random.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace nilio::tools::simulation {
+
+using core::SE3;
+using core::Vector3;
+using drivers::BlockContent;
+using drivers::ReturnMode;
+using drivers::VelodyneDataPacket;
+using drivers::VelodyneModel;
+
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr std::int64_t kHourUs = 3'600'000'000;
+/// Tells the noise's random numbers from others of the same seed.
+constexpr std::uint64_t kNoiseStream = 0x4E6F697365;
+constexpr std::uint64_t kStampStream = 0x5374616D70;
+/// Cars are looked for this much farther away than the sensor sees.
+constexpr double kCarMarginM = 10.0;
+/// Two surfaces in a beam give two echoes when they are farther apart than its pulse is long.
+constexpr double kEchoSeparationM = 0.5;
+
+/// From data sheets: range, range to a surface of 10 % reflectivity, divergence of the beam.
+struct Optics {
+  double max_range_m = 100.0;
+  double dark_range_m = 50.0;
+  double divergence_rad = 0.003;
+};
+
+Optics optics_of(VelodyneModel model) {
+  switch (model) {
+    case VelodyneModel::kVlp32a:
+    case VelodyneModel::kVlp32b:
+    case VelodyneModel::kVlp32c:
+      return {200.0, 80.0, 0.003};
+    case VelodyneModel::kVls128:
+      return {245.0, 200.0, 0.003};
+    case VelodyneModel::kHdl64eS1:
+    case VelodyneModel::kHdl64eS2:
+    case VelodyneModel::kHdl64eS21:
+    case VelodyneModel::kHdl64eS3:
+      return {120.0, 50.0, 0.002};
+    default:
+      return {};
+  }
+}
+
+bool is_hdl64e(VelodyneModel model) { return model == VelodyneModel::kHdl64eS1 || has_status_stream(model); }
+
+drivers::PacketLayout layout_of(const drivers::VelodyneSensor& sensor, ReturnMode mode) {
+  const drivers::PacketLayout* layout = sensor.layout(mode);
+  if (layout != nullptr) return *layout;
+  throw std::invalid_argument(sensor.name + " has no return mode " + std::string(return_mode_name(mode)));
+}
+
+/// An entry's firing after its azimuth step's time.
+std::int64_t offset_in_step_ns(const drivers::PacketLayout& layout, std::size_t block, std::size_t entry) {
+  const auto step = static_cast<std::int64_t>(block / layout.blocks_per_azimuth);
+  return layout.entries[block][entry].time_offset_ns - step * layout.azimuth_period_ns;
+}
+
+}  // namespace
+
+/// The sensor's motion over one packet: a millisecond, in which it is straight to a micrometre.
+struct LidarModel::Motion {
+  core::Duration start;
+  SE3 T_world_lidar;
+  Vector3 velocity;          ///< in world
+  Vector3 angular_velocity;  ///< in the sensor's frame
+  std::vector<NearbyCar> cars;
+
+  [[nodiscard]] SE3 pose(double offset_s) const {
+    return {T_world_lidar.rotation * core::so3_exp(angular_velocity * offset_s),
+            T_world_lidar.translation + velocity * offset_s};
+  }
+};
+
+/// Shots of 16 lasers, and what they hit.
+struct LidarModel::Shots {
+  std::array<const LidarBeam*, kRayGroup> beams{};
+  std::array<BeamAzimuth, kRayGroup> azimuths{};
+  std::array<Eigen::Quaterniond, kRayGroup> R_world_lidar;
+  std::array<Vector3, kRayGroup> directions;  ///< of the middle of the beam, in the sensor's frame
+  /// How far the rays are off the middle of the beam, clockwise: a beam is wider than it is high.
+  double aside_rad = 0.0;
+  RayGroup rays;
+  std::array<RayHit, kRayGroup> hits{};
+
+  void point(std::size_t i, const Vector3& direction) {
+    directions[i] = direction;
+    const Vector3 aside(-azimuths[i].sin, -azimuths[i].cos, 0.0);
+    const Vector3 ray = aside_rad == 0.0 ? direction : Vector3((direction + aside_rad * aside).normalized());
+    rays.direction[i] = (R_world_lidar[i] * ray).cast<float>();
+  }
+};
+
+LidarModel::LidarModel(drivers::VelodyneSensor sensor, const LidarModelConfig& config,
+                       const VehicleTrajectory& trajectory, const RayScene& scene)
+    : sensor_(std::move(sensor)),
+      config_(config),
+      layout_(layout_of(sensor_, config.return_mode)),
+      timing_(
+          sensor_, layout_,
+          {config.seed, config.start, config.clock_offset, config.clock_drift_ppm, config.network_jitter}),
+      trajectory_(trajectory),
+      scene_(scene) {
+  const Optics optics = optics_of(sensor_.model);
+  max_range_m_ = optics.max_range_m;
+  dark_range_m_ = optics.dark_range_m;
+  divergence_rad_ = optics.divergence_rad;
+  // 4000 encoder positions.
+  if (is_hdl64e(sensor_.model)) azimuth_unit_ = 9;
+  if (has_status_stream(sensor_.model) && !config_.stream) config_.stream = Hdl64eStream(config.gps);
+  for (const drivers::LaserCalibration& laser : sensor_.lasers)
+    beams_.emplace_back(laser, sensor_.vertical_offset_across_beam);
+  const double usable_s = trajectory.duration_s() - timing_.last_firing(0).seconds();
+  packet_count_ =
+      usable_s > 0.0 ? static_cast<std::uint64_t>(usable_s / timing_.packet_period().seconds()) + 1 : 0;
+  while (packet_count_ > 0 && timing_.last_firing(packet_count_ - 1).seconds() > trajectory.duration_s())
+    --packet_count_;
+}
+
+LidarModel::Motion LidarModel::motion_during(std::uint64_t packet) const {
+  Motion motion;
+  motion.start = timing_.step_time(packet, 0);
+  const double duration_s = (timing_.last_firing(packet) - motion.start).seconds();
+  const SE3 first = trajectory_.pose(motion.start.seconds()) * config_.T_base_lidar;
+  const SE3 last = trajectory_.pose(motion.start.seconds() + duration_s) * config_.T_base_lidar;
+  motion.T_world_lidar = first;
+  motion.velocity = (last.translation - first.translation) / duration_s;
+  motion.angular_velocity = core::so3_log(first.rotation.conjugate() * last.rotation) / duration_s;
+  scene_.find_cars(motion.start.seconds(), first.translation, max_range_m_ + kCarMarginM, motion.cars);
+  return motion;
+}
+
+std::uint16_t LidarModel::reported_azimuth(core::Duration time) const {
+  const double turns = time.seconds() * config_.revolutions_per_minute / 60.0;
+  const double units = (turns - std::floor(turns)) * drivers::kAzimuthModulus / azimuth_unit_;
+  return static_cast<std::uint16_t>(std::lround(units) * azimuth_unit_ % drivers::kAzimuthModulus);
+}
+
+void LidarModel::set_last_bytes(std::uint64_t index, VelodyneDataPacket& packet) const {
+  const core::Time clock = timing_.sensor_clock(index);
+  packet.timestamp_us = static_cast<std::uint32_t>(clock.ns / 1000 % kHourUs);
+  packet.factory_byte_1 = layout_.return_mode_byte;
+  packet.factory_byte_2 = sensor_.product_byte;
+  if (!sensor_.has_clock)
+    packet.timestamp_us = static_cast<std::uint32_t>(random_word(config_.seed ^ kStampStream, index));
+  if (!config_.stream) return;
+  const drivers::Hdl64eStatusByte status =
+      config_.stream->at(index, timing_.sensor_clock(Hdl64eStream::cycle_start(index)));
+  packet.factory_byte_1 = status.type;
+  packet.factory_byte_2 = status.value;
+}
+
+SimulatedPacket LidarModel::make_packet(std::uint64_t index) const {
+  const Motion motion = motion_during(index);
+  VelodyneDataPacket packet;
+  set_last_bytes(index, packet);
+  SimulatedPacket result;
+  result.stamp = timing_.received(index);
+  for (std::size_t s = 0; s < layout_.azimuth_steps(); ++s) {
+    const core::Duration first_firing =
+        timing_.step_time(index, s) + core::Duration{offset_in_step_ns(layout_, 0, 0)};
+    result.returns += fill_step(motion, {index, s, reported_azimuth(first_firing)}, packet);
+  }
+  result.payload = drivers::encode(packet);
+  return result;
+}
+
+std::uint32_t LidarModel::fill_step(const Motion& motion, const Step& step,
+                                    VelodyneDataPacket& packet) const {
+  std::uint32_t returns = 0;
+  const std::size_t first_block = step.index * layout_.blocks_per_azimuth;
+  for (std::size_t b = first_block; b < first_block + layout_.blocks_per_azimuth; ++b) {
+    packet.blocks[b].flag = layout_.block_flags[b];
+    const BlockContent content = layout_.contents[b];
+    if (content != BlockContent::kPadding) packet.blocks[b].azimuth = step.azimuth;
+    if (content != BlockContent::kSingle && content != BlockContent::kLast) continue;
+    for (std::size_t c = 0; c < drivers::kEntriesPerBlock; c += kRayGroup)
+      returns += fill_group(motion, step, b, c, packet);
+  }
+  return returns;
+}
+
+/// Block of the same azimuth step and lasers as block `like`, with another content.
+std::size_t LidarModel::block_with(std::size_t like, BlockContent content) const {
+  const std::size_t first = like - like % layout_.blocks_per_azimuth;
+  for (std::size_t b = first; b < first + layout_.blocks_per_azimuth; ++b) {
+    if (layout_.contents[b] == content && layout_.block_flags[b] == layout_.block_flags[like]) return b;
+  }
+  return like;
+}
+
+std::uint32_t LidarModel::fill_group(const Motion& motion, const Step& step, std::size_t block,
+                                     std::size_t first, VelodyneDataPacket& packet) const {
+  Shots shots = aim(motion, step, block, first);
+  cast(motion, shots);
+  Shots edge;
+  if (layout_.mode != ReturnMode::kSingle) {
+    edge = shots;
+    edge.aside_rad = divergence_rad_;
+    cast(motion, edge);
+  }
+  const std::size_t strongest = block_with(block, BlockContent::kStrongest);
+  const std::size_t confidence = block_with(block, BlockContent::kConfidence);
+  std::uint32_t count = 0;
+  for (std::size_t i = 0; i < kRayGroup; ++i) {
+    const std::size_t c = first + i;
+    const std::uint64_t word =
+        random_word(config_.seed ^ kNoiseStream, step.packet, block * drivers::kEntriesPerBlock + c);
+    const Returns heard = hear(shots.hits[i], edge.hits[i], *shots.beams[i], shots.azimuths[i], word);
+    const auto pair = choose_returns(std::span(heard.echoes).first(heard.count));
+    if (!pair) continue;
+    ++count;
+    packet.blocks[block].entries[c] = heard.entries[pair->last];
+    if (strongest != block) packet.blocks[strongest].entries[c] = heard.entries[pair->strongest];
+    if (confidence == block) continue;
+    const std::uint32_t bits = confidence_bits(heard.echoes[pair->last], heard.echoes[pair->strongest]);
+    packet.blocks[confidence].entries[c] = {static_cast<std::uint16_t>(bits & 0xFFFFU),
+                                            static_cast<std::uint8_t>(bits >> 16U)};
+  }
+  return count;
+}
+
+LidarModel::Shots LidarModel::aim(const Motion& motion, const Step& step, std::size_t block,
+                                  std::size_t first) const {
+  const double advance_rad = 2.0 * kPi * config_.revolutions_per_minute / 60.0 *
+                             (static_cast<double>(layout_.azimuth_period_ns) * 1e-9);
+  const core::Duration step_offset = timing_.step_time(step.packet, step.index) - motion.start;
+  Shots shots;
+  for (std::size_t i = 0; i < kRayGroup; ++i) {
+    const drivers::PacketEntry& entry = layout_.entries[block][first + i];
+    const LidarBeam& beam = beams_[entry.laser];
+    shots.beams[i] = &beam;
+    shots.azimuths[i] = BeamAzimuth::of(step.azimuth * (kPi / 18000.0) +
+                                        entry.azimuth_fraction * advance_rad - beam.azimuth_correction_rad());
+    const core::Duration offset = step_offset + core::Duration{offset_in_step_ns(layout_, block, first + i)};
+    const SE3 T_world_lidar = motion.pose(offset.seconds());
+    shots.R_world_lidar[i] = T_world_lidar.rotation;
+    shots.rays.origin[i] = (T_world_lidar * beam.origin(shots.azimuths[i])).cast<float>();
+    shots.rays.time_s[i] = (motion.start + offset).seconds();
+  }
+  return shots;
+}
+
+/// Near an HDL-64E the decoder puts points beside the straight beam: the shot follows them until the surface
+/// that it hits is where it would be decoded. One that finds none, at the edge of a thing, is lost.
+void LidarModel::cast(const Motion& motion, Shots& shots) const {
+  constexpr int kAttempts = 5;
+  constexpr double kSettledM = 1e-4;
+  for (std::size_t i = 0; i < kRayGroup; ++i) shots.point(i, shots.beams[i]->direction(shots.azimuths[i]));
+  std::array<bool, kRayGroup> moved{};
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    scene_.cast(shots.rays, static_cast<float>(max_range_m_), motion.cars, shots.hits);
+    moved.fill(false);
+    for (std::size_t i = 0; i < kRayGroup; ++i) {
+      const RayHit& hit = shots.hits[i];
+      if (!hit.hit || !shots.beams[i]->bent()) continue;
+      const Vector3 wanted = shots.beams[i]->direction_at(hit.distance_m, shots.azimuths[i]);
+      moved[i] = (wanted - shots.directions[i]).norm() * hit.distance_m > kSettledM;
+      if (moved[i]) shots.point(i, wanted);
+    }
+    if (std::none_of(moved.begin(), moved.end(), [](bool m) { return m; })) return;
+  }
+  for (std::size_t i = 0; i < kRayGroup; ++i) {
+    if (moved[i]) shots.hits[i] = {};
+  }
+}
+
+LidarModel::Returns LidarModel::hear(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
+                                     BeamAzimuth azimuth, std::uint64_t word) const {
+  const bool two = middle.hit && edge.hit &&
+                   std::abs(middle.distance_m - edge.distance_m) > static_cast<float>(kEchoSeparationM);
+  // The edge between the two surfaces crosses the beam anywhere.
+  const double share = two ? 0.1 + 0.8 * to_unit_interval(mix_bits(word ^ 4U)) : 1.0;
+  Returns heard;
+  measure(middle.hit ? middle : edge, share, beam, azimuth, word, heard);
+  if (two) measure(edge, 1.0 - share, beam, azimuth, mix_bits(word ^ 3U), heard);
+  return heard;
+}
+
+/// Adds what is heard of one surface, if anything.
+void LidarModel::measure(const RayHit& hit, double share, const LidarBeam& beam, BeamAzimuth azimuth,
+                         std::uint64_t word, Returns& heard) const {
+  if (!hit.hit) return;
+  // Real surfaces are rough: some light comes back also at grazing incidence.
+  const double reflectance =
+      share * reflectivity(hit.material) * (0.25 + 0.75 * static_cast<double>(hit.incidence_cosine));
+  // The signal falls with the square of the distance; near the limit an echo is sometimes seen, sometimes
+  // not.
+  const double limit = std::min(max_range_m_, dark_range_m_ * std::sqrt(reflectance / 0.1));
+  const double fading = 0.9 + 0.2 * to_unit_interval(mix_bits(word ^ 1U));
+  const double margin = limit * fading / hit.distance_m;
+  if (margin < 1.0) return;
+  const double range = static_cast<double>(hit.distance_m) + config_.range_noise_m * to_gaussian(word);
+  const double distance = beam.distance_for(range, azimuth);
+  const double raw = std::round((distance - beam.far_correction_m()) / sensor_.distance_resolution_m);
+  if (raw < 1.0 || raw > 65535.0) return;
+  const double speckle = 0.94 + 0.12 * to_unit_interval(mix_bits(word ^ 2U));
+  const double intensity = std::clamp(100.0 * reflectance * speckle, 1.0, 255.0);
+  heard.echoes[heard.count] = {range, reflectance, margin * margin};
+  heard.entries[heard.count] = {static_cast<std::uint16_t>(raw), beam.raw_intensity(intensity, raw)};
+  ++heard.count;
+}
+
+}  // namespace nilio::tools::simulation

@@ -1,0 +1,122 @@
+#include "tools/simulate/sensors/position_model.hpp"
+
+#include "tools/simulate/sensors/imu_model.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <string_view>
+
+namespace nilio::tools::simulation {
+
+namespace {
+
+constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
+constexpr double kMetresPerSecondPerKnot = 0.514444;
+constexpr std::int64_t kHourUs = 3'600'000'000;
+constexpr std::int64_t kSecondNs = 1'000'000'000;
+/// A receiver's sentence about a pulse comes this much after it.
+constexpr core::Duration kSentenceDelay{300'000'000};
+/// Where the world's origin is; its x is east and its y is north.
+constexpr double kLatitudeDeg = 49.011;
+constexpr double kLongitudeDeg = 8.416;
+constexpr double kEarthRadiusM = 6'378'137.0;
+constexpr std::uint8_t kTemperatureDegc = 45;
+
+/// Degrees and minutes as NMEA has them: dddmm.mmmmm.
+double degrees_minutes(double degrees) {
+  const double whole = std::floor(degrees);
+  return 100.0 * whole + 60.0 * (degrees - whole);
+}
+
+std::string with_checksum(std::string_view body) {
+  unsigned sum = 0;
+  for (const char c : body) sum ^= static_cast<unsigned char>(c);
+  std::array<char, 8> tail{};
+  std::snprintf(tail.data(), tail.size(), "*%02X\r\n", sum & 0xFFU);
+  return "$" + std::string(body) + tail.data();
+}
+
+}  // namespace
+
+bool sends_position_packets(drivers::VelodyneModel model) {
+  using enum drivers::VelodyneModel;
+  return model != kHdl64eS1 && model != kHdl64eS2 && model != kHdl64eS21 && model != kHdl64eS3;
+}
+
+std::string format_rmc(const RmcFields& fields) {
+  using namespace std::chrono;
+  const sys_seconds second{floor<seconds>(nanoseconds{fields.utc.ns})};
+  const sys_days day = floor<days>(second);
+  const year_month_day date{day};
+  const hh_mm_ss clock{second - day};
+  std::array<char, drivers::kNmeaCapacity> body{};
+  std::snprintf(body.data(), body.size(),
+                "GPRMC,%02d%02d%02d,A,%010.5f,%c,%011.5f,%c,%05.1f,%05.1f,%02u%02u%02d,,,A",
+                static_cast<int>(clock.hours().count()), static_cast<int>(clock.minutes().count()),
+                static_cast<int>(clock.seconds().count()), degrees_minutes(std::abs(fields.latitude_deg)),
+                fields.latitude_deg < 0.0 ? 'S' : 'N', degrees_minutes(std::abs(fields.longitude_deg)),
+                fields.longitude_deg < 0.0 ? 'W' : 'E', fields.speed_m_s / kMetresPerSecondPerKnot,
+                fields.course_deg, static_cast<unsigned>(date.day()), static_cast<unsigned>(date.month()),
+                static_cast<int>(date.year()) % 100);
+  return with_checksum(body.data());
+}
+
+PositionModel::PositionModel(drivers::VelodyneModel model, GpsReception gps, const core::SE3& T_base_lidar,
+                             const SensorTiming& timing, const VehicleTrajectory& trajectory)
+    : model_(model), gps_(gps), T_base_lidar_(T_base_lidar), timing_(timing), trajectory_(trajectory) {}
+
+SimulatedPosition PositionModel::make_packet(std::uint64_t index) const {
+  const std::uint64_t after = index * kDataPacketsPerPosition;
+  const core::Duration time = timing_.last_firing(after) + timing_.packet_period() / 2;
+  drivers::PositionPacket packet;
+  packet.timestamp_us = static_cast<std::uint32_t>(timing_.sensor_clock_at(time).ns / 1000 % kHourUs);
+  packet.pps = gps_ == GpsReception::kLocked ? drivers::PpsState::kLocked : drivers::PpsState::kAbsent;
+  packet.health.top_board_degc = kTemperatureDegc;
+  packet.health.bottom_board_degc = kTemperatureDegc;
+  packet.health.adc_calibration_degc = kTemperatureDegc;
+  packet.health.power_up_degc = kTemperatureDegc / 2;
+  if (gps_ != GpsReception::kNone) packet.set_nmea(sentence(time));
+  if (model_ == drivers::VelodyneModel::kHdl32e) packet.motion = boards(time);
+  SimulatedPosition result;
+  // It waits for the data packet before it like every packet.
+  result.stamp = std::max(timing_.config().start + time + kTransmission, timing_.received(after));
+  result.payload = drivers::encode_position_packet(packet);
+  return result;
+}
+
+/// Of the last pulse that the receiver has told about. With a pulse the sensor's clock is the receiver's,
+/// else the receiver is right.
+std::string PositionModel::sentence(core::Duration time) const {
+  const core::Time utc =
+      (gps_ == GpsReception::kLocked ? timing_.sensor_clock_at(time) : timing_.config().start + time) -
+      kSentenceDelay;
+  const MotionState motion = trajectory_.state((time - kSentenceDelay).seconds());
+  const core::Vector3& place = motion.T_world_base.translation;
+  RmcFields fields;
+  fields.utc = core::Time{utc.ns - utc.ns % kSecondNs};
+  fields.latitude_deg = kLatitudeDeg + place.y() / kEarthRadiusM * kDegreesPerRadian;
+  fields.longitude_deg = kLongitudeDeg + place.x() /
+                                             (kEarthRadiusM * std::cos(kLatitudeDeg / kDegreesPerRadian)) *
+                                             kDegreesPerRadian;
+  fields.speed_m_s = motion.velocity.head<2>().norm();
+  const double course = std::atan2(motion.velocity.x(), motion.velocity.y()) * kDegreesPerRadian;
+  fields.course_deg = course < 0.0 ? course + 360.0 : course;
+  return format_rmc(fields);
+}
+
+/// Boards 0 and 1 stand upright, one across and one along; board 2 lies flat. What Hdl32eBoard knows of the
+/// axes is kept; that the free signs make each gyro's axis X cross Y, and which board is across, is ours.
+std::array<drivers::Hdl32eBoard, 3> PositionModel::boards(core::Duration time) const {
+  const TrueInertia truth = true_inertia(trajectory_, T_base_lidar_, time.seconds());
+  const core::Vector3& rate = truth.angular_velocity;
+  const core::Vector3& force = truth.specific_force;
+  const double warmth = kTemperatureDegc;
+  return {{{-rate.y(), warmth, force.z(), -force.x()},
+           {-rate.x(), warmth, force.z(), force.y()},
+           {rate.z(), warmth, force.x(), force.y()}}};
+}
+
+}  // namespace nilio::tools::simulation

@@ -1,0 +1,37 @@
+#pragma once
+
+#include "tools/simulate/geometry/mesh.hpp"
+#include "tools/simulate/town/street_layout.hpp"
+
+#include <cstdint>
+#include <vector>
+
+namespace nilio::tools::simulation {
+
+/// Height of the ground: where the vehicle drove it carries the vehicle (height and slope), elsewhere it is a
+/// weighted mean of that, with unevenness of a few centimetres everywhere and gentle hills off the road.
+/// Immutable.
+class Ground {
+ public:
+  Ground(const StreetLayout& layout, std::uint64_t seed);
+
+  /// World z of the ground, metres; defined everywhere, meant for within 90 m of the path.
+  [[nodiscard]] double height(const Vector2& p) const;
+  [[nodiscard]] core::Vector3 on_ground(const Vector2& p) const { return {p.x(), p.y(), height(p)}; }
+  /// Lowest ground under the corners of a footprint.
+  [[nodiscard]] double lowest(const Footprint& footprint) const;
+  /// Ground as triangles of about a metre, within 90 m of the path.
+  void append_to(TriangleMesh& mesh, const StreetLayout& layout) const;
+
+ private:
+  [[nodiscard]] std::size_t node(std::int64_t column, std::int64_t row) const;
+  [[nodiscard]] double unevenness(const Vector2& p) const;
+
+  std::uint64_t seed_;
+  Vector2 origin_ = Vector2::Zero();
+  std::int64_t columns_ = 0;
+  std::int64_t rows_ = 0;
+  std::vector<float> heights_;
+};
+
+}  // namespace nilio::tools::simulation

@@ -1,0 +1,173 @@
+#include "tools/simulate/town/street_objects.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace nilio::tools::simulation {
+
+namespace {
+
+using core::SE3;
+using core::Vector3;
+
+/// Half widths and heights along a car's body, from the rear bumper to the front one.
+struct CarShape {
+  CarSize size;
+  double bonnet_m;       ///< height of the bonnet
+  double roof_m;         ///< height of the roof
+  double rear_glass_m;   ///< x of the rear window's foot and top, from the rear end
+  double rear_roof_m;    //
+  double front_roof_m;   ///< x of the windscreen's top and foot, from the front end
+  double front_glass_m;  //
+};
+
+constexpr std::array<CarShape, kCarModels> kCarShapes{{{{3.9, 1.70}, 0.92, 1.47, 0.15, 0.50, 1.65, 1.05},
+                                                       {{4.6, 1.80}, 0.90, 1.43, 0.75, 1.35, 1.95, 1.25},
+                                                       {{4.7, 1.82}, 0.95, 1.52, 0.10, 0.35, 1.90, 1.20},
+                                                       {{5.3, 1.98}, 1.15, 2.30, 0.02, 0.10, 1.35, 0.75}}};
+
+constexpr double kClearanceM = 0.22;
+
+constexpr CarSize kTruckSize{16.5, 2.55};
+constexpr CarSize kBusSize{12.0, 2.55};
+
+void add_wheels(TriangleMesh& mesh, double x, double half_width) {
+  for (const double side : {-1.0, 1.0}) {
+    const double outer = side * half_width;
+    const double inner = side * (half_width - 0.4);
+    mesh.add_box({}, {x - 0.5, std::min(outer, inner), 0.0}, {x + 0.5, std::max(outer, inner), 1.0},
+                 Material::kTyre);
+  }
+}
+
+/// Tractor unit with a gap to a boxy trailer.
+TriangleMesh make_truck() {
+  TriangleMesh mesh;
+  const double x = 0.5 * kTruckSize.length_m;
+  const double y = 0.5 * kTruckSize.width_m;
+  mesh.add_box({}, {-x, -y, 1.1}, {x - 3.2, y, 4.0}, Material::kCarPaint);
+  mesh.add_box({}, {x - 2.3, -y + 0.05, 0.5}, {x, y - 0.05, 3.6}, Material::kCarPaint);
+  mesh.add_box({}, {x - 5.5, -0.45, 0.7}, {x - 2.3, 0.45, 1.1}, Material::kMetal);
+  mesh.add_box({}, {x, -y + 0.2, 1.7}, {x + 0.02, y - 0.2, 2.8}, Material::kGlass);
+  for (const double wheel_x : {-x + 2.0, -x + 3.3, -x + 4.6, x - 4.6, x - 1.2}) add_wheels(mesh, wheel_x, y);
+  mesh.add_box({}, {-x - 0.02, -1.0, 0.9}, {-x, 1.0, 1.05}, Material::kRetroreflector);
+  return mesh;
+}
+
+TriangleMesh make_bus() {
+  TriangleMesh mesh;
+  const double x = 0.5 * kBusSize.length_m;
+  const double y = 0.5 * kBusSize.width_m;
+  mesh.add_box({}, {-x, -y, 0.3}, {x, y, 1.2}, Material::kCarPaint);
+  mesh.add_box({}, {-x, -y + 0.03, 1.2}, {x, y - 0.03, 2.6}, Material::kGlass);
+  mesh.add_box({}, {-x, -y, 2.6}, {x, y, 3.1}, Material::kCarPaint);
+  for (double pillar = -x; pillar < x; pillar += 1.5) {
+    mesh.add_box({}, {pillar, -y, 1.2}, {pillar + 0.15, y, 2.6}, Material::kCarPaint);
+  }
+  for (const double wheel_x : {-x + 3.0, x - 2.7}) add_wheels(mesh, wheel_x, y);
+  return mesh;
+}
+
+/// One small leaf-like triangle at `centre`, turned at random.
+void add_leaf(TriangleMesh& mesh, const Vector3& centre, double size_m, RandomStream& random) {
+  const auto offset = [&]() -> Vector3 {
+    return size_m * Vector3(random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0));
+  };
+  const Vector3 a = centre + offset();
+  const Vector3 b = centre + offset();
+  const Vector3 c = centre + offset();
+  mesh.add_triangle(a, b, c, Material::kFoliage);
+}
+
+/// Random point in the unit ball, more often near its surface.
+Vector3 point_in_crown(RandomStream& random) {
+  Vector3 p(random.gaussian(), random.gaussian(), random.gaussian());
+  if (p.norm() < 1e-9) p = Vector3::UnitZ();
+  return p.normalized() * std::sqrt(random.uniform(0.1, 1.0));
+}
+
+}  // namespace
+
+CarSize car_size(std::size_t model) {
+  return model == kTruckModel ? kTruckSize : model == kBusModel ? kBusSize : kCarShapes[model].size;
+}
+
+TriangleMesh make_car(std::size_t model) {
+  if (model == kTruckModel) return make_truck();
+  if (model == kBusModel) return make_bus();
+  const CarShape& shape = kCarShapes[model];
+  TriangleMesh mesh;
+  const double x = 0.5 * shape.size.length_m;
+  const double y = 0.5 * shape.size.width_m;
+  mesh.add_box({}, {-x, -y, kClearanceM}, {x, y, shape.bonnet_m}, Material::kCarPaint);
+  // The cabin narrows upwards.
+  const double inset = 0.12 * shape.size.width_m;
+  const auto foot = [&](double px, double side) { return Vector3(px, side * y, shape.bonnet_m); };
+  const auto top = [&](double px, double side) { return Vector3(px, side * (y - inset), shape.roof_m); };
+  const double rear_foot = -x + shape.rear_glass_m;
+  const double rear_top = -x + shape.rear_roof_m;
+  const double front_top = x - shape.front_roof_m;
+  const double front_foot = x - shape.front_glass_m;
+  for (const double side : {-1.0, 1.0}) {
+    mesh.add_quad(foot(rear_foot, side), foot(front_foot, side), top(front_top, side), top(rear_top, side),
+                  shape.roof_m > 2.0 ? Material::kCarPaint : Material::kGlass);
+  }
+  mesh.add_quad(foot(front_foot, -1), foot(front_foot, 1), top(front_top, 1), top(front_top, -1),
+                Material::kGlass);
+  mesh.add_quad(foot(rear_foot, -1), foot(rear_foot, 1), top(rear_top, 1), top(rear_top, -1),
+                Material::kGlass);
+  mesh.add_quad(top(rear_top, -1), top(rear_top, 1), top(front_top, 1), top(front_top, -1),
+                Material::kCarPaint);
+  for (const double wheel_x : {-0.62 * x, 0.62 * x}) {
+    for (const double side : {-1.0, 1.0}) {
+      const double outer = side * (y + 0.01);
+      const double inner = side * (y - 0.2);
+      mesh.add_box({}, {wheel_x - 0.3, std::min(outer, inner), 0.0},
+                   {wheel_x + 0.3, std::max(outer, inner), 0.6}, Material::kTyre);
+    }
+  }
+  for (const double end : {-1.0, 1.0}) {
+    const double plate = end * (x + 0.02);
+    mesh.add_box({}, {std::min(plate, end * x), -0.26, 0.45}, {std::max(plate, end * x), 0.26, 0.56},
+                 Material::kRetroreflector);
+  }
+  return mesh;
+}
+
+void add_tree(TriangleMesh& mesh, const SE3& T_mesh_tree, double crown_radius_m, RandomStream& random) {
+  constexpr double leaf_m = 0.25;
+  constexpr double crown_foot_m = 2.4;
+  const double half_height = crown_radius_m * random.uniform(0.9, 1.5);
+  const double centre = crown_foot_m + leaf_m + half_height;
+  mesh.add_column(T_mesh_tree, random.uniform(0.1, 0.28), -0.5, centre, Material::kBark);
+  const Vector3 radii(crown_radius_m - leaf_m, crown_radius_m - leaf_m, half_height);
+  const int leaves = static_cast<int>(130.0 * crown_radius_m);
+  for (int i = 0; i < leaves; ++i) {
+    const Vector3 p = Vector3(0.0, 0.0, centre) + radii.cwiseProduct(point_in_crown(random));
+    add_leaf(mesh, T_mesh_tree * p, leaf_m, random);
+  }
+}
+
+void add_bush(TriangleMesh& mesh, const SE3& T_mesh_bush, double radius_m, RandomStream& random) {
+  constexpr double leaf_m = 0.12;
+  for (int i = 0; i < 70; ++i) {
+    const Vector3 p = (radius_m - leaf_m) * point_in_crown(random) + Vector3(0.0, 0.0, 0.6 * radius_m);
+    add_leaf(mesh, T_mesh_bush * p, leaf_m, random);
+  }
+}
+
+void add_lamp(TriangleMesh& mesh, const SE3& T_mesh_lamp, RandomStream& random) {
+  const double height = random.uniform(6.0, 8.5);
+  mesh.add_column(T_mesh_lamp, random.uniform(0.06, 0.11), -0.5, height, Material::kMetal);
+  mesh.add_box(T_mesh_lamp, {0.0, -0.04, height - 0.1}, {1.5, 0.04, height}, Material::kMetal);
+  mesh.add_box(T_mesh_lamp, {1.0, -0.15, height - 0.15}, {1.6, 0.15, height + 0.05}, Material::kMetal);
+}
+
+void add_sign(TriangleMesh& mesh, const SE3& T_mesh_sign, RandomStream& random) {
+  const double height = random.uniform(2.2, 2.8);
+  mesh.add_column(T_mesh_sign, 0.035, -0.5, height, Material::kMetal);
+  mesh.add_box(T_mesh_sign, {-0.06, -0.3, height - 0.6}, {-0.04, 0.3, height}, Material::kRetroreflector);
+}
+
+}  // namespace nilio::tools::simulation

@@ -1,0 +1,42 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include "tools/simulate/geometry/mesh.hpp"
+#include "tools/simulate/town/ground.hpp"
+#include "tools/simulate/town/street_layout.hpp"
+#include "tools/simulate/vehicle/vehicle_trajectory.hpp"
+
+#include <cstdint>
+
+namespace nilio::tools::simulation {
+
+struct TownConfig {
+  std::uint64_t seed = 1;
+  /// Scales how many buildings, trees, parked cars and posts there are; 0 leaves streets and ground.
+  double density = 1.0;
+};
+
+struct TownSummary {
+  std::size_t buildings = 0;
+  std::size_t trees = 0;
+  std::size_t bushes = 0;
+  std::size_t parked_cars = 0;
+  std::size_t posts = 0;
+  std::size_t walls = 0;
+};
+
+/// Everything that stands still, in world coordinates.
+struct Town {
+  StreetLayout layout;
+  Ground ground;
+  TriangleMesh mesh;
+  TownSummary summary;
+};
+
+/// Builds a town around a drive: uneven ground, kerbs, buildings, garden walls, trees, posts and parked cars.
+/// The same drive and configuration give the same town. Nothing but ground is in the lane that the vehicle
+/// drives, on any of its passes.
+core::Result<Town> build_town(const VehicleTrajectory& trajectory, const TownConfig& config);
+
+}  // namespace nilio::tools::simulation

@@ -1,0 +1,28 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+
+#include "tools/simulate/vehicle/vehicle_trajectory.hpp"
+
+#include <cstdint>
+#include <vector>
+
+namespace nilio::tools::simulation {
+
+struct TownDriveConfig {
+  std::uint64_t seed = 1;
+  double cruise_speed_m_s = 10.0;
+  /// Begin at cruising speed instead of standing.
+  bool moving_start = false;
+  DriveExtent extent;
+  /// Brake with 1 g to a stop every 110 m and turn corners with 90 deg/s.
+  bool hard = false;
+};
+
+/// Control poses (every kControlIntervalS) of a drive through the streets of a town, in the right-hand lane.
+/// Without a length it is one tour of about 640 m that drives a street twice in the same and once in the
+/// opposite direction and ends where it began; a longer drive goes on at random through the same streets.
+/// Slows down for corners, and comes to a stop at the end unless a duration ends it before.
+std::vector<core::SE3> make_town_drive(const TownDriveConfig& config);
+
+}  // namespace nilio::tools::simulation

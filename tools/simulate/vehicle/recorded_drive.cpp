@@ -1,0 +1,133 @@
+#include "tools/simulate/vehicle/recorded_drive.hpp"
+
+#include "tools/evaluate/trajectory.hpp"
+#include "tools/simulate/town/height_closure.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace nilio::tools::simulation {
+
+namespace {
+
+using core::Error;
+using core::Result;
+using core::SE3;
+using core::Vector3;
+
+/// 83 m in one frame of 0.1 s is faster than any road vehicle: the file is in other units or order.
+constexpr double kMaxSpeedMPerS = 100.0;
+constexpr double kSetOffAcceleration = 1.4;
+
+/// Poses of the camera in the frame of the first one.
+Result<std::vector<SE3>> read_camera_poses(const std::string& path) {
+  const Result<tools::Trajectory> file = read_trajectory(path);
+  if (!file) return file.error();
+  if (file->format != TrajectoryFormat::kKitti) {
+    return Error{path + ": is a TUM trajectory; give a KITTI pose file (12 numbers a line), or 'town'"};
+  }
+  if (file->poses.size() < 4) {
+    return Error{path + ": holds " + std::to_string(file->poses.size()) + " poses; a drive needs at least 4"};
+  }
+  std::vector<SE3> poses;
+  poses.reserve(file->poses.size());
+  for (const Pose& pose : file->poses) poses.push_back(se3_of(pose));
+  return poses;
+}
+
+/// Fails where the vehicle would be faster than any.
+Result<bool> check_steps(const std::vector<SE3>& poses, const RecordedDriveConfig& config) {
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    const double step = (poses[i].translation - poses[i - 1].translation).norm();
+    if (!(step <= kMaxSpeedMPerS * config.pose_interval_s)) {
+      return Error{config.pose_file + ": pose " + std::to_string(i + 1) + " is " + std::to_string(step) +
+                   " m from the one before, faster than " + std::to_string(static_cast<int>(kMaxSpeedMPerS)) +
+                   " m/s; check the file and --pose-interval"};
+    }
+  }
+  return true;
+}
+
+/// `poses` smoothed by a Gaussian over neighbouring poses; the window shrinks towards the ends.
+std::vector<SE3> smooth_poses(const std::vector<SE3>& poses) {
+  constexpr double sigma = 2.0;
+  constexpr std::ptrdiff_t half_width = 5;
+  std::vector<SE3> result;
+  result.reserve(poses.size());
+  const auto count = static_cast<std::ptrdiff_t>(poses.size());
+  for (std::ptrdiff_t i = 0; i < count; ++i) {
+    const std::ptrdiff_t half = std::min({half_width, i, count - 1 - i});
+    const SE3& centre = poses[static_cast<std::size_t>(i)];
+    Vector3 translation = Vector3::Zero();
+    Vector3 rotation = Vector3::Zero();
+    double total = 0.0;
+    for (std::ptrdiff_t k = -half; k <= half; ++k) {
+      const SE3& other = poses[static_cast<std::size_t>(i + k)];
+      const double weight = std::exp(-0.5 * static_cast<double>(k * k) / (sigma * sigma));
+      translation += weight * other.translation;
+      rotation += weight * core::so3_log(centre.rotation.conjugate() * other.rotation);
+      total += weight;
+    }
+    result.push_back({(centre.rotation * core::so3_exp(rotation / total)).normalized(), translation / total});
+  }
+  return result;
+}
+
+/// Recorded time at each control instant. Standing, then time speeds up from 0 to 1 by a smooth step, so that
+/// the vehicle sets off along the recorded path.
+std::vector<double> recorded_times(const VehicleTrajectory& recorded, bool moving_start) {
+  const double speed = recorded.state(0.0).velocity.norm();
+  const double ramp_s = moving_start ? 0.0 : std::max(0.5, speed / kSetOffAcceleration);
+  const double standing_s = moving_start ? 0.0 : kStandingTimeS;
+  std::vector<double> times;
+  for (std::size_t i = 0;; ++i) {
+    const double t = static_cast<double>(i) * kControlIntervalS - standing_s;
+    double u = std::max(0.0, t - 0.5 * ramp_s);
+    if (t <= 0.0) {
+      u = 0.0;
+    } else if (t < ramp_s) {
+      const double x = t / ramp_s;
+      u = ramp_s * (x * x * x - 0.5 * x * x * x * x);
+    }
+    if (u > recorded.duration_s()) return times;
+    times.push_back(u);
+  }
+}
+
+}  // namespace
+
+SE3 default_kitti_calibration() {
+  Eigen::Matrix<double, 3, 4> numbers;
+  numbers << 4.276802385584e-04, -9.999672484946e-01, -8.084491683471e-03, -1.198459927713e-02,  //
+      -7.210626507497e-03, 8.081198471645e-03, -9.999413164504e-01, -5.403984729748e-02,         //
+      9.999738645903e-01, 4.859485810390e-04, -7.206933692422e-03, -2.921968648686e-01;
+  return core::se3_from_matrix(numbers);
+}
+
+Result<std::vector<SE3>> make_recorded_drive(const RecordedDriveConfig& config) {
+  const Result<std::vector<SE3>> camera_poses = read_camera_poses(config.pose_file);
+  if (!camera_poses) return camera_poses.error();
+  SE3 T_camera_lidar = default_kitti_calibration();
+  if (!config.calibration_file.empty()) {
+    const Result<Pose> calibration = read_kitti_calibration(config.calibration_file);
+    if (!calibration) return calibration.error();
+    T_camera_lidar = se3_of(*calibration);
+  }
+  const SE3 T_camera_base = T_camera_lidar * config.T_base_lidar.inverse();
+  const SE3 T_base_world = (camera_poses->front() * T_camera_base).inverse();
+  std::vector<SE3> base_poses;
+  base_poses.reserve(camera_poses->size());
+  for (const SE3& camera : *camera_poses) base_poses.push_back(T_base_world * camera * T_camera_base);
+  const Result<bool> steps = check_steps(base_poses, config);
+  if (!steps) return steps.error();
+  close_heights(base_poses);
+  const VehicleTrajectory recorded(smooth_poses(base_poses), config.pose_interval_s);
+  std::vector<SE3> poses;
+  for (const double time : recorded_times(recorded, config.moving_start))
+    poses.push_back(recorded.pose(time));
+  if (poses.size() < 2) return Error{config.pose_file + ": the drive is shorter than 0.1 s"};
+  return cut_drive(std::move(poses), kControlIntervalS, config.extent);
+}
+
+}  // namespace nilio::tools::simulation

@@ -1,0 +1,35 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/core/se3.hpp"
+
+#include "tools/simulate/vehicle/vehicle_trajectory.hpp"
+
+#include <string>
+#include <vector>
+
+namespace nilio::tools::simulation {
+
+/// T_camera_lidar of the KITTI odometry sequences 00 to 02.
+core::SE3 default_kitti_calibration();
+
+struct RecordedDriveConfig {
+  std::string pose_file;
+  /// Empty = default_kitti_calibration().
+  std::string calibration_file;
+  /// Time from one pose to the next.
+  double pose_interval_s = 0.1037;
+  /// Begin at the recorded speed instead of standing.
+  bool moving_start = false;
+  core::SE3 T_base_lidar;
+  DriveExtent extent;
+};
+
+/// Control poses (every kControlIntervalS) that follow recorded camera poses: brought to base_link; heights
+/// made to agree where the drive comes to the same place again; smoothed over a few tenths of a second
+/// (recorded poses jitter by centimetres, which as acceleration would be tens of metres per second squared);
+/// and, unless moving_start, preceded by standing and a start at no more than about 2 m/s^2. World is the
+/// first base pose.
+core::Result<std::vector<core::SE3>> make_recorded_drive(const RecordedDriveConfig& config);
+
+}  // namespace nilio::tools::simulation
