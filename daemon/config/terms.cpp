@@ -1,15 +1,14 @@
 #include "daemon/config/terms.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <cmath>
-#include <numbers>
 #include <optional>
 #include <string>
 
 namespace nilio::daemon {
 
 namespace {
-
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 
 std::optional<drivers::ReturnMode> return_mode(const std::string& name) {
   if (name == "single") return drivers::ReturnMode::kSingle;

@@ -1,9 +1,10 @@
 #include "daemon/input/imu_input.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <numbers>
 #include <string>
 #include <utility>
 
@@ -12,8 +13,6 @@ namespace nilio::daemon {
 using core::Result;
 
 namespace {
-
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 
 /// The mapping in place of a preset's.
 drivers::ImuMapping make_mapping(const ImuConfig& config) {

@@ -1,14 +1,12 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/common/nearest_name.hpp"
 #include "nilio/drivers/imu/mapping.hpp"
 
 #include "drivers/can/dbc/embedded_dbc.hpp"
 
-#include <numbers>
-
 namespace nilio::drivers {
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 constexpr double kStandardGravity = 9.80665;
 constexpr std::int64_t kMicrosecond = 1'000;
 

@@ -1,19 +1,18 @@
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "drivers/velodyne/tables.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <span>
 
 namespace nilio::drivers {
 namespace {
-
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 
 std::string normalised(std::string_view name) {
   std::string result;

@@ -1,24 +1,22 @@
 #pragma once
 
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 
 #include "tests/support/drivers_support.hpp"
 
-#include <numbers>
 #include <span>
 #include <vector>
 
 namespace nilio::tests {
-
-inline constexpr double kDegree = std::numbers::pi / 180.0;
 
 inline std::vector<drivers::LaserCalibration> some_lasers() {
   std::vector<drivers::LaserCalibration> lasers(drivers::kHdl64eLasers);
   for (std::size_t id = 0; id < lasers.size(); ++id) {
     const auto i = static_cast<double>(id);
     drivers::LaserCalibration& laser = lasers[id];
-    laser.elevation_rad = (2.0 - 0.42 * i) * kDegree;
-    laser.azimuth_correction_rad = (-9.0 + 0.29 * i) * kDegree;
+    laser.elevation_rad = (2.0 - 0.42 * i) * nilio::kRadiansPerDegree;
+    laser.azimuth_correction_rad = (-9.0 + 0.29 * i) * nilio::kRadiansPerDegree;
     laser.distance_correction_m = 1.2 + 0.0051 * i;
     laser.near_distance_correction_x_m = 1.21 + 0.005 * i;
     laser.near_distance_correction_y_m = 1.22 + 0.004 * i;

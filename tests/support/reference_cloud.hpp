@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/scan.hpp"
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
@@ -65,7 +66,6 @@ struct Sighting {
 
 /// For points made without vertical offset, so that their elevation names the laser.
 inline Sighting sighting_of(const Eigen::Vector3d& p, const drivers::VelodyneSensor& sensor) {
-  constexpr double kDegree = 57.29577951308232;
   Sighting sighting;
   const double elevation = std::atan2(p.z(), p.head<2>().norm());
   for (std::size_t i = 1; i < sensor.lasers.size(); ++i) {
@@ -74,7 +74,7 @@ inline Sighting sighting_of(const Eigen::Vector3d& p, const drivers::VelodyneSen
       sighting.laser = i;
   }
   sighting.range = std::llround(p.norm() / sensor.distance_resolution_m);
-  sighting.azimuth_deg = -std::atan2(p.y(), p.x()) * kDegree;
+  sighting.azimuth_deg = -std::atan2(p.y(), p.x()) * nilio::kDegreesPerRadian;
   return sighting;
 }
 

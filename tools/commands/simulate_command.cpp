@@ -1,3 +1,4 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/velodyne/calibration/calibration.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
@@ -16,7 +17,6 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <system_error>
@@ -34,7 +34,6 @@ using core::Error;
 using core::Result;
 using namespace simulation;
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 /// 2026-01-01T12:00:00Z: recordings of the same seed are the same, stamps included.
 constexpr core::Time kStart{1'767'268'800'000'000'000};
 const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};

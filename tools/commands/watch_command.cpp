@@ -1,4 +1,5 @@
 #include "nilio/core/time.hpp"
+#include "nilio/core/units.hpp"
 
 #include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/dds/reports.hpp"
@@ -36,7 +37,6 @@ namespace {
 using core::Duration;
 using Clock = std::chrono::steady_clock;
 
-constexpr double kDegPerRad = 57.295779513082321;
 constexpr Duration kPollPeriod{50'000'000};
 constexpr std::chrono::milliseconds kTerminalPeriod{100};
 constexpr std::chrono::seconds kLinePeriod{1};
@@ -57,7 +57,8 @@ bool is_finite(const dds::Odometry& message) {
 }
 
 double yaw_deg(const std::array<double, 4>& q) {
-  return kDegPerRad * std::atan2(2.0 * (q[3] * q[2] + q[0] * q[1]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]));
+  return kDegreesPerRadian *
+         std::atan2(2.0 * (q[3] * q[2] + q[0] * q[1]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]));
 }
 
 double norm(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }

@@ -1,5 +1,7 @@
 #include "tools/evaluate/metrics.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,7 +16,6 @@ namespace nilio::tools {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 57.29577951308232;
 // Variance across the path compared with that along it (3 % of the width) below which the rotation about the
 // path follows the errors rather than the path.
 constexpr double kMinSpreadRatio = 1e-3;

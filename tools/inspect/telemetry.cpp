@@ -1,16 +1,15 @@
 #include "tools/inspect/telemetry.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "tools/inspect/report/report_text.hpp"
 
-#include <numbers>
 #include <span>
 #include <string_view>
 
 namespace nilio::tools {
 
 namespace {
-
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 
 void add_motion(const std::array<drivers::Hdl32eBoard, 3>& boards, TelemetryFindings& findings) {
   if (!findings.motion) findings.motion.emplace();

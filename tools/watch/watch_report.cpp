@@ -1,5 +1,7 @@
 #include "tools/watch/watch_report.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -10,7 +12,6 @@ namespace nilio::tools {
 namespace {
 
 constexpr std::size_t kLongestMessage = 240;
-constexpr double kDegPerRad = 57.295779513082321;
 
 unsigned long long wide(std::uint64_t value) { return value; }
 
@@ -44,7 +45,7 @@ void print_report(const dds::LatencyReport& report) {
 void print_imu_status(const dds::ImuPoseStatus& status) {
   std::printf(
       "\nIMU-rate poses: last correction %.3f m, %.2f deg%s; %llu jumps; %s\n", status.correction_m,
-      status.correction_rad * kDegPerRad, status.jumped ? " (jumped)" : "", wide(status.jumps),
+      status.correction_rad * kDegreesPerRadian, status.jumped ? " (jumped)" : "", wide(status.jumps),
       status.follows_gyro ? "rotation from the gyro" : "the scan's twist is held, the IMU is not trusted");
 }
 
@@ -82,7 +83,7 @@ nlohmann::json report_json(const dds::LatencyReport& report) {
 nlohmann::json imu_status_json(const dds::ImuPoseStatus& status) {
   return {{"scan_sequence", status.scan_sequence},
           {"correction_m", status.correction_m},
-          {"correction_deg", status.correction_rad * kDegPerRad},
+          {"correction_deg", status.correction_rad * kDegreesPerRadian},
           {"jumped", status.jumped},
           {"follows_gyro", status.follows_gyro},
           {"jumps", status.jumps},

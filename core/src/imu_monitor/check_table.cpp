@@ -1,18 +1,18 @@
 #include "core/src/imu_monitor/check_table.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/estimation/gravity.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <numbers>
 
 namespace nilio::core {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 // From here on, a direction belongs to another axis rather than to a crooked mounting.
 constexpr double kOtherAxisDegrees = 45.0;
 constexpr double kOtherUnit = 2.0;

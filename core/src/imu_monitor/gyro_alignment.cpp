@@ -1,8 +1,9 @@
 #include "core/src/imu_monitor/gyro_alignment.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -11,7 +12,6 @@ namespace nilio::core {
 
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 // Slower than this, a scan's rotation is noise of registration.
 constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
 // A minute of turning.

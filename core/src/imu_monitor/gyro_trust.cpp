@@ -1,14 +1,14 @@
 #include "core/src/imu_monitor/gyro_trust.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace nilio::core {
 
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 // Ten scans.
 constexpr double kMemory = 0.9;
 constexpr double kLeastWeight = 5.0;

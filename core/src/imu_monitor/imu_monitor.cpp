@@ -1,5 +1,7 @@
 #include "core/src/imu_monitor/imu_monitor.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/imu_monitor/accelerometer_alignment.hpp"
 #include "core/src/imu_monitor/check_table.hpp"
 #include "core/src/imu_monitor/gyro_alignment.hpp"
@@ -9,13 +11,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 
 namespace nilio::core {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kLeastGyroFullScale = 5.0 / kDegreesPerRadian;
 // A standing IMU shows 9.81.
 constexpr double kLeastAccelFullScale = 12.0;

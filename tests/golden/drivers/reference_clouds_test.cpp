@@ -1,3 +1,4 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/velodyne/decoder.hpp"
 #include "nilio/drivers/velodyne/detect.hpp"
 
@@ -132,11 +133,11 @@ TEST_CASE("the built-in tables are those of the published calibrations") {
       INFO("laser " << i);
       const LaserCalibration& ours = built_in.lasers[i];
       const LaserCalibration& theirs = published->lasers[i];
-      constexpr double kDegree = 0.017453292519943295;
       // Some files have the HDL-32E's lasers 5 and 6 at -6.66 and -26.66, rounded down instead of to nearest.
       const double tolerance = pair.model == VelodyneModel::kHdl32e ? 0.0101 : 0.001;
-      CHECK(std::abs(ours.elevation_rad - theirs.elevation_rad) < tolerance * kDegree);
-      CHECK(std::abs(ours.azimuth_correction_rad - theirs.azimuth_correction_rad) < 0.001 * kDegree);
+      CHECK(std::abs(ours.elevation_rad - theirs.elevation_rad) < tolerance * nilio::kRadiansPerDegree);
+      CHECK(std::abs(ours.azimuth_correction_rad - theirs.azimuth_correction_rad) <
+            0.001 * nilio::kRadiansPerDegree);
       CHECK(ours.ring == theirs.ring);
     }
   }

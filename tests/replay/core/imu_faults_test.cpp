@@ -1,4 +1,5 @@
 #include "nilio/core/odometry.hpp"
+#include "nilio/core/units.hpp"
 
 #include "tests/support/synthetic_room.hpp"
 
@@ -19,7 +20,6 @@ namespace {
 constexpr double kPeriod = 0.1;
 constexpr int kScans = 130;
 constexpr int kScansOfLongDrive = 330;
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 
 /// 6 m/s in bends of 20 deg/s to both sides, after standing for a second.
 SE3 winding(double t) {
@@ -79,7 +79,8 @@ Run drive(const Fault& fault, int threads = 1, int count = kScans) {
         run.results[run.results.size() - 2].T_odom_base.inverse() * run.results.back().T_odom_base;
     const SE3 error = truth.inverse() * step;
     run.worst_step_m = std::max(run.worst_step_m, error.translation.norm());
-    run.worst_step_deg = std::max(run.worst_step_deg, so3_log(error.rotation).norm() / kRadiansPerDegree);
+    run.worst_step_deg =
+        std::max(run.worst_step_deg, so3_log(error.rotation).norm() / nilio::kRadiansPerDegree);
   }
   const SE3 truth = winding(kPeriod).inverse() * winding(count * kPeriod);
   const SE3 whole = run.results.front().T_odom_base.inverse() * run.results.back().T_odom_base;
@@ -107,7 +108,7 @@ std::vector<NamedFault> disqualifying_faults() {
          for (double& force : s.linear_acceleration) force *= -1.0;
        })},
       {"degrees for radians", ImuCheck::kGyroScale, 57.3, 1.5, changed([](ImuSample& s) {
-         for (double& rate : s.angular_velocity) rate /= kRadiansPerDegree;
+         for (double& rate : s.angular_velocity) rate /= nilio::kRadiansPerDegree;
        })},
   };
 }

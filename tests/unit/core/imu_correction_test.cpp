@@ -1,3 +1,5 @@
+#include "nilio/core/units.hpp"
+
 #include "tools/inspect/imu_calibration/imu_calibration.hpp"
 
 #include <cmath>
@@ -11,7 +13,6 @@ using namespace nilio::core;
 
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 constexpr double kScanPeriod = 0.1;
 constexpr double kSamplePeriod = 0.005;
 
@@ -59,9 +60,10 @@ ImuSample sample_at(const Drive& drive, double t, const SE3& T_base_imu) {
 }
 
 SE3 rotated(double roll_deg, double pitch_deg, double yaw_deg) {
-  const Eigen::Quaterniond rotation = Eigen::AngleAxisd(yaw_deg * kRadiansPerDegree, Vector3::UnitZ()) *
-                                      Eigen::AngleAxisd(pitch_deg * kRadiansPerDegree, Vector3::UnitY()) *
-                                      Eigen::AngleAxisd(roll_deg * kRadiansPerDegree, Vector3::UnitX());
+  const Eigen::Quaterniond rotation =
+      Eigen::AngleAxisd(yaw_deg * nilio::kRadiansPerDegree, Vector3::UnitZ()) *
+      Eigen::AngleAxisd(pitch_deg * nilio::kRadiansPerDegree, Vector3::UnitY()) *
+      Eigen::AngleAxisd(roll_deg * nilio::kRadiansPerDegree, Vector3::UnitX());
   return {rotation, Vector3::Zero()};
 }
 
@@ -82,7 +84,7 @@ ImuCorrection correct(const Case& c, double seconds = 40.0) {
 }
 
 Vector3 degrees_of(const ImuCorrection& correction) {
-  return roll_pitch_yaw(correction.R_base_imu.toRotationMatrix()) / kRadiansPerDegree;
+  return roll_pitch_yaw(correction.R_base_imu.toRotationMatrix()) / nilio::kRadiansPerDegree;
 }
 
 void scale(std::array<double, 3>& values, double factor) {
@@ -117,8 +119,8 @@ TEST_CASE("a mounting that the configuration does not have is found about every 
     const ImuCorrection correction = correct({.actual = actual});
     CHECK(correction.orientation_changed);
     CHECK_FALSE(correction.along_axes);
-    CHECK(correction.R_base_imu.angularDistance(actual.rotation) / kRadiansPerDegree < 1.0);
-    for (const double sigma : correction.rotation_sigma) CHECK(sigma < 2.0 * kRadiansPerDegree);
+    CHECK(correction.R_base_imu.angularDistance(actual.rotation) / nilio::kRadiansPerDegree < 1.0);
+    for (const double sigma : correction.rotation_sigma) CHECK(sigma < 2.0 * nilio::kRadiansPerDegree);
   }
 }
 
@@ -267,7 +269,7 @@ TEST_CASE("roll, pitch and yaw give the rotation back, upright pitch too") {
   for (const Vector3& rpy : {Vector3(10, 20, 30), Vector3(-170, 5, 90), Vector3(0, 90, 0),
                              Vector3(0, -90, 45), Vector3(30, 90, 10)}) {
     const Matrix3 wanted = rotated(rpy.x(), rpy.y(), rpy.z()).rotation.toRotationMatrix();
-    const Vector3 found = roll_pitch_yaw(wanted) / kRadiansPerDegree;
+    const Vector3 found = roll_pitch_yaw(wanted) / nilio::kRadiansPerDegree;
     const Matrix3 again = rotated(found.x(), found.y(), found.z()).rotation.toRotationMatrix();
     CHECK((wanted - again).norm() < 1e-4);
   }

@@ -1,5 +1,7 @@
 #include "core/src/imu_monitor/imu_monitor.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "tests/support/synthetic_room.hpp"
 
 #include <algorithm>
@@ -15,7 +17,6 @@ using nilio::tests::imu_sample;
 
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 constexpr double kScanPeriod = 0.1;
 constexpr double kSamplePeriod = 0.005;
 
@@ -62,7 +63,7 @@ ImuHealth watch(const Drive& drive) {
     }
     SE3 registered = drive.pose(end);
     registered.translation += noise(0.005);
-    registered.rotation = registered.rotation * so3_exp(noise(0.01 * kRadiansPerDegree));
+    registered.rotation = registered.rotation * so3_exp(noise(0.01 * nilio::kRadiansPerDegree));
     RegisteredMotion motion;
     motion.from = Time::from_seconds(end - kScanPeriod);
     motion.to = Time::from_seconds(end);
@@ -152,7 +153,7 @@ TEST_CASE("swapped axes and flipped signs are named by the axes they are measure
 
 TEST_CASE("units are told from the scale: degrees for radians, and g for m/s^2") {
   const ImuHealth degrees = watch(changed([](ImuSample& s) {
-    for (double& rate : s.angular_velocity) rate /= kRadiansPerDegree;
+    for (double& rate : s.angular_velocity) rate /= nilio::kRadiansPerDegree;
   }));
   CHECK(degrees[ImuCheck::kGyroScale].value == Approx(57.3).margin(0.5));
   CHECK(degrees.reason == ImuCheck::kGyroScale);
@@ -170,7 +171,7 @@ TEST_CASE("units are told from the scale: degrees for radians, and g for m/s^2")
 
 TEST_CASE("a mounting rotated by ten degrees is measured about each axis") {
   for (const Vector3& axis : {Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)}) {
-    const ImuHealth health = watch(mounted_rotated(10.0 * kRadiansPerDegree * axis));
+    const ImuHealth health = watch(mounted_rotated(10.0 * nilio::kRadiansPerDegree * axis));
     CHECK(health[ImuCheck::kAccelMounting].value == Approx(10.0).margin(1.0));
     CHECK(health[ImuCheck::kAccelMounting].state == ImuCheckState::kBad);
     // A turn about z does not show where z is measured when the IMU itself is turned about z.
@@ -203,7 +204,7 @@ TEST_CASE("an offset beyond what is tried is reported as the largest that is, no
 
 TEST_CASE("a bias is measured on straight pieces and does not pass for scale") {
   const ImuHealth health = watch(changed([](ImuSample& s) {
-    for (double& rate : s.angular_velocity) rate += 2.0 * kRadiansPerDegree;
+    for (double& rate : s.angular_velocity) rate += 2.0 * nilio::kRadiansPerDegree;
   }));
   CHECK(health[ImuCheck::kGyroBias].value == Approx(2.0).margin(0.2));
   CHECK(health[ImuCheck::kGyroBias].state == ImuCheckState::kWarn);
@@ -211,7 +212,7 @@ TEST_CASE("a bias is measured on straight pieces and does not pass for scale") {
 }
 
 TEST_CASE("clipping is told from a fast turn, with the full scale, and clipped scans go without the gyro") {
-  const double full_scale = 15.0 * kRadiansPerDegree;
+  const double full_scale = 15.0 * nilio::kRadiansPerDegree;
   const ImuHealth health = watch(changed([&](ImuSample& s) {
     for (double& rate : s.angular_velocity) rate = std::clamp(rate, -full_scale, full_scale);
   }));
@@ -279,7 +280,7 @@ TEST_CASE("noise and vibration are measured as their root mean square") {
   std::mt19937 generator(3);
   std::normal_distribution<double> normal;
   const ImuHealth health = watch(changed([&](ImuSample& s) {
-    for (double& rate : s.angular_velocity) rate += 3.0 * kRadiansPerDegree * normal(generator);
+    for (double& rate : s.angular_velocity) rate += 3.0 * nilio::kRadiansPerDegree * normal(generator);
     for (double& force : s.linear_acceleration) force += 5.0 * normal(generator);
   }));
   CHECK(health[ImuCheck::kGyroNoise].value == Approx(3.0).margin(0.2));

@@ -1,10 +1,11 @@
 #include "nilio/drivers/velodyne/calibration/calibration.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/test_data.hpp"
 
 #include <algorithm>
-#include <numbers>
 
 #include <catch2/catch.hpp>
 
@@ -14,8 +15,6 @@ using Catch::Matchers::Contains;
 using nilio::tests::TemporaryFile;
 
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 /// A calibration of 16 lasers with one line replaced.
 std::string calibration(std::size_t laser, const std::string& line) {
@@ -163,8 +162,8 @@ TEST_CASE("calibration files of the ROS driver are read") {
     CHECK(hdl->lasers[0].min_intensity > 0);
     CHECK(disabled_lasers(*hdl).empty());
     CHECK(std::abs(hdl->lasers[0].horizontal_offset_m) == Approx(0.026));
-    CHECK(hdl->beam_spacing_rad > 0.2 * kDegree);
-    CHECK(hdl->beam_spacing_rad < 0.7 * kDegree);
+    CHECK(hdl->beam_spacing_rad > 0.2 * nilio::kRadiansPerDegree);
+    CHECK(hdl->beam_spacing_rad < 0.7 * nilio::kRadiansPerDegree);
   }
   const auto wrong = with_calibration_file(vlp16, (folder / "VLP32.yaml").string());
   REQUIRE_FALSE(wrong.ok());
@@ -233,8 +232,8 @@ TEST_CASE("a db.xml is recognised by its content and read in degrees and centime
   REQUIRE(sensor.ok());
   for (const XmlRow& row : kXmlRows) {
     const LaserCalibration& laser = sensor->lasers[static_cast<std::size_t>(row.id)];
-    CHECK(laser.azimuth_correction_rad == Approx(row.rot * kDegree));
-    CHECK(laser.elevation_rad == Approx(row.vert * kDegree));
+    CHECK(laser.azimuth_correction_rad == Approx(row.rot * nilio::kRadiansPerDegree));
+    CHECK(laser.elevation_rad == Approx(row.vert * nilio::kRadiansPerDegree));
     CHECK(laser.distance_correction_m == Approx(row.dist * 0.01));
     CHECK(laser.near_distance_correction_x_m == Approx(row.dist_x * 0.01));
     CHECK(laser.near_distance_correction_y_m == Approx(row.dist_y * 0.01));
@@ -262,8 +261,9 @@ TEST_CASE("a db.xml and the YAML file of the same unit agree") {
     const LaserCalibration& a = xml->lasers[static_cast<std::size_t>(row.id)];
     const LaserCalibration& b = yaml->lasers[static_cast<std::size_t>(row.id)];
     // The rows are rounded to 0.0001 degree and 0.01 mm.
-    CHECK(a.azimuth_correction_rad == Approx(b.azimuth_correction_rad).margin(0.6e-4 * kDegree));
-    CHECK(a.elevation_rad == Approx(b.elevation_rad).margin(0.6e-4 * kDegree));
+    CHECK(a.azimuth_correction_rad ==
+          Approx(b.azimuth_correction_rad).margin(0.6e-4 * nilio::kRadiansPerDegree));
+    CHECK(a.elevation_rad == Approx(b.elevation_rad).margin(0.6e-4 * nilio::kRadiansPerDegree));
     CHECK(a.distance_correction_m == Approx(b.distance_correction_m).margin(0.6e-5));
     CHECK(a.near_distance_correction_x_m == Approx(b.near_distance_correction_x_m).margin(0.6e-5));
     CHECK(a.near_distance_correction_y_m == Approx(b.near_distance_correction_y_m).margin(0.6e-5));
@@ -314,7 +314,8 @@ TEST_CASE("a db.xml of another model or in other units is refused") {
   for (std::size_t at = 0; (at = radians.find("<vertCorrection_>", at)) != std::string::npos; ++at) {
     const std::size_t number = at + std::string("<vertCorrection_>").size();
     const std::size_t length = radians.find('<', number) - number;
-    radians.replace(number, length, std::to_string(std::stod(radians.substr(number, length)) * kDegree));
+    radians.replace(number, length,
+                    std::to_string(std::stod(radians.substr(number, length)) * nilio::kRadiansPerDegree));
   }
   const TemporaryFile wrong(radians, ".xml");
   const auto refused = with_calibration_file(make_velodyne_sensor(VelodyneModel::kHdl64eS2), wrong.path());

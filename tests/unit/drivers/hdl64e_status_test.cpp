@@ -38,8 +38,8 @@ TEST_CASE("the status stream has the manual's types and bytes at the manual's pl
   std::vector<LaserCalibration> lasers = some_lasers();
   // The first laser of the manual's CRC example.
   LaserCalibration& laser = lasers[5];
-  laser.elevation_rad = -3.89 * kDegree;
-  laser.azimuth_correction_rad = -7.29 * kDegree;
+  laser.elevation_rad = -3.89 * nilio::kRadiansPerDegree;
+  laser.azimuth_correction_rad = -7.29 * nilio::kRadiansPerDegree;
   laser.distance_correction_m = 1.294;
   laser.near_distance_correction_x_m = 1.363;
   laser.near_distance_correction_y_m = 1.334;
@@ -103,8 +103,8 @@ TEST_CASE("a calibration loses half a step of the stream at most") {
   for (std::size_t id = 0; id < lasers.size(); ++id) {
     const LaserCalibration& sent = lasers[id];
     const LaserCalibration& got = writer.calibration().lasers[id];
-    CHECK(got.elevation_rad == Approx(sent.elevation_rad).margin(0.0051 * kDegree));
-    CHECK(got.azimuth_correction_rad == Approx(sent.azimuth_correction_rad).margin(0.0051 * kDegree));
+    CHECK(got.elevation_rad == Approx(sent.elevation_rad).margin(0.0051 * nilio::kRadiansPerDegree));
+    CHECK(got.azimuth_correction_rad == Approx(sent.azimuth_correction_rad).margin(0.0051 * nilio::kRadiansPerDegree));
     CHECK(got.distance_correction_m == Approx(sent.distance_correction_m).margin(0.00051));
     CHECK(got.near_distance_correction_y_m == Approx(sent.near_distance_correction_y_m).margin(0.00051));
     CHECK(got.focal_distance_m == Approx(sent.focal_distance_m).margin(0.00051));
@@ -268,7 +268,7 @@ TEST_CASE("a calibration from the stream can be saved and loaded exactly") {
     CHECK(loaded->beam_spacing_rad == sensor->beam_spacing_rad);
     for (std::size_t id = 0; id < kHdl64eLasers; ++id) {
       CHECK(loaded->lasers[id].elevation_rad ==
-            Approx(unit->lasers[id].elevation_rad).margin(0.0051 * kDegree));
+            Approx(unit->lasers[id].elevation_rad).margin(0.0051 * nilio::kRadiansPerDegree));
     }
   }
 }

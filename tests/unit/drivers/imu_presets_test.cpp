@@ -1,9 +1,10 @@
 // Every example of bytes that the devices' descriptions give, and what each preset makes of them.
 
+#include "nilio/core/units.hpp"
+
 #include "tests/support/imu_support.hpp"
 
 #include <cmath>
-#include <numbers>
 
 using namespace nilio;
 using namespace nilio::drivers;
@@ -14,7 +15,6 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kGravity = 9.80665;
 
 double decoded(const ImuPreset& preset, const char* message_name, const char* signal_name,
@@ -68,9 +68,9 @@ TEST_CASE("Bosch MM7.10 frames give yaw, roll, pitch and three accelerations, th
   decoder.add(frame_of(0x178, {0xD0, 0x87, 0, 0, 0x00, 0x80, 0, 0}, 20));
   const auto sample = decoder.add(frame_of(0x17C, {0x00, 0x80, 0, 0, 0x53, 0x8F, 0, 0}, 30));
   REQUIRE(sample.has_value());
-  CHECK(sample->angular_velocity[0] == Approx(-10.0 * kDegree));
+  CHECK(sample->angular_velocity[0] == Approx(-10.0 * nilio::kRadiansPerDegree));
   CHECK(sample->angular_velocity[1] == Approx(0.0).margin(1e-9));
-  CHECK(sample->angular_velocity[2] == Approx(10.0 * kDegree));
+  CHECK(sample->angular_velocity[2] == Approx(10.0 * nilio::kRadiansPerDegree));
   CHECK(sample->linear_acceleration[1] == Approx(0.500018 * kGravity).epsilon(1e-6));
   CHECK(sample->linear_acceleration[2] == Approx(0.500018 * kGravity).epsilon(1e-6));
   CHECK(decoder.temperature_degc() == -50.0);
@@ -91,7 +91,7 @@ TEST_CASE("an IMU without a pitch rate is used with 0 for it, and says so") {
     const auto sample = decoder->add(frame_of(0x576, golden, 30 + 100 * i));
     REQUIRE(sample.has_value());
     CHECK(sample->angular_velocity[1] == 0.0);
-    CHECK(sample->angular_velocity[2] == Approx(10.0 * kDegree));
+    CHECK(sample->angular_velocity[2] == Approx(10.0 * nilio::kRadiansPerDegree));
   }
 }
 
@@ -116,8 +116,8 @@ TEST_CASE("a device that lacks another axis is refused by name, and can be looke
   const auto sample = decoder->add(frame_of(0x576, golden, 30));
   REQUIRE(sample.has_value());
   CHECK(std::isnan(sample->angular_velocity[1]));
-  CHECK(sample->angular_velocity[0] == Approx(10.0 * kDegree));
-  CHECK(sample->angular_velocity[2] == Approx(10.0 * kDegree));
+  CHECK(sample->angular_velocity[0] == Approx(10.0 * nilio::kRadiansPerDegree));
+  CHECK(sample->angular_velocity[2] == Approx(10.0 * nilio::kRadiansPerDegree));
   for (const double value : sample->linear_acceleration) {
     CHECK(value == Approx(0.500018 * kGravity).epsilon(1e-6));
   }
@@ -140,7 +140,7 @@ TEST_CASE("Aceinna frames are known by their group, whatever their priority and 
     CHECK_FALSE(decoder.add(extended(frame_of(rate_id, rates, 10))).has_value());
     const auto sample = decoder.add(extended(frame_of(acceleration_id, accelerations, 20)));
     REQUIRE(sample.has_value());
-    CHECK(sample->angular_velocity[0] == Approx(10.0 * kDegree));
+    CHECK(sample->angular_velocity[0] == Approx(10.0 * nilio::kRadiansPerDegree));
     CHECK(sample->linear_acceleration[2] == Approx(-9.81));
     // The same bits as an identifier of 11 bits, another group and another format are not it.
     decoder.add(frame_of(rate_id & 0x7FF, rates, 30));

@@ -1,10 +1,9 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/common/nearest_name.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/imu_support.hpp"
-
-#include <numbers>
 
 #include <catch2/catch.hpp>
 
@@ -14,8 +13,6 @@ using namespace nilio::tests;
 using Catch::Matchers::Contains;
 
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 const std::vector<std::uint8_t> kXsensRate{0x01, 0x00, 0xFF, 0x80, 0x02, 0x00};
 const std::vector<std::uint8_t> kXsensAcceleration{0x00, 0x00, 0x00, 0x00, 0x09, 0xCF};
@@ -54,9 +51,9 @@ TEST_CASE("OxTS frames are turned to x forward, y left, z up and to radians") {
   CHECK(sample->linear_acceleration[0] == Approx(0.5));
   CHECK(sample->linear_acceleration[1] == Approx(0.2));
   CHECK(sample->linear_acceleration[2] == Approx(9.81));
-  CHECK(sample->angular_velocity[0] == Approx(1.5 * kDegree));
-  CHECK(sample->angular_velocity[1] == Approx(0.3 * kDegree));
-  CHECK(sample->angular_velocity[2] == Approx(-12.0 * kDegree));
+  CHECK(sample->angular_velocity[0] == Approx(1.5 * nilio::kRadiansPerDegree));
+  CHECK(sample->angular_velocity[1] == Approx(0.3 * nilio::kRadiansPerDegree));
+  CHECK(sample->angular_velocity[2] == Approx(-12.0 * nilio::kRadiansPerDegree));
   const std::vector<CanFrame> frames = encode_imu_sample(*sample, preset);
   REQUIRE(frames.size() == 2);
   CHECK(bytes_of(frames[0]) == rate_bytes);

@@ -1,3 +1,4 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/velodyne/clock/nmea.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
@@ -8,7 +9,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 
 #include <catch2/catch.hpp>
 
@@ -17,7 +17,6 @@ using namespace nilio::drivers;
 
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr std::int64_t kSecondNs = 1'000'000'000;
 constexpr std::int64_t kWeekNs = 7 * 86'400 * kSecondNs;
 
@@ -97,7 +96,7 @@ TEST_CASE("an HDL-32E standing still measures one g upwards") {
       mean[i].acceleration_y_m_s2 += boards[i].acceleration_y_m_s2 / static_cast<double>(packets.size());
       CHECK(boards[i].temperature_degc > 30.0);
       CHECK(boards[i].temperature_degc < 50.0);
-      CHECK(std::abs(boards[i].gyro_rad_s) < 40.0 * kDegree);
+      CHECK(std::abs(boards[i].gyro_rad_s) < 40.0 * nilio::kRadiansPerDegree);
     }
   }
   const double up = (mean[0].acceleration_x_m_s2 + mean[1].acceleration_x_m_s2) / 2.0;
@@ -178,8 +177,8 @@ TEST_CASE("every field of a position packet is at its documented place") {
   CHECK(packet->health == expected);
   REQUIRE(packet->motion.has_value());
   const auto& boards = *packet->motion;
-  CHECK(boards[0].gyro_rad_s == Approx(1024 * 0.09766 * kDegree));
-  CHECK(boards[1].gyro_rad_s == Approx(-1024 * 0.09766 * kDegree));
+  CHECK(boards[0].gyro_rad_s == Approx(1024 * 0.09766 * nilio::kRadiansPerDegree));
+  CHECK(boards[1].gyro_rad_s == Approx(-1024 * 0.09766 * nilio::kRadiansPerDegree));
   CHECK(boards[0].temperature_degc == Approx(25.0));
   CHECK(boards[1].temperature_degc == Approx(26.453));
   CHECK(boards[0].acceleration_x_m_s2 == Approx(9.80665).epsilon(1e-3));
@@ -215,7 +214,7 @@ TEST_CASE("values beyond the fields of a position packet are limited, not wrappe
   packet.set_nmea(std::string(300, 'x'));
   const auto parsed = parse_position_packet(encode_position_packet(packet));
   REQUIRE(parsed->motion.has_value());
-  CHECK((*parsed->motion)[0].gyro_rad_s == Approx(2047 * 0.09766 * kDegree));
+  CHECK((*parsed->motion)[0].gyro_rad_s == Approx(2047 * 0.09766 * nilio::kRadiansPerDegree));
   CHECK((*parsed->motion)[0].acceleration_y_m_s2 == Approx(-2048 * 0.001221 * 9.80665));
   CHECK(parsed->nmea() == std::string(kNmeaCapacity, 'x'));
 }

@@ -1,3 +1,4 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/velodyne/detect.hpp"
 
 #include "tests/support/tools_simulate_room.hpp"
@@ -18,7 +19,6 @@ using drivers::VelodyneModel;
 
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kDriveS = 0.5;
 
 /// A shot of one laser as it truly was.
@@ -33,8 +33,8 @@ struct Expectation {
   double time_us = 1.0;
   /// Azimuth of a decoded beam against the true one: half of the unit it is reported in, and the rounding of
   /// the rate that it is interpolated with.
-  double reported_rad = 0.005 * kDegree;
-  double interpolated_rad = 0.003 * kDegree;
+  double reported_rad = 0.005 * nilio::kRadiansPerDegree;
+  double interpolated_rad = 0.003 * nilio::kRadiansPerDegree;
   /// Points near an HDL-64E are bent aside by this, m.
   double bend_m = 0.0;
   /// Until then the decoder has to find out how long a firing sequence of a VLS-128 rests.
@@ -49,11 +49,11 @@ Expectation expectation_of(const drivers::VelodyneSensor& sensor, ReturnMode mod
     // firing sequence without its rest.
     expected.time_us = 3.5;
     expected.settled_us = 200.0;
-    expected.interpolated_rad =
-        (mode == ReturnMode::kSingle ? 0.006 : 0.014) * kDegree + 1e-5 * rpm * kDegree;
+    expected.interpolated_rad = (mode == ReturnMode::kSingle ? 0.006 : 0.014) * nilio::kRadiansPerDegree +
+                                1e-5 * rpm * nilio::kRadiansPerDegree;
   }
   if (sensor.lasers.size() == 64) {
-    expected.reported_rad = 0.045 * kDegree;
+    expected.reported_rad = 0.045 * nilio::kRadiansPerDegree;
     expected.interpolated_rad = 1e-5;
     expected.clock = sensor.has_clock ? core::ClockSource::kPpsLocked : core::ClockSource::kHost;
     if (sensor.lasers[0].near_distance_correction_x_m != 0.0) expected.bend_m = 0.06;

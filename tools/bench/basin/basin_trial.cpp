@@ -1,5 +1,7 @@
 #include "tools/bench/basin/basin_trial.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/preprocessing/normal_space_sampling.hpp"
 #include "core/src/preprocessing/scan_filter.hpp"
 #include "daemon/config/terms.hpp"
@@ -31,7 +33,6 @@ constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
 constexpr std::size_t kCoarsePoints = 800;
 constexpr float kCoarseVoxelMetres = 1.0F;
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 
 struct StoredScan {
   std::vector<Eigen::Vector3f> points;

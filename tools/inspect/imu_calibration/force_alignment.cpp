@@ -1,10 +1,11 @@
 #include "tools/inspect/imu_calibration/force_alignment.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/estimation/gravity.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <Eigen/Eigenvalues>
 
@@ -12,7 +13,6 @@ namespace nilio::core {
 
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 // Scans over which a velocity is taken: the noise of a position has to fade against 1 m/s^2.
 constexpr std::size_t kSpan = 5;
 constexpr double kUnevenness = 0.1;

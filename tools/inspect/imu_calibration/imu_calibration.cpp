@@ -1,5 +1,7 @@
 #include "tools/inspect/imu_calibration/imu_calibration.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/imu_monitor/gyro_alignment.hpp"
 #include "tools/inspect/imu_calibration/axis_permutation.hpp"
 #include "tools/inspect/imu_calibration/force_alignment.hpp"
@@ -14,7 +16,6 @@ namespace nilio::core {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kStandardGravity = 9.80665;
 constexpr int kOffsetRounds = 10;
 constexpr double kOffsetSettled = 2e-3;

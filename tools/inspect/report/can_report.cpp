@@ -1,14 +1,14 @@
+#include "nilio/core/units.hpp"
+
 #include "tools/inspect/report/report.hpp"
 #include "tools/inspect/report/report_text.hpp"
 
 #include <algorithm>
-#include <numbers>
 
 namespace nilio::tools {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kLevelDeg = 3.0;
 
 unsigned long long count(std::uint64_t n) { return n; }

@@ -1,16 +1,16 @@
 #include "tools/inspect/report/imu_calibration_report.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "tools/inspect/report/report_text.hpp"
 
 #include <array>
 #include <cmath>
-#include <numbers>
 
 namespace nilio::tools {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr std::array<const char*, 3> kAxes = {"x", "y", "z"};
 
 /// To a hundredth; no negative zero.

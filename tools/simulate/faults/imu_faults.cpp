@@ -1,9 +1,10 @@
 #include "tools/simulate/faults/imu_faults.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <numbers>
 #include <string_view>
 
 namespace nilio::tools::simulation {
@@ -14,7 +15,6 @@ using core::Vector3;
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kStandardGravity = 9.80665;
 /// Sets what a name stands for; the value is within the range of its row.
 using Setter = void (*)(ImuFaultConfig&, double);

@@ -1,19 +1,19 @@
 #include "tools/simulate/sensors/position_model.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "tools/simulate/sensors/imu_model.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <numbers>
 #include <string_view>
 
 namespace nilio::tools::simulation {
 
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kMetresPerSecondPerKnot = 0.514444;
 constexpr std::int64_t kHourUs = 3'600'000'000;
 constexpr std::int64_t kSecondNs = 1'000'000'000;
