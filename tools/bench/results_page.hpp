@@ -3,7 +3,7 @@
 #include "nilio/core/result.hpp"
 
 #include "tools/bench/odometry/table.hpp"
-#include "tools/common/command_line_fwd.hpp"
+#include "tools/commands/command_line_fwd.hpp"
 #include "tools/plot/canvas.hpp"
 
 #include <string>

@@ -2,7 +2,7 @@
 
 #include "daemon/input/input.hpp"
 #include "tools/common/commands.hpp"
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/inspect/config.hpp"
 #include "tools/inspect/report/report.hpp"
 #include "tools/simulate/scenes/progress.hpp"

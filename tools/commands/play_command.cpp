@@ -1,6 +1,6 @@
 #include "daemon/input/input.hpp"
 #include "tools/common/commands.hpp"
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/common/stop_signals.hpp"
 #include "tools/play/session.hpp"
 

@@ -1,5 +1,5 @@
 #include "tools/common/commands.hpp"
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/common/stop_signals.hpp"
 #include "tools/record/session.hpp"
 

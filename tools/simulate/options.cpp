@@ -2,7 +2,7 @@
 
 #include "nilio/drivers/imu/mapping.hpp"
 
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/simulate/faults/imu_faults.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 

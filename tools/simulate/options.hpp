@@ -3,7 +3,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "tools/common/command_line_fwd.hpp"
+#include "tools/commands/command_line_fwd.hpp"
 #include "tools/simulate/scenes/scene.hpp"
 #include "tools/simulate/sensors/gps_reception.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"

@@ -4,7 +4,7 @@
 #include "tools/bench/basin/basin_trial.hpp"
 #include "tools/bench/odometry/options.hpp"
 #include "tools/bench/results_page.hpp"
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 
 #include <algorithm>
 #include <array>

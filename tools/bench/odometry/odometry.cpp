@@ -9,7 +9,7 @@
 #include "tools/bench/odometry/plots.hpp"
 #include "tools/bench/odometry/report.hpp"
 #include "tools/bench/results_page.hpp"
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/plot/figure.hpp"
 #include "tools/plot/trajectories.hpp"
 

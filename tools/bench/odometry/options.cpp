@@ -1,6 +1,6 @@
 #include "tools/bench/odometry/options.hpp"
 
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 
 #include <cstdio>
 #include <unistd.h>

@@ -2,7 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
-#include "tools/common/command_line_fwd.hpp"
+#include "tools/commands/command_line_fwd.hpp"
 
 #include <cstdint>
 #include <string>

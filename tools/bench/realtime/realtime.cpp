@@ -9,7 +9,7 @@
 #include "tools/bench/realtime/realtime_table.hpp"
 #include "tools/bench/results_page.hpp"
 #include "tools/bench/soak/soak_section.hpp"
-#include "tools/common/number_between.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/common/stop_signals.hpp"
 #include "tools/common/work_folder.hpp"
 
