@@ -9,25 +9,25 @@ namespace nilio::core {
 namespace {
 
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
-// What work costs in ops mode, and in wall mode until it is known: nanoseconds a unit on one core of 2020's
-// computers.
+// Nominal costs, ns per unit on one core of a computer of 2020: used in ops mode, and in wall mode until
+// measured.
 constexpr std::array<double, kWorkKinds> kNominalCostNs = {20.0, 130.0, 60.0, 60'000.0};
-// What a piece of work costs however small it is, in units: fewer points would otherwise seem to be dearer
-// ones, and fewer still would be chosen.
+// Fixed cost of a piece of work, in units. Without it small numbers of points would look expensive, and ever
+// fewer would be chosen.
 constexpr std::array<double, kWorkKinds> kLeastUnits = {2000.0, 50.0, 200.0, 0.0};
-// A prediction is made so much larger than what it rests on: most iterations then cost less than predicted.
+// Safety margin: most iterations then cost less than predicted.
 constexpr double kMargin = 1.3;
-// What gets dearer is believed at once, what gets cheaper after a while; one preempted moment is no trend.
+// Cost estimates rise with the larger gain and fall with the smaller one; a single sample is limited.
 constexpr double kRiseGain = 0.3;
 constexpr double kFallGain = 0.05;
 constexpr double kLargestRatio = 4.0;
 constexpr double kDoubt = 0.8;
 constexpr double kIterationGain = 0.05;
-// Shares of the time, from the scan's beginning: preparation, then NDT when it is due. What a stage leaves
-// over goes to the next.
+// Shares of the time from the start of the scan: preparation, then NDT when it is due. The remainder of a
+// stage goes to the next.
 constexpr double kPrepareShare = 0.5;
 constexpr double kCoarseShare = 0.25;
-// With fewer points no registration is worth its name.
+// Minimum numbers of points for a useful registration.
 constexpr std::size_t kLeastScanPoints = 1000;
 constexpr std::size_t kLeastRegistrationPoints = 100;
 constexpr std::size_t kLeastRounds = 2;
@@ -120,7 +120,7 @@ std::int64_t WorkBudget::iteration_ns() const {
   return static_cast<std::int64_t>(cost_ns(Work::kIcp) * cost_units(Work::kIcp, registration_points_));
 }
 
-/// When this work has to be over.
+/// Deadline of this kind of work.
 std::int64_t WorkBudget::end_of(Work work) const {
   const std::int64_t end = deadline_ns_ - predicted_ns(Work::kFinish, 1);
   const double share = work == Work::kPrepare          ? kPrepareShare
@@ -135,7 +135,7 @@ std::size_t WorkBudget::keep_choice(std::size_t chosen) {
   return decisions_.counts[decisions_.count_size - 1U];
 }
 
-/// How many units can be done so many times until the end.
+/// Number of units that fit `rounds` times before `end_ns`.
 std::size_t WorkBudget::units_within(Work work, std::int64_t end_ns, std::size_t rounds,
                                      std::size_t most) const {
   const auto left = static_cast<double>(std::max<std::int64_t>(end_ns - now_ns(), 0));
@@ -153,13 +153,12 @@ std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_n
     short_ = short_ || chosen < most;
     return chosen;
   }
-  // Rather fewer iterations than no registration.
+  // Fewer iterations are better than no registration.
   std::size_t fits = units_within(work, end_ns, rounds, most);
   while (fits < least && rounds > kLeastRounds) fits = units_within(work, end_ns, --rounds, most);
   const std::size_t chosen = fits >= most ? most : fits >= least ? fits : 0;
   short_ = short_ || chosen < most;
-  // What is not done at all teaches nothing: doubt what it was taken to cost, or it would never be done
-  // again.
+  // Work that is skipped gives no cost sample: lower the estimate, or the work would be skipped for ever.
   if (chosen == 0 && config_.mode == BudgetMode::kWall) cost_ns_[static_cast<std::size_t>(work)] *= kDoubt;
   return std::min(keep_choice(chosen), most);
 }
@@ -170,7 +169,7 @@ std::size_t WorkBudget::choose_scan_points(std::size_t most) {
 
 std::size_t WorkBudget::choose_registration_points(std::size_t most, bool coarse) {
   coarse_ = coarse;
-  // Preparation is not over yet when this is chosen; its own share is not counted here.
+  // Preparation is still running at this point; its share is not counted here.
   const std::int64_t begin = std::max(end_of(coarse ? Work::kNdt : Work::kPrepare), now_ns());
   const std::int64_t time = std::max<std::int64_t>(end_of(Work::kIcp) - begin, 0);
   const auto rounds = static_cast<std::size_t>(std::ceil(iterations_));
@@ -185,7 +184,7 @@ bool WorkBudget::allows(Work work, std::size_t units) {
   if (answers_ == Answers::kRepeated)
     return std::find(stops, stops + decisions_.stop_size, question) == stops + decisions_.stop_size &&
            (decisions_.stop_size < BudgetDecisions::kMaxStops || question < decisions_.stops.back());
-  // What is not kept could not be repeated.
+  // Decisions beyond the capacity could not be repeated.
   if (decisions_.stop_size == BudgetDecisions::kMaxStops) return false;
   if (now_ns() + predicted_ns(work, units) <= end_of(work)) return true;
   decisions_.stops[decisions_.stop_size++] = question;

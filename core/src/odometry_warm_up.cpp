@@ -20,7 +20,7 @@ int Odometry::warm_up(const std::function<void()>& on_thread) {
   const int wanted = state_->arena.max_concurrency();
   std::atomic<int> arrived{0};
   std::atomic<bool> over{false};
-  // A thread that has come stays until all have, so that each takes one call.
+  // Each arriving thread waits for all others, so that every thread takes exactly one call.
   const auto come = [&](int /*index*/) {
     if (over.load()) return;
     on_thread();

@@ -1,8 +1,7 @@
 #pragma once
 
-// TBB as Debian builds it is not instrumented, so ThreadSanitizer cannot see that what was written before a
-// parallel loop is seen by its leaves, and that they are done when it returns. These two calls tell it; in
-// other builds they are nothing.
+// Debian's TBB is not instrumented, so ThreadSanitizer does not see the happens-before edges around parallel
+// loops. These two calls annotate them; in other builds they compile to nothing.
 #if defined(__SANITIZE_THREAD__)
 extern "C" void __tsan_acquire(void* address);
 extern "C" void __tsan_release(void* address);

@@ -10,14 +10,14 @@ namespace nilio::core {
 namespace {
 
 constexpr int kLeastSpans = 5;
-// Over which the noise of velocities is taken.
+// Memory of the velocity noise, in spans.
 constexpr int kMostSpans = 50;
 constexpr double kLeastNoise = 0.01;
-// A vehicle may begin with an acceleration of 1 m/s^2, which then is taken for gravity; later, a bias of
-// 0.05 m/s^2 turns with it within seconds.
+// An initial acceleration of up to 1 m/s^2 is absorbed into gravity; later a bias of 0.05 m/s^2 turns with
+// the vehicle within seconds.
 constexpr double kFirstVariance = 1.0;
 constexpr double kVariancePerSecond = 0.002;
-// An accelerometer that shows gravity is likely to be a sound one; it takes as much again to be certain.
+// Prior log-likelihood ratio: an accelerometer that measures gravity is probably sound.
 constexpr double kFirstRatio = 2.0;
 constexpr double kMostRatio = 20.0;
 constexpr double kGravityTolerance = 1.0;
@@ -41,12 +41,12 @@ void AccelerometerJudge::learn(const Evidence& evidence) {
       evidence.seen * ((evidence.felt - evidence.measured) / evidence.seconds - support_);
   const double felt_square = (innovation * evidence.seconds).squaredNorm();
   const double held_square = evidence.held_error * evidence.held_error;
-  // A velocity that is far off says nothing: neither explains it.
+  // Outlier: if both residuals are large, the sample does not change the ratio.
   const double least_square = std::min(felt_square, held_square) / 3.0;
   learn_noise(least_square);
   const double noise_square = std::max(noise_square_, least_square);
   if (!evidence.only_weigh) support_variance_ += kVariancePerSecond * evidence.seconds;
-  // What is not known of the support yet does not speak against the accelerometer.
+  // The uncertainty of gravity and bias is not held against the accelerometer.
   const double squared_s = evidence.seconds * evidence.seconds;
   const double uncertain_square = noise_square + support_variance_ * squared_s;
   const double change = (held_square - felt_square) / (2.0 * uncertain_square);

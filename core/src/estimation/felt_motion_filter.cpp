@@ -8,16 +8,15 @@ namespace nilio::core {
 
 namespace {
 
-// What is known of a place grows no worse than a scan tells it either while nothing shows, since the scans
-// before made the map.
+// Position variance is capped at the scan's: position is relative to the local map.
 constexpr double kPlaceVariance = kScanErrorMetres * kScanErrorMetres;
-// What axes, scale and sampling leave of an acceleration: a hundredth of 1 g.
+// Residual acceleration error from axes, scale and sampling: a hundredth of 1 g.
 constexpr double kAccelerationVariance = 0.1 * 0.1;
-// The attitude that takes gravity off wanders by less than 0.1 deg in a second.
+// Attitude drift that misaligns gravity: less than 0.1 deg in a second.
 constexpr double kSupportVariancePerSecond = 0.0002;
-// A bias of 0.1 m/s^2 turns with the vehicle's heading.
+// An accelerometer bias of 0.1 m/s^2 turns with the vehicle's heading.
 constexpr double kSupportVariancePerRadian = 0.1 * 0.1;
-// Three standard deviations over some scans.
+// Threshold: three standard deviations over some scans.
 constexpr double kInnovationMemory = 0.8;
 constexpr double kMostNormalisedSquare = 9.0;
 constexpr double kLeastInnovations = 1.0;
@@ -59,7 +58,7 @@ Vector3 FeltMotionFilter::velocity_gain(const Matrix3& R_odom_base) const {
 }
 
 Vector3 FeltMotionFilter::correct(const Matrix3& R_odom_base, const Vector3& moved, const Vector3& share) {
-  // One axis after the other, as if each were a measurement of its own.
+  // Sequential update: one axis after the other.
   Vector9 change = Vector9::Zero();
   normalised_squares_ = kInnovationMemory * normalised_squares_ +
                         moved.cwiseAbs2().cwiseQuotient(place_variance(R_odom_base)).sum();

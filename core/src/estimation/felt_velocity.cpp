@@ -36,7 +36,7 @@ std::optional<Vector3> FeltVelocity::acceleration(const TurnRate& rate, Time fro
 
 void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
                          const Vector3& share, bool only_weigh) {
-  // A mean velocity is that of the middle.
+  // The mean velocity equals the velocity at mid-interval.
   const Time time = motion.from + (motion.to - motion.from) / 2;
   const Eigen::Quaterniond rotation = motion.T_odom_from.rotation.slerp(0.5, motion.T_odom_to.rotation);
   if (!rate.imu.covers(time, time, max_gap_)) {

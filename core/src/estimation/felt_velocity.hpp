@@ -11,8 +11,7 @@
 
 namespace nilio::core {
 
-/// The rate at which base_link turns, rad/s in its own axes: as the gyro has it, or held where that is not
-/// trusted.
+/// Angular rate of base_link in its own axes, rad/s: from the gyro, or constant where the gyro is not used.
 struct TurnRate {
   const ImuBuffer& imu;
   Vector3 gyro_bias = Vector3::Zero();
@@ -23,42 +22,41 @@ struct TurnRate {
   }
 };
 
-/// What an IMU feels on its way, in axes that stand still.
+/// IMU integration over a span, in fixed axes.
 struct FeltMotion {
   Vector3 velocity = Vector3::Zero();  ///< integral of the specific force, m/s
   Eigen::Quaterniond rotation;         ///< of base_link at the end
 };
 
-/// From a time at which base_link is turned as `rotation` says; the buffer has to cover the span.
+/// Integrates from `from`, where base_link has attitude `rotation`; the buffer must cover the span.
 FeltMotion felt_between(const TurnRate& rate, Time from, Time to, const Eigen::Quaterniond& rotation);
 
-/// How the velocity of base_link changes by what the accelerometer feels, once that has predicted the scans'
-/// velocities better than holding them. Needs no bias and no levelled axes: see AccelerometerJudge. Not
-/// thread-safe.
+/// Acceleration of base_link from the accelerometer, once that predicts the scans' velocities better than a
+/// constant velocity does. Needs neither bias nor levelled axes (AccelerometerJudge). Not thread-safe.
 class FeltVelocity {
  public:
-  /// The IMU's place on base_link, m, and the longest gap between samples that are one motion.
+  /// Position of the IMU in base_link, m, and the longest gap between samples of one motion.
   FeltVelocity(const Vector3& imu_position, Duration max_gap)
       : imu_position_(imu_position), max_gap_(max_gap) {}
 
-  /// Mean rate of change of the velocity of base_link in its own axes, m/s^2, when that is `velocity` and
-  /// turned as `rotation` at `from`. Empty where the accelerometer is not followed.
+  /// Mean rate of change of the body velocity over [from, to], m/s^2, given `rotation` and `velocity` at
+  /// `from`. Empty where the accelerometer is not used.
   [[nodiscard]] std::optional<Vector3> acceleration(const TurnRate& rate, Time from, Time to,
                                                     const Eigen::Quaterniond& rotation,
                                                     const Vector3& velocity) const;
-  /// A registered motion and its velocity in axes of base_link, of which the scan showed `share`, 0 to 1,
-  /// along each. `only_weigh` as in AccelerometerJudge::Evidence.
+  /// Updates the consistency test with a registered motion and its body velocity; `share` is the
+  /// observability along each axis, 0 to 1. `only_weigh` as in AccelerometerJudge::Evidence.
   void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
              const Vector3& share, bool only_weigh);
-  /// What AccelerometerJudge subtracts from what is felt.
+  /// Sets the gravity and bias vector that is subtracted from the specific force.
   void know_support(const Vector3& support, double variance) { judge_.know_support(support, variance); }
   [[nodiscard]] const AccelerometerJudge& judge() const { return judge_; }
-  /// As if nothing had been learnt: the accelerometer has to show anew that it helps.
+  /// Resets the consistency test.
   void reset() {
     judge_ = {};
     last_.reset();
   }
-  /// What follows does not go on from the motion before.
+  /// Marks a discontinuity of the motion.
   void interrupt() { last_.reset(); }
 
  private:

@@ -10,19 +10,19 @@
 
 namespace nilio::core {
 
-/// Inertial measurement turned into base_link axes.
+/// Inertial measurement in base_link axes.
 struct BaseImuSample {
   Time stamp;
   Vector3 angular_velocity = Vector3::Zero();
   Vector3 linear_acceleration = Vector3::Zero();
 };
 
-/// The last samples of one IMU in order of time. Fixed capacity: the oldest makes room.
+/// Ring of the last samples of one IMU, in order of time. Fixed capacity: the oldest is overwritten.
 class ImuBuffer {
  public:
   explicit ImuBuffer(std::size_t capacity);
 
-  /// False, and nothing stored, for a stamp that does not advance or a value that is not finite.
+  /// Returns false and stores nothing for a stamp that does not advance or a value that is not finite.
   bool add(const ImuSample& sample, const Eigen::Quaterniond& R_base_imu);
   void clear() { size_ = 0; }
 
@@ -53,8 +53,8 @@ class ImuBuffer {
   std::size_t size_ = 0;
 };
 
-/// Means over [from, to] of values that are linear between the samples; the buffer has to cover the span,
-/// which must not be empty.
+/// Means over [from, to] with linear interpolation between samples; the buffer must cover the span, which
+/// must not be empty.
 Vector3 mean_angular_velocity(const ImuBuffer& buffer, Time from, Time to);
 Vector3 mean_specific_force(const ImuBuffer& buffer, Time from, Time to);
 

@@ -6,14 +6,14 @@ namespace nilio::core {
 
 namespace {
 
-// Stamps that go back farther are of a clock that was set, or come after one that was wrong.
+// A larger step back means that the clock was set.
 constexpr Duration kClockWasSet = Duration::from_seconds(1.0);
 
-// Scans farther apart than this have others between them that are missing, and maybe their motion, too.
+// Scans farther apart have lost scans between them.
 constexpr Duration kLongestSpan = Duration::from_seconds(0.5);
 
 SE3 moved(const SE3& T, const Vector3& velocity, const Vector3& rate, double seconds) {
-  // Straight on along the direction in the middle of the step: right to second order.
+  // Translation along the mid-step direction: second-order accurate.
   const Eigen::Quaterniond middle = T.rotation * so3_exp(rate * (0.5 * seconds));
   return {(T.rotation * so3_exp(rate * seconds)).normalized(), T.translation + middle * velocity * seconds};
 }
@@ -34,7 +34,7 @@ void ImuPropagator::set_scan_pose(const ScanPose& pose) {
   for (std::size_t i = imu_.lower_bound(imu_time_); i < imu_.size(); ++i) step_to(i);
 }
 
-/// What the accelerometer felt between the last scan and this one, and what became of the velocity.
+/// Updates the accelerometer test with the span between the last scan and this one.
 void ImuPropagator::learn_from(const ScanPose& next) {
   const Time from = scan_.stamp + next.imu_time_shift;
   const Time to = next.stamp + next.imu_time_shift;
@@ -93,7 +93,7 @@ void ImuPropagator::follow_gyro(Time to) {
   }
   const SE3 before = T_odom_base_;
   T_odom_base_ = moved(before, velocity_, rate, step.seconds());
-  // Where the IMU is, the change of velocity is what it felt less what holds it up; the vehicle's follows.
+  // dv_imu = (R f - g) dt at the IMU; base_link's velocity follows by the lever arm.
   const Eigen::Quaterniond half = before.rotation * so3_exp(rate * (0.5 * step.seconds()));
   const Vector3 change = (half * imu_.specific_force_at(middle) - accelerometer_.support()) * step.seconds();
   const Vector3 moving = before.rotation * (velocity_ + lever(rate_at(imu_time_))) + change;

@@ -12,7 +12,7 @@
 
 namespace nilio::core {
 
-/// What the odometry says at the end of a scan, as far as later poses follow from it.
+/// Odometry state at the end of a scan, from which later poses are propagated.
 struct ScanPose {
   Time stamp;  ///< end of the scan, LiDAR time
   SE3 T_odom_base;
@@ -20,7 +20,7 @@ struct ScanPose {
   Vector3 angular_velocity = Vector3::Zero();  ///< of base_link in its own axes, rad/s
   Vector3 gyro_bias = Vector3::Zero();         ///< in base_link, rad/s
   Duration imu_time_shift;                     ///< subtracted from IMU stamps gives LiDAR time
-  bool imu_trusted = false;                    ///< the odometry follows the gyro
+  bool imu_trusted = false;                    ///< the odometry uses the gyro
   bool predicted = false;                      ///< no registration: the velocity is no measurement
 };
 
@@ -31,40 +31,40 @@ struct PropagatedPose {
   Vector3 linear_velocity = Vector3::Zero();   ///< of base_link in its own axes, m/s
   Vector3 angular_velocity = Vector3::Zero();  ///< of base_link in its own axes, rad/s
   Duration age;                                ///< since the scan pose
-  bool follows_gyro = false;                   ///< all the way from the scan pose
+  bool follows_gyro = false;                   ///< over the whole span since the scan pose
 };
 
 struct ImuPropagatorConfig {
   SE3 T_base_imu;
   /// A longer gap between samples is bridged at the scan's constant twist.
   Duration max_gap = Duration::from_milliseconds(150.0);
-  /// No pose is given so long after the scan: a constant velocity says nothing any more.
+  /// Maximum age of the scan pose; later, a propagated pose would be meaningless.
   Duration max_age = Duration::from_seconds(5.0);
-  /// Samples that can be replayed: 10 s at 400 Hz.
+  /// Samples kept for repropagation: 10 s at 400 Hz.
   std::size_t capacity = 4096;
 };
 
-/// Carries the last scan pose on with every IMU sample: rotation from the gyro less its bias, velocity from
-/// the accelerometer where that has predicted the scans' velocities better than holding them
-/// (AccelerometerJudge), else held in the axes of the vehicle. Without a trusted IMU the scan's twist is
-/// held. Allocates only when made. Not thread-safe.
+/// Propagates the last scan pose with every IMU sample: rotation from the gyro minus its bias, velocity from
+/// the accelerometer where that passed its consistency test (AccelerometerJudge), else constant in the
+/// vehicle's axes. Without an accepted IMU the scan's twist is constant. Allocates only at construction. Not
+/// thread-safe.
 class ImuPropagator {
  public:
   explicit ImuPropagator(const ImuPropagatorConfig& config);
 
-  /// A newer scan pose: samples after it that have come already are applied to it again.
+  /// Sets a newer scan pose and repropagates the samples after it.
   void set_scan_pose(const ScanPose& pose);
-  /// The pose at the sample's time. Empty without a scan pose, for samples from before it or `max_age` after
-  /// it, and for samples that are refused (time goes back, not finite).
+  /// Returns the pose at the sample's time. Empty without a scan pose, for samples before it or `max_age`
+  /// after it, and for refused samples (stamp goes back, not finite).
   std::optional<PropagatedPose> add(const ImuSample& sample);
 
   /// Whether there is a scan pose.
   [[nodiscard]] bool has_pose() const { return has_pose_; }
   /// LiDAR time of the last sample or scan pose, whichever is later.
   [[nodiscard]] Time latest() const { return imu_time_ - scan_.imu_time_shift; }
-  /// The pose at a time near latest(), at the twist of then.
+  /// The pose at a time near latest(), extrapolated with the current twist.
   [[nodiscard]] SE3 pose_near(Time time) const;
-  /// Whether the accelerometer is followed.
+  /// Whether the accelerometer is in use.
   [[nodiscard]] bool follows_accelerometer() const { return accelerometer_.helps(); }
 
  private:
@@ -72,7 +72,7 @@ class ImuPropagator {
   void step_to(std::size_t sample);
   void follow_gyro(Time to);
   [[nodiscard]] Vector3 rate_at(Time imu_time) const;
-  /// Velocity that the IMU has from turning with the vehicle, in base_link.
+  /// Lever-arm velocity of the IMU, in base_link.
   [[nodiscard]] Vector3 lever(const Vector3& rate) const;
 
   ImuPropagatorConfig config_;
@@ -87,8 +87,8 @@ class ImuPropagator {
   AccelerometerJudge accelerometer_;
 };
 
-/// Covariance of a pose (position then rotation, odom axes) `age` after the scan that `pose` and `twist`
-/// (base_link axes) are of, when the twist was held since.
+/// Covariance (position then rotation, odom axes) `age` after a scan with covariances `pose` and `twist`
+/// (base_link axes), for a constant twist since.
 Matrix6 propagated_covariance(const Matrix6& pose, const Matrix6& twist,
                               const Eigen::Quaterniond& R_odom_base, Duration age);
 

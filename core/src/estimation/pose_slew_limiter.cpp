@@ -19,7 +19,7 @@ PoseCorrection PoseSmoother::correct(const SE3& before, const SE3& after) {
   translation_ += before.translation - after.translation;
   rotation_ = so3_log(so3_exp(rotation_) * before.rotation * after.rotation.conjugate());
   PoseCorrection correction{translation_.norm(), rotation_.norm(), false};
-  // Negated, so that what is not a number jumps too.
+  // Negated so that NaN jumps, too.
   if (correction.distance_m <= limits_.jump_m && correction.angle_rad <= limits_.jump_rad) return correction;
   translation_.setZero();
   rotation_.setZero();

@@ -9,14 +9,14 @@ namespace nilio::core {
 namespace {
 
 constexpr std::size_t kLeastSamples = 5;
-// Over all three axes: what idles shakes less, what drives shakes more.
+// Above an idling engine's vibration, below a driving vehicle's; over all three axes.
 constexpr double kMostForceDeviation = 0.1;
 constexpr double kMostRateDeviation = 0.01;
-// Setting off is felt as a change of the mean, long before it can be seen.
+// A departure changes the mean specific force long before the scans show it.
 constexpr double kMostForceChange = 0.05;
 constexpr double kMostMetres = 0.1;
 constexpr double kGravityTolerance = 0.5;
-// No road is steeper: gravity farther from base_link's z is a wrong extrinsic, not a slope.
+// Cosine of the steepest road: gravity farther from base_link's z means a wrong extrinsic.
 constexpr double kLeastUprightness = 0.9;
 
 }  // namespace
@@ -27,7 +27,7 @@ bool shows_gravity(const Vector3& force) {
 }
 
 bool StandingStart::goes_on(const ImuStatistics& felt, const Vector3& place) const {
-  // Values that never change are no sign of calm but of a fault.
+  // Constant values indicate a fault, not a stationary vehicle.
   if (felt.count < kLeastSamples || felt.acceleration_deviation <= 0.0) return false;
   if (felt.acceleration_deviation > kMostForceDeviation) return false;
   if (felt.angular_velocity_deviation > kMostRateDeviation || !shows_gravity(felt.mean_acceleration))
@@ -39,7 +39,7 @@ bool StandingStart::goes_on(const ImuStatistics& felt, const Vector3& place) con
 bool StandingStart::observe(const ImuStatistics& felt, const Vector3& place) {
   is_over_ = is_over_ || !goes_on(felt, place);
   if (is_over_) return false;
-  // The search for a start puts the second scan elsewhere.
+  // The initial velocity search moves the second scan.
   if (scans_ < 2) first_place_ = place;
   ++scans_;
   mean_force_ += (felt.mean_acceleration - mean_force_) / scans_;

@@ -7,23 +7,23 @@
 
 namespace nilio::core {
 
-/// Whether this specific force in axes of base_link, m/s^2, is that of gravity on a road, however steep: else
-/// unit or axes are wrong.
+/// Whether the specific force in axes of base_link, m/s^2, is gravity on a road of any slope; if not, unit or
+/// axes are wrong.
 bool shows_gravity(const Vector3& force);
 
-/// Whether the vehicle has been standing since the odometry began, as the IMU alone tells: where most of what
-/// a LiDAR sees begins to move, scans cannot. What is felt meanwhile is the support (AccelerometerJudge), the
-/// more exactly the longer. Not thread-safe.
+/// Static initialisation: detects from the IMU alone that the vehicle has been stationary since the start,
+/// which scans cannot where most of the scene begins to move. The mean specific force meanwhile initialises
+/// gravity and accelerometer bias. Not thread-safe.
 class StandingStart {
  public:
-  /// Samples of the last `kWindow` and the place of the last registered scan, m, once a scan. Standing ends,
-  /// for good, when anything is felt to change, or when scans have moved the place all the same, as they do
-  /// at a walking pace too smooth to feel.
+  /// Call once a scan with the samples of the last `kWindow` and the last registered position, m. Returns
+  /// whether the vehicle is still stationary; ends for good when the IMU measures a change, or when scans
+  /// moved the position all the same, as at a smooth walking pace.
   bool observe(const ImuStatistics& felt, const Vector3& place);
-  /// It is known from elsewhere that it moves.
+  /// Ends the phase: motion was detected elsewhere.
   void end() { is_over_ = true; }
   [[nodiscard]] bool is_over() const { return is_over_; }
-  /// Mean specific force while standing, m/s^2, in axes of base_link.
+  /// Mean specific force while stationary, m/s^2, in axes of base_link.
   [[nodiscard]] const Vector3& mean_force() const { return mean_force_; }
 
   static constexpr Duration kWindow = Duration::from_milliseconds(200.0);

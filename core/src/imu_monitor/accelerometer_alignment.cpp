@@ -18,7 +18,7 @@ constexpr double kLeastSteadyWeight = 30.0;
 constexpr double kSteadyAcceleration = 1.0;
 constexpr double kUnevenness = 0.1;
 constexpr double kLargestMountingSigma = 1.0 * std::numbers::pi / 180.0;
-// Neighbouring results share all but one scan: fewer of them are independent.
+// Successive windows share all but one scan: only one in so many is independent.
 constexpr double kOverlap = 10.0;
 
 }  // namespace
@@ -47,7 +47,8 @@ void ForceFit::learn() {
   const double span = 0.5 * (record(2 * kSpan).time - record(0).time).seconds();
   const Vector3 acceleration =
       (record(2 * kSpan).position - 2.0 * record(kSpan).position + record(0).position) / (span * span);
-  // A second difference of positions sees acceleration through a triangle; so must the force be weighted.
+  // A second difference of positions weights acceleration by a triangle; the specific force is weighted
+  // alike.
   Matrix36 design = Matrix36::Zero();
   Vector3 target = acceleration;
   for (std::size_t i = 1; i <= 2 * kSpan; ++i) {

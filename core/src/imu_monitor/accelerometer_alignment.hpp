@@ -11,8 +11,8 @@
 namespace nilio::core {
 
 struct ForceEstimate {
-  /// Rotation vector from the measured to the true specific force in base_link, rad; components that the
-  /// drive does not show are 0.
+  /// Rotation vector from the measured to the true specific force in base_link, rad; unobserved components
+  /// are 0.
   Vector3 mounting = Vector3::Zero();
   bool mounting_known = false;
   /// Mean specific force in base_link while not accelerating, m/s^2.
@@ -20,20 +20,20 @@ struct ForceEstimate {
   bool steady_known = false;
 };
 
-/// Compares the accelerometer with the acceleration that the registered positions show. The mounting is
-/// fitted together with the direction of gravity in odom, so that neither a slope at the start nor a wrongly
-/// levelled odom frame passes for it; small angles. Memory fades within a minute.
+/// Fits the accelerometer's mounting to the acceleration of the registered positions. The direction of
+/// gravity in odom is estimated jointly, so that neither a slope at the start nor a wrongly levelled odom
+/// frame is mistaken for a mounting error. Small angles; memory of one minute.
 class ForceFit {
  public:
-  /// The registered pose, where the IMU is in odom, and its mean specific force since the pose before, in
-  /// axes of base_link.
+  /// Adds a registered pose, the IMU's position in odom, and the mean specific force since the previous pose
+  /// in axes of base_link.
   void add(Time time, const SE3& T_odom_base, const Vector3& imu_position, const Vector3& force);
-  /// The poses do not follow each other: positions before and after are not compared.
+  /// Marks a discontinuity: positions before and after it are not compared.
   void interrupt() { count_ = 0; }
   [[nodiscard]] ForceEstimate estimate() const;
 
  private:
-  /// Scans over which a velocity is taken: the noise of a position has to fade against 1 m/s^2.
+  /// Scans between the positions of one difference: position noise must be small against 1 m/s^2.
   static constexpr std::size_t kSpan = 5;
   struct Record {
     Time time;

@@ -13,7 +13,7 @@ namespace nilio::core {
 
 namespace {
 
-// From here on, a direction belongs to another axis rather than to a crooked mounting.
+// Above this angle axes are swapped; below it the mounting is tilted.
 constexpr double kOtherAxisDegrees = 45.0;
 constexpr double kOtherUnit = 2.0;
 constexpr double kBetterBelow = 0.8;
@@ -127,13 +127,12 @@ std::string hint_for(ImuCheck check, const ImuHealth& health) {
   if (check == ImuCheck::kTimeOffset) return offset_hint(health);
   if (check == ImuCheck::kGyroScale) {
     if (std::abs(value * kDegreesPerRadian - 1.0) < 0.1)
-      return "rates come in rad/s and are taken for deg/s: multiply their scale by 57.2958";
+      return "rates are in rad/s but read as deg/s: multiply their scale by 57.2958";
     return unit_hint(usual, value, kDegreesPerRadian,
-                     "rates come in deg/s and are taken for rad/s: divide their scale by 57.2958");
+                     "rates are in deg/s but read as rad/s: divide their scale by 57.2958");
   }
   if (check == ImuCheck::kGravityMagnitude)
-    return unit_hint(usual, value, 1.0,
-                     "forces come in g and are taken for m/s^2: multiply their scale by 9.80665");
+    return unit_hint(usual, value, 1.0, "forces are in g but read as m/s^2: multiply their scale by 9.80665");
   return usual;
 }
 
@@ -167,7 +166,7 @@ double angle_between(const Vector3& a, const Vector3& b) {
   return std::acos(std::clamp(a.dot(b), -1.0, 1.0)) * kDegreesPerRadian;
 }
 
-/// Notes on which axis the direction's main axis is measured.
+/// Records the sensor axis on which the dominant axis of a direction is measured.
 void note_axis(const Vector3& gyro, const Vector3& registered, ImuHealth& health) {
   Eigen::Index from = 0;
   Eigen::Index to = 0;
@@ -218,7 +217,7 @@ void fill_directions(const RotationEstimate& estimate, ImuHealth& health) {
   fill_axes(estimate, health);
   const ObservedDirection& strongest = estimate.directions[0];
   const double scale = 1.0 / strongest.registered.norm();
-  // Small errors can be told only once the time offset is: at the beginning of a turn they look alike.
+  // Small errors are separable only once the time offset is known: at the onset of a turn they look alike.
   if (estimate.time_offset_known || scale > kOtherUnit || scale * kOtherUnit < 1.0)
     set_row(health, ImuCheck::kGyroScale, scale, strongest.angle_sigma * scale);
   if (health[ImuCheck::kGyroAxes].state == ImuCheckState::kBad) {
@@ -230,7 +229,7 @@ void fill_directions(const RotationEstimate& estimate, ImuHealth& health) {
 
 namespace {
 
-/// What is left of the time offset counts.
+/// Only the uncorrected part of the time offset counts.
 bool is_uncorrected(const ImuHealth& health) {
   const ImuDiagnosis& row = health[ImuCheck::kTimeOffset];
   return row.state == ImuCheckState::kBad &&

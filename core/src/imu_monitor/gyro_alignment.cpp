@@ -12,21 +12,21 @@ namespace nilio::core {
 
 namespace {
 
-// Slower than this, a scan's rotation is noise of registration.
+// Below this rate a scan's rotation is registration noise.
 constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
-// A minute of turning.
+// One minute of turning at 10 Hz.
 constexpr double kMemory = 1.0 - 1.0 / 600.0;
 constexpr double kLeastWeight = 20.0;
-// The beginning of a turn alone fits many shifts.
+// The onset of a turn alone fits many shifts.
 constexpr double kLeastWeightForOffset = 60.0;
 constexpr double kLeastWeightAtEdge = 100.0;
 // Variance that keeps directions without motion out of the fit, (0.06 deg/s)^2.
 constexpr double kRidge = 1e-6;
 constexpr double kLargestAngleSigma = 1.5 * kRadiansPerDegree;
-// Weaker directions carry what the strongest one leaks into them by small errors of deskewing.
+// Small deskewing errors leak the strongest direction into weaker ones.
 constexpr double kStrongShare = 0.1;
 constexpr double kLargestOffsetSigma = 3e-3;
-// Share of the registered rotation that the gyro has to explain before its time is worth anything.
+// Share of the registered rotation that the gyro must explain before its time offset is used.
 constexpr double kLeastExplained = 0.8;
 
 }  // namespace

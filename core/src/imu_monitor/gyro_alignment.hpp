@@ -8,7 +8,7 @@
 
 namespace nilio::core {
 
-/// Time shifts of the gyro that are tried, evenly spaced around 0.
+/// Candidate time shifts of the gyro, evenly spaced around 0.
 inline constexpr std::size_t kTimeShifts = 31;
 inline constexpr Duration kShiftStep = Duration::from_milliseconds(10.0);
 inline constexpr Duration kLargestShift = kShiftStep * static_cast<std::int64_t>(kTimeShifts / 2);
@@ -16,32 +16,33 @@ constexpr Duration shift_at(std::size_t index) {
   return kShiftStep * (static_cast<std::int64_t>(index) - static_cast<std::int64_t>(kTimeShifts / 2));
 }
 
-/// A direction in which the gyro has moved, and the registered rotation that belongs to one unit of it.
+/// A direction excited in the gyro, and the registered rotation for one unit of it.
 struct ObservedDirection {
   Vector3 gyro = Vector3::Zero();        ///< unit vector
   Vector3 registered = Vector3::Zero();  ///< its length is 1 / scale
   double angle_sigma = 0.0;              ///< rad; also the relative one of the scale
-  bool strong = false;                   ///< good enough for small angles
+  bool strong = false;                   ///< exact enough for small angles
 };
 
 struct RotationEstimate {
   std::array<ObservedDirection, 3> directions{};  ///< the first `observed`, strongest first
   std::size_t observed = 0;
-  /// Where gyro and registration agree best, s, with its standard deviation; +-0.15 may mean beyond.
+  /// Shift of best agreement between gyro and registration, s, with its standard deviation; +-0.15 may mean
+  /// beyond.
   double time_offset_s = 0.0;
   double time_offset_sigma_s = 0.0;
-  /// Sharp enough to be told; good enough to be kept once told.
+  /// Exact enough to be reported; exact enough to be kept once reported.
   bool time_offset_known = false;
   bool time_offset_found = false;
 };
 
-/// Linear fit of registered to gyro rates, for each time shift: registered = A gyro + constant. The constant
-/// takes the gyro's bias; where the residual is smallest is the time offset; what A does to the directions in
-/// which the gyro has moved tells axes, mounting and scale. Memory fades over turning, not over time, so that
-/// a straight road forgets nothing.
+/// Linear fit of registered to gyro rates for each time shift: registered = A gyro + constant. The constant
+/// absorbs the gyro's bias, the shift with the smallest residual is the time offset, and A on the excited
+/// directions gives axes, mounting and scale. Forgetting counts scans that turn, not time, so that a straight
+/// road forgets nothing.
 class RotationFit {
  public:
-  /// Mean rates over one scan, rad/s: the registered one, and the gyro's for each shift.
+  /// Adds the mean rates over one scan, rad/s: the registered one, and the gyro's for each shift.
   void add(const Vector3& registered, const std::array<Vector3, kTimeShifts>& gyro);
   [[nodiscard]] RotationEstimate estimate() const;
 

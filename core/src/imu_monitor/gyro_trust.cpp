@@ -9,24 +9,24 @@ namespace nilio::core {
 
 namespace {
 
-// Ten scans.
+// Memory of ten scans.
 constexpr double kMemory = 0.9;
 constexpr double kLeastWeight = 5.0;
 // 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
 constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
-// Withdrawn when the gyro's error is so many times that of a constant rate.
+// Rejection: the gyro's error is so many times that of a constant rate.
 constexpr double kPlainlyWorse = 2.0;
 constexpr double kContradiction = 0.3 * kRadiansPerDegree;
-// Rotation of a scan at which a gyro that is wrong shows.
+// Rotation of a scan that reveals a wrong gyro.
 constexpr double kTurning = 0.3 * kRadiansPerDegree;
-// Evidence is gathered over a minute of turning. It suffices once a constant rate has gone wrong by so much
-// in all (half a second's entry into a bend) and the gyro by less than a sixth of it, which one that is
-// late, crooked (10 deg) or of another scale does not. After a withdrawal it takes four times as much.
+// Evidence is collected over one minute of turning. It suffices once the constant rate has accumulated this
+// error (half a second's entry into a bend) and the gyro less than a sixth of it, which a late, misaligned
+// (10 deg) or wrongly scaled gyro does not reach. After a rejection four times as much is required.
 constexpr double kEvidenceMemory = 1.0 - 1.0 / 600.0;
 constexpr double kEvidenceSquares = 0.3 * 0.3 * kRadiansPerDegree * kRadiansPerDegree;
 constexpr double kEvidenceAfterWithdrawal = 4.0;
 constexpr double kLargestShareOfSquares = 1.0 / 36.0;
-// The noise of a registered rotation, which is evidence of nothing.
+// Noise of a registered rotation, subtracted from the evidence.
 constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDegree;
 
 }  // namespace

@@ -4,24 +4,24 @@
 
 namespace nilio::core {
 
-/// Whether the gyro predicts the registered rotation better than a constant rate does. Given once the gyro
-/// has shown it while turning, for any gyro agrees with a straight road; withdrawn when the gyro is plainly
-/// worse; given again after more evidence of the same kind.
+/// Consistency test of the gyro: does it predict the registered rotation better than a constant rate? It is
+/// accepted on evidence from turns (any gyro agrees with a straight road), rejected when clearly worse, and
+/// accepted again after more evidence.
 class GyroTrust {
  public:
-  /// Mean rates over a scan of `seconds`, rad/s.
+  /// Adds the mean rates over a scan of `seconds`, rad/s.
   void add(const Vector3& gyro, const Vector3& registered, double seconds);
   [[nodiscard]] bool contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const;
   void withdraw();
-  /// What speaks against the gyro so far does not hold any more.
+  /// Discards the statistics but keeps the decision: the gyro's stamps were corrected.
   void forget();
-  /// The next scan does not follow the last: nothing to predict a constant rate from.
+  /// Marks a discontinuity: the next scan has no constant rate to be predicted from.
   void interrupt() { has_rate_ = false; }
 
   [[nodiscard]] bool given() const { return given_; }
-  /// Agreement has been lost, or not come in bends that would have shown it.
+  /// True after a rejection, or after turns that would have proven a sound gyro.
   [[nodiscard]] bool refused() const;
-  /// Enough scans have been compared to speak of an error.
+  /// True once enough scans have been compared for the errors to be meaningful.
   [[nodiscard]] bool compared() const;
   /// Root mean squares of the last second, rad per scan.
   [[nodiscard]] double gyro_error() const;

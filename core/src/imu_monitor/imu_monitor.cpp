@@ -17,22 +17,22 @@ namespace nilio::core {
 namespace {
 
 constexpr double kLeastGyroFullScale = 5.0 / kDegreesPerRadian;
-// A standing IMU shows 9.81.
+// An IMU at rest measures 9.81.
 constexpr double kLeastAccelFullScale = 12.0;
-// Values that have not changed for so long are not followed; a sample now and then may repeat.
+// Samples unchanged for longer count as stuck; single repeats are normal.
 constexpr Duration kStuckAfter = Duration::from_milliseconds(100.0);
-// Scans of the bias's memory, and the rate up to which scale and mounting do not pass for bias.
+// Memory of the bias in scans; above the calm rate, errors of scale and mounting would look like bias.
 constexpr double kBiasMemory = 1.0 - 1.0 / 200.0;
 constexpr double kCalmRate = 1.0 / kDegreesPerRadian;
 constexpr double kLeastBiasWeight = 10.0;
-// Motions longer than this are no longer one scan.
+// Longer motions span more than one scan.
 constexpr double kLongestMotion = 0.35;
-// The offset that registration without the gyro shows is wrong by up to a tenth of a scan, and that with a
-// gyro that is off by part of what it is off: small rests are corrected until they are this small.
+// An offset estimated from scans deskewed without the gyro is wrong by up to a tenth of a scan, so the
+// correction is repeated until the remainder is below this.
 constexpr double kLeastShiftSeconds = 0.002;
 constexpr double kShiftSigmas = 3.0;
 constexpr double kLargestTotalShiftSeconds = 0.15;
-// Waiting for samples of the largest shift: at most two scans at 20 Hz more than that takes.
+// Motions waiting for the samples of the largest shift: two scans at 20 Hz more than that takes.
 constexpr std::size_t kPending = 8;
 
 }  // namespace
@@ -101,7 +101,7 @@ bool ImuMonitor::usable(Time from, Time to) const {
 bool ImuMonitor::force_usable(Time since) const {
   const ImuHealth& health = state_->health;
   const auto is_bad = [&](ImuCheck check) { return health[check].state == ImuCheckState::kBad; };
-  // Both sensors of an IMU are as crooked and as late as each other.
+  // Gyro and accelerometer share mounting and clock.
   constexpr std::array kGeometry{ImuCheck::kGravityMagnitude, ImuCheck::kGravityDirection,
                                  ImuCheck::kAccelMounting, ImuCheck::kGyroAxes, ImuCheck::kGyroMounting};
   return state_->force_is_sound(since) && health.reason != ImuCheck::kGyroAgreement &&
@@ -189,7 +189,7 @@ void ImuMonitor::State::learn_shifts(const ImuBuffer& imu, const RegisteredMotio
   rotation.add(motion.mean_rate(), rates);
 }
 
-/// True when the time shift has changed.
+/// Returns true if the time shift changed.
 bool ImuMonitor::State::fill_table(Time now) {
   fill_signals(now);
   const bool shifted = fill_rotation();
@@ -205,7 +205,7 @@ bool ImuMonitor::State::fill_table(Time now) {
     health.reason = ImuCheck::kCount;
   }
   if (was_trusted && !health.trusted) trust.withdraw();
-  // Deskewing with the gyro shows its errors more exactly than deskewing without.
+  // Scans deskewed with the gyro reveal its errors more exactly, so the fit starts again.
   if (!was_trusted && health.trusted) rotation = RotationFit();
   return shifted;
 }
@@ -226,14 +226,14 @@ void ImuMonitor::State::fill_signals(Time now) {
 
 bool ImuMonitor::State::fill_rotation() {
   const RotationEstimate estimate = rotation.estimate();
-  // After a new beginning of the fit what was found before holds until there is something better.
+  // After a restart of the fit the earlier estimates stay until better ones exist.
   if (estimate.observed > 0) {
     fill_directions(estimate, health);
     fill_offset(estimate);
   }
   fill_bias();
-  // Until it is judged, what deskewing without it does to a bend would count against it. Once it is refused
-  // the row keeps its largest value: on a straight road any gyro agrees.
+  // Before the gyro is in use, deskewing at a constant rate distorts bends and would count against it. After
+  // a rejection the row keeps its maximum: on a straight road any gyro agrees.
   const double disagreement = trust.gyro_error() * kDegreesPerRadian;
   const bool is_worse = trust.refused() && disagreement > health[ImuCheck::kGyroAgreement].value;
   if (trust.compared() && (health.trusted || is_worse))
@@ -263,7 +263,7 @@ void ImuMonitor::State::fill_bias() {
   }
 }
 
-/// Takes a time offset that is certain into the stamps, unless something else is wrong with the gyro.
+/// Applies a significant time offset to the stamps unless another check of the gyro is bad.
 bool ImuMonitor::State::follow_offset(const RotationEstimate& estimate) {
   const double rest_s = estimate.time_offset_s;
   const double total_s = shift.seconds() + rest_s;
@@ -288,7 +288,7 @@ void ImuMonitor::State::fill_force() {
     set_row(health, ImuCheck::kGravityDirection,
             std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegreesPerRadian);
   }
-  // Small angles are assumed: a force of another size or direction altogether has no small one.
+  // The fit assumes small angles: a wrong magnitude or direction of gravity violates that.
   const bool plausible = health[ImuCheck::kGravityMagnitude].state != ImuCheckState::kBad &&
                          health[ImuCheck::kGravityDirection].state != ImuCheckState::kBad &&
                          health[ImuCheck::kTimeOffset].state != ImuCheckState::kBad;

@@ -12,7 +12,7 @@
 namespace nilio::core {
 
 struct ImuMonitorConfig {
-  /// Where the IMU is on base_link, m.
+  /// Position of the IMU in base_link, m.
   Vector3 imu_position = Vector3::Zero();
   Duration max_gap = Duration::from_milliseconds(150.0);
 };
@@ -31,9 +31,9 @@ struct RegisteredMotion {
   }
 };
 
-/// Judges an IMU by the motion that the LiDAR registers: whether it may be used, and what is wrong with it.
-/// Everything is a sum with fading memory, so memory is bounded and a scan costs the same at any time; what
-/// comes out depends on the data alone. Not thread-safe.
+/// Compares an IMU with the motion that the LiDAR registers: decides whether it is used, and diagnoses its
+/// faults. All statistics are sums with exponential forgetting: bounded memory, constant cost, and results
+/// that depend on the data alone. Not thread-safe.
 class ImuMonitor {
  public:
   explicit ImuMonitor(const ImuMonitorConfig& config);
@@ -43,31 +43,30 @@ class ImuMonitor {
   ImuMonitor& operator=(const ImuMonitor&) = delete;
   ~ImuMonitor();
 
-  /// Each sample that the buffer took, in the IMU's own axes and with its own stamp.
+  /// Adds a sample that the buffer accepted, in the IMU's own axes and with its own stamp.
   void add(const ImuSample& sample);
-  /// To be subtracted from the IMU's stamps: the time offset, once it is known. What is left of it shows in
-  /// the next minute of turning.
+  /// Estimated time offset, subtracted from the IMU's stamps. The remainder is estimated in the next minute
+  /// of turning.
   [[nodiscard]] Duration time_shift() const;
 
-  /// Whether the gyro may be used for the motion in [from, to]: it is trusted, and neither stuck nor clipped
-  /// there.
+  /// Whether the gyro is used for the motion in [from, to]: accepted, and neither stuck nor clipped there.
   [[nodiscard]] bool usable(Time from, Time to) const;
-  /// Whether the accelerometer may be used: gravity and the gyro say that it is mounted as configured, and it
-  /// is neither stuck nor has it clipped since.
+  /// Whether the accelerometer is used: gravity and the gyro agree with the configured mounting, and it is
+  /// neither stuck nor has it clipped since.
   [[nodiscard]] bool force_usable(Time since) const;
-  /// Whether the registered motion contradicts the gyro so plainly that this scan had better be registered
+  /// Whether the registered motion contradicts the gyro so clearly that the scan should be registered again
   /// without it.
   [[nodiscard]] bool contradicts(const ImuBuffer& imu, const Vector3& gyro_bias,
                                  const RegisteredMotion& motion) const;
-  /// Withdraws trust because of a contradiction.
+  /// Rejects the gyro because of a contradiction.
   void demote();
-  /// The rate of the last registered motion, rad/s: what a constant rate would predict from.
+  /// Angular rate of the last registered motion, rad/s; the constant-rate prediction starts from it.
   [[nodiscard]] const Vector3& registered_rate() const;
 
-  /// Each scan whose registration was accepted; `gyro_bias` is what the user of the gyro subtracts. True when
-  /// time_shift() has changed, so that the samples in `imu` have stamps of before and had better go.
+  /// Evaluates a scan whose registration was accepted; `gyro_bias` is the bias in use. Returns true if
+  /// time_shift() changed: the samples in `imu` then carry outdated stamps and should be cleared.
   bool observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
-  /// A scan whose pose is no measurement.
+  /// Skips a scan whose pose is no measurement.
   void skip();
 
   [[nodiscard]] const ImuHealth& health() const;

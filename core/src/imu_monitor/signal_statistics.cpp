@@ -7,13 +7,13 @@ namespace nilio::core {
 
 namespace {
 
-// Equal values in a row at the largest value ever: with noise of one digit the chance is below 1e-7.
+// Equal values in a row at the extreme: with noise of one digit the probability is below 1e-7.
 constexpr std::uint32_t kClippedRun = 20;
 // Samples over which noise and losses are averaged.
 constexpr double kNoiseMemory = 0.999;
 constexpr double kLossMemory = 0.999;
 constexpr double kLeastSamples = 100.0;
-// Stamps that come in bursts do not tell the interval.
+// Below this share of regular intervals stamps come in bursts and the loss is unknown.
 constexpr double kLeastRegularity = 0.3;
 constexpr Duration kGapMemory = Duration::from_seconds(10.0);
 
@@ -27,7 +27,7 @@ bool TriadSignal::update_clipping(Axis& axis, double value) const {
     return false;
   }
   axis.run = size == axis.extreme ? axis.run + 1 : 0;
-  // An axis that has never moved is no clipped one.
+  // An axis that has never moved is stuck rather than clipped.
   const bool has_moved = axis.least < 0.5 * axis.extreme;
   if (axis.run >= kClippedRun && size > least_full_scale_ && has_moved) axis.full_scale = size;
   return axis.full_scale > 0.0 && size == axis.full_scale;
@@ -47,7 +47,7 @@ void TriadSignal::add(Time stamp, const std::array<double, 3>& values) {
   }
   if (changed) changed_ = stamp;
   if (count_ > 0) {
-    // Two samples differ by the noise of both; the mean is over three axes.
+    // A difference contains the noise of two samples; the mean is over three axes.
     square_ = kNoiseMemory * square_ + square / 6.0;
     weight_ = kNoiseMemory * weight_ + 1.0;
   }
@@ -67,7 +67,7 @@ double TriadSignal::full_scale() const {
 }
 
 void SampleTiming::learn_usual_interval() {
-  // The lower quartile: still one interval when half of the samples are lost.
+  // The lower quartile is still one interval when half of the samples are lost.
   std::array<std::int64_t, kIntervals> sorted = intervals_;
   const auto quartile = sorted.begin() + kIntervals / 4;
   std::nth_element(sorted.begin(), quartile, sorted.end());

@@ -10,27 +10,27 @@
 
 namespace nilio::core {
 
-/// What the samples of one sensor's three axes say by themselves: noise, clipping, values that never change.
+/// Noise, clipping and stuck values of one sensor's three axes, from the samples alone.
 class TriadSignal {
  public:
-  /// Values at or below `least_full_scale` are never taken for clipped.
+  /// Values at or below `least_full_scale` never count as clipped.
   explicit TriadSignal(double least_full_scale) : least_full_scale_(least_full_scale) {}
 
   void add(Time stamp, const std::array<double, 3>& values);
   /// Noise in the sensor's unit, root mean square over the axes, from the differences of neighbours.
   [[nodiscard]] double noise() const;
-  /// How long no axis has changed.
+  /// Time since any axis changed.
   [[nodiscard]] Duration unchanged() const { return last_ - changed_; }
-  /// Full scale at which the sensor has been seen to clip; 0 = never.
+  /// Full scale at which the sensor clipped; 0 = never.
   [[nodiscard]] double full_scale() const;
-  /// Last sample that was clipped, and whether there is one.
+  /// Whether a sample was clipped at or after `time`.
   [[nodiscard]] bool clipped_since(Time time) const { return has_clipped_ && last_clipped_ >= time; }
 
  private:
   struct Axis {
     double extreme = 0.0;                                    ///< largest absolute value so far
     double least = std::numeric_limits<double>::infinity();  ///< smallest absolute value so far
-    double full_scale = 0.0;  ///< an extreme that has come too often in a row to be chance
+    double full_scale = 0.0;  ///< extreme repeated too often in a row to be chance
     std::uint32_t run = 0;    ///< samples in a row at the extreme
   };
   bool update_clipping(Axis& axis, double value) const;
@@ -47,13 +47,13 @@ class TriadSignal {
   std::uint64_t count_ = 0;
 };
 
-/// When samples come: lost ones and gaps.
+/// Lost samples and gaps, from the stamps alone.
 class SampleTiming {
  public:
   explicit SampleTiming(Duration max_gap) : max_gap_(max_gap) {}
 
   void add(Time stamp);
-  /// Share of samples missing, 0 to 1, gaps apart; negative while unknown.
+  /// Share of missing samples outside gaps, 0 to 1; negative while unknown.
   [[nodiscard]] double loss() const;
   /// Longest time without a sample in the ten seconds before `now`, the present one included.
   [[nodiscard]] Duration longest_gap(Time now) const;

@@ -6,11 +6,10 @@ namespace nilio::core {
 
 namespace {
 
-// Longest step of the gyro integration; shorter than any IMU's period at which rotation is not yet linear.
+// Maximum step of the gyro integration.
 constexpr double kMaxStepSeconds = 0.005;
 
-/// Time of node i since the previous pose: node 0 is the previous pose, the others the borders of the sweep's
-/// cells.
+/// Time of node i since the previous pose: node 0 is the previous pose, the others are the cell borders.
 double node_time(const SweepMotion::Span& span, std::size_t i) {
   if (i == 0) return 0.0;
   const double start = std::max(0.0, (span.start - span.previous).seconds());

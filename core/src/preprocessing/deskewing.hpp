@@ -11,12 +11,11 @@
 
 namespace nilio::core {
 
-/// Cells into which a sweep is cut for deskewing; inside a cell the motion is taken to first order.
+/// Cells of equal time in a sweep; inside a cell the motion is first order.
 inline constexpr std::size_t kSweepCells = 128;
 
-/// How base_link moved from the previous pose to the end of the scan: the rotation as the gyroscope (or a
-/// constant rate) says and a constant velocity in body axes. This is what registration refines and what
-/// deskewing reads.
+/// Motion of base_link from the previous pose to the end of the scan: rotation from the gyroscope (or at a
+/// constant rate) and a constant velocity in body axes. Registration refines it; deskewing reads it.
 class SweepMotion {
  public:
   /// Time span of the motion and, inside it, of the sweep.
@@ -26,37 +25,34 @@ class SweepMotion {
     Time end;       ///< last firing: time of the pose
   };
 
-  /// Rotation from bias-corrected angular velocities of the buffer, which has to cover the span.
+  /// Rotation from bias-corrected angular velocities of the buffer, which must cover the span.
   void set_rotation_from_imu(const Span& span, const ImuBuffer& imu, const Vector3& gyro_bias);
   /// Rotation at a constant rate in body axes, rad/s.
   void set_constant_rotation(const Span& span, const Vector3& angular_velocity);
 
-  /// Prediction: the rotation as set, the translation of a constant body velocity, m/s. Returns
-  /// T_previous_end.
+  /// Predicts the motion from the rotation as set and a constant body velocity, m/s. Returns T_previous_end.
   SE3 predict(const Vector3& body_velocity);
-  /// From the middle of the sweep to its end, T_middle_end, as deskewing has it.
+  /// Motion from the midpoint of the sweep to its end.
   [[nodiscard]] SE3 half_sweep() const;
-  /// The motion that a scan shows which was deskewed as this one has it and registered at T_previous_end,
-  /// after one whose half_sweep() was `previous_half`: the mean twist from the middle of one sweep to that of
-  /// the other, in body axes. Deskewing with a wrong motion moves a sweep's end, but hardly its middle; taken
-  /// from end to end, the motion would measure its own errors and swing.
+  /// Mean twist between the midpoints of two sweeps in body axes, for a scan deskewed with this motion and
+  /// registered at T_previous_end, after one whose half_sweep() was `previous_half`. Deskewing with a wrong
+  /// motion shifts the end of a sweep but hardly its midpoint; a twist between ends would oscillate.
   [[nodiscard]] Vector6 measure(const SE3& T_previous_end, const SE3& previous_half,
                                 double previous_sweep_s) const;
-  /// Time between those middles, seconds.
+  /// Time between those midpoints, seconds.
   [[nodiscard]] double between_s(double previous_sweep_s) const {
     return duration_s() + 0.5 * (previous_sweep_s - sweep_s_);
   }
-  /// Takes on a twist, of which the rotation only where no gyro gives it. Returns T_previous_end with the
-  /// same middle of the sweep, and the end that the new motion gives it.
+  /// Sets the twist (its rotation only without a gyro). Returns T_previous_end with the midpoint of the sweep
+  /// unchanged and the end that follows from the new motion.
   SE3 refine(const SE3& T_previous_end, const Vector6& twist);
   /// Duration of the sweep, seconds.
   [[nodiscard]] double sweep_s() const { return sweep_s_; }
-  /// The velocity in use, m/s in body axes, and the mean angular velocity over the span, rad/s.
+  /// Velocity in use, m/s in body axes, and mean angular velocity over the span, rad/s.
   [[nodiscard]] const Vector3& body_velocity() const { return body_velocity_; }
   [[nodiscard]] Vector3 mean_angular_velocity() const;
 
-  /// Moves each point to where it would have been seen at the end of the scan. `output` is resized to
-  /// `points`.
+  /// Moves each point to the frame of base_link at the end of the scan. `output` is resized to `points`.
   void deskew(const std::vector<SweepPoint>& points, std::vector<Eigen::Vector3f>& output) const;
 
  private:

@@ -8,7 +8,7 @@ namespace nilio::core {
 
 namespace {
 
-/// Turns a point about the horizontal axis across its direction, upwards.
+/// Rotates a point upwards about the horizontal axis across its direction.
 Eigen::Vector3f raise_beam(const Eigen::Vector3f& p, float cosine, float sine) {
   const float horizontal = p.head<2>().norm();
   if (horizontal == 0.0F) return p;
@@ -16,16 +16,15 @@ Eigen::Vector3f raise_beam(const Eigen::Vector3f& p, float cosine, float sine) {
   return {p.x() * shrink, p.y() * shrink, p.z() * cosine + horizontal * sine};
 }
 
-/// Visits the points of a scan far from each other in turn, the first few spread as evenly over it as all
-/// are: multiples of the golden ratio. In the scan's own order the first point of a voxel would always be the
-/// one on the side that the beams come from, which moves walls, and a stride would pick the same beams from
-/// every firing.
+/// Visits points in multiples of the golden ratio, so that any prefix is spread evenly over the scan. In
+/// firing order the first point of a voxel always lies on the side that the beams come from, which biases
+/// walls; a stride would pick the same beams from every firing.
 class SpreadOrder {
  public:
   /// `count` is at least 1.
   explicit SpreadOrder(std::size_t count) : count_(count), step_(step_for(count)) {}
 
-  /// The next index; each of them once.
+  /// The next index; each one once.
   std::size_t next() {
     const std::size_t index = next_;
     next_ += step_;
@@ -62,11 +61,11 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
   const auto sweep_ns = (scan.end - scan.start).ns;
   const float cosine = std::cos(config.elevation_correction_rad);
   const float sine = std::sin(config.elevation_correction_rad);
-  // KITTI's files have no numbers of beams. The sine of the elevation tells them apart as well.
+  // KITTI files carry no beam numbers; the sine of the elevation identifies beams as well.
   const bool numbered =
       std::any_of(scan.points.begin(), scan.points.end(), [](const Point& point) { return point.ring != 0; });
   SpreadOrder order(scan.points.size());
-  // The order jumps through memory as no processor foresees: points are fetched a while before they are due.
+  // Prefetching: the order is unpredictable for the hardware.
   SpreadOrder ahead = order;
   for (std::size_t i = 0; i < kFetchedAhead; ++i) ahead.next();
   const auto next_index = [&](std::size_t) {

@@ -13,13 +13,12 @@
 
 namespace nilio::core {
 
-/// A point that survived filtering: base_link frame at its own firing time until it is deskewed.
+/// A filtered point, in base_link at its own firing time until it is deskewed.
 struct SweepPoint {
   Eigen::Vector3f position = Eigen::Vector3f::Zero();
   /// Seconds relative to the end of the scan (zero or negative).
   float time_s = 0.0F;
-  /// Tells the beams apart: the number of the one that saw it, or the sine of its elevation in beam
-  /// spacings.
+  /// Identifies the beam: its number, or the sine of its elevation in beam spacings.
   float beam = 0.0F;
 };
 
@@ -29,12 +28,12 @@ struct ScanFilterConfig {
   float voxel_size_m = 0.5F;
   /// Raises every beam by this angle about the sensor's origin.
   float elevation_correction_rad = 0.0F;
-  /// Points to look at, spread evenly over the scan; more than it has = all.
+  /// Points to visit, spread evenly over the scan.
   std::size_t max_points = std::numeric_limits<std::size_t>::max();
 };
 
-/// Range gate and voxel filter (NI-LIO 3.1), then into base_link. Points that are not finite are left out.
-/// `output` keeps its capacity.
+/// Range gate and voxel filter (NI-LIO 3.1), then transformation into base_link. Points that are not finite
+/// are dropped. `output` keeps its capacity.
 void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_base_lidar,
                  VoxelFilter& filter, std::vector<SweepPoint>& output);
 

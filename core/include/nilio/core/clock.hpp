@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-
 #include <time.h>
 
 namespace nilio {

@@ -8,24 +8,24 @@
 
 namespace nilio::core {
 
-/// By what the time of a scan is limited.
+/// Limit on the time of a scan.
 enum class BudgetMode : std::uint8_t {
-  kOff,   ///< by nothing
-  kWall,  ///< by a clock: the result depends on the computer and on what else it does
-  kOps,   ///< by counted work, each at a stated cost: the same result everywhere
+  kOff,   ///< none
+  kWall,  ///< a clock: results depend on the computer and its load
+  kOps,   ///< counted work at nominal costs: the same results everywhere
 };
 
-/// What is counted, in units of one point: in preparation (range gate, voxel filter, deskewing, selection)
-/// one of the scan, in registration one in one iteration. Finishing counts scans.
+/// Kinds of counted work, in units of one point: in preparation (range gate, voxel filter, deskewing,
+/// selection) a point of the scan, in registration a point in one iteration. Finishing counts scans.
 enum class Work : std::uint8_t { kPrepare, kNdt, kIcp, kFinish, kCount };
 inline constexpr std::size_t kWorkKinds = static_cast<std::size_t>(Work::kCount);
 
-/// How far a scan's registration had to be cut to keep the budget, from whole to nothing.
+/// Degradation of a registration to keep the budget, from none to complete.
 enum class BudgetRung : std::uint8_t {
   kFull,
   kFewerPoints,     ///< fewer points of the scan, or fewer of them in the registration
-  kIcpOnly,         ///< NDT was due and left out
-  kNdtOnly,         ///< no time for ICP after it
+  kIcpOnly,         ///< NDT was due but skipped
+  kNdtOnly,         ///< no time for ICP after NDT
   kPredictionOnly,  ///< no time for any iteration
   kCount
 };
@@ -40,61 +40,60 @@ struct BudgetConfig {
   Duration budget = Duration::from_milliseconds(50.0);
 };
 
-/// Every answer that a clock had a part in, for one scan: with them its registration can be repeated to the
-/// bit.
+/// All clock-dependent decisions of one scan; replaying them repeats its registration bit for bit.
 struct BudgetDecisions {
   static constexpr std::size_t kMaxCounts = 4;
   static constexpr std::size_t kMaxStops = 24;
-  /// Numbers of points chosen, in order; of a later choice the last one holds.
+  /// Chosen numbers of points, in order; the last one serves later choices.
   std::array<std::uint32_t, kMaxCounts> counts{};
-  /// Which of the questions "is there time for another iteration", counted from 0, were answered with no.
+  /// Indices of the queries "time for another iteration?" that were denied.
   std::array<std::uint16_t, kMaxStops> stops{};
   std::uint8_t count_size = 0;
   std::uint8_t stop_size = 0;
 };
 
-/// Keeps the time of one scan after the other. Before work begins it says how much fits, by what such work
-/// cost so far; before each iteration, whether one more does: so the end is missed by the error of a
-/// prediction, not by an iteration. In ops mode time is the stated cost of the work done. Not thread-safe; no
-/// allocation.
+/// Compute budget of a scan. Chooses the number of points before work starts, from measured costs, and checks
+/// before each iteration whether another one fits: the deadline is missed by a prediction error at most, not
+/// by an iteration. In ops mode time is the nominal cost of the work done. Not thread-safe; does not
+/// allocate.
 class WorkBudget {
  public:
   using ClockFunction = std::int64_t (*)();
 
   WorkBudget(const BudgetConfig& config, ClockFunction clock);
 
-  /// A scan whose last packet came at `released_ns` by the clock, 0 = now. One that is exempt is not limited,
-  /// and nothing is learnt of it.
+  /// Begins a scan whose last packet arrived at `released_ns` by the clock, 0 = now. An exempt scan is not
+  /// limited and does not update the cost estimates.
   void begin_scan(std::int64_t released_ns, bool exempt);
-  /// As before, but with the answers of an earlier run.
+  /// Begins a scan that repeats recorded decisions.
   void begin_scan(const BudgetDecisions& decisions, bool exempt);
 
-  /// Points of the scan to look at, `most` or fewer; 0 when too few fit.
+  /// Number of points of the scan to visit, at most `most`; 0 if too few fit.
   std::size_t choose_scan_points(std::size_t most);
-  /// Points to register, `most` or fewer; 0 when too few fit. With `coarse` NDT takes a share of the time
-  /// first.
+  /// Number of points to register, at most `most`; 0 if too few fit. With `coarse`, NDT takes its share of
+  /// the time first.
   std::size_t choose_registration_points(std::size_t most, bool coarse);
-  /// Is there time for that much work?
+  /// Whether there is time for that much work.
   bool allows(Work work, std::size_t units);
-  /// All that was done since the last call, or since the scan began, was this work.
+  /// Records the work done since the last call, or since the scan began.
   void done(Work work, std::size_t units);
-  /// The pose is out; `iterations` of ICP went into it.
+  /// Ends the scan after its pose was published; `iterations` of ICP were run.
   void finish_scan(int iterations);
 
   [[nodiscard]] BudgetMode mode() const { return config_.mode; }
   [[nodiscard]] std::int64_t now_ns() const;
-  /// By how much a pose that is handed over now, or in ops mode will be once the scan is finished, misses the
-  /// deadline; negative when it is early.
+  /// Lateness of a pose published now (ops mode: once the scan is finished) against the deadline; negative =
+  /// early.
   [[nodiscard]] std::int64_t overshoot_ns() const;
   [[nodiscard]] Duration budget() const { return config_.budget; }
   [[nodiscard]] const BudgetDecisions& decisions() const { return decisions_; }
-  /// Something was cut or left out of this scan.
+  /// Whether work was cut from this scan.
   [[nodiscard]] bool was_short() const { return short_ || decisions_.stop_size > 0; }
-  /// Units of work done since the beginning, by kind.
+  /// Total units of work, by kind.
   [[nodiscard]] const std::array<std::uint64_t, kWorkKinds>& work_done() const { return work_done_; }
-  /// What an iteration of ICP is taken to cost, with as many points as were chosen last.
+  /// Estimated cost of an ICP iteration with the number of points chosen last.
   [[nodiscard]] std::int64_t iteration_ns() const;
-  /// What one unit is taken to cost, beside what each piece of work costs at least.
+  /// Estimated cost of one unit, beside the fixed cost of each piece of work.
   [[nodiscard]] double cost_ns(Work work) const { return cost_ns_[static_cast<std::size_t>(work)]; }
 
  private:
@@ -116,7 +115,7 @@ class WorkBudget {
   Answers answers_ = Answers::kUnlimited;
   std::int64_t counted_ns_ = 0;
   std::int64_t begin_ns_ = 0;
-  /// By the clock, or by counted work, where the scan begins at 0; the largest value when it is not limited.
+  /// By the clock, or by counted work since the start of the scan; the largest value if unlimited.
   std::int64_t deadline_ns_ = 0;
   std::int64_t lap_ns_ = 0;
   std::size_t registration_points_ = 0;

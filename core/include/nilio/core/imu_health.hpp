@@ -7,12 +7,12 @@
 
 namespace nilio::core {
 
-/// What is watched of an IMU. Units as unit_of() says.
+/// Checks of an IMU; units as given by unit_of().
 enum class ImuCheck : std::uint8_t {
   kGyroAgreement,     ///< difference of gyro and registered rotation, root mean square of a second
   kGyroAxes,          ///< angle from an axis of base_link to the one its rotation is measured on
   kGyroMounting,      ///< angle between the gyro's and the registered axis of rotation
-  kGyroScale,         ///< what the gyro reads for one degree of rotation
+  kGyroScale,         ///< gyro reading for one degree of rotation
   kGyroBias,          ///< largest of the three
   kGyroNoise,         ///< from sample to sample
   kGyroSaturation,    ///< full scale at which it clips
@@ -35,26 +35,26 @@ enum class ImuCheckState : std::uint8_t { kUnknown, kOk, kWarn, kBad };
 /// One row of the table of diagnoses.
 struct ImuDiagnosis {
   double value = 0.0;
-  /// That the value is held against at present (that of `bad` once it is bad).
+  /// Threshold in force (that of `bad` once the row is bad).
   double threshold = 0.0;
   ImuCheckState state = ImuCheckState::kUnknown;
-  /// The worst there has been.
+  /// Worst state so far, and its value.
   ImuCheckState worst_state = ImuCheckState::kUnknown;
   double worst_value = 0.0;
 };
 
-/// What the monitor has found out so far. Trivially copyable, for rings.
+/// Results of the IMU monitor so far. Trivially copyable, for rings.
 struct ImuHealth {
   std::array<ImuDiagnosis, kImuChecks> rows{};
-  /// The gyro has shown that it predicts rotation at least as well as a constant rate does.
+  /// The gyro predicts rotation at least as well as a constant rate.
   bool trusted = false;
-  /// Why it is not trusted, once it has been compared; kCount = nothing speaks against it.
+  /// Why it is not, once compared; kCount = no check is against it.
   ImuCheck reason = ImuCheck::kCount;
-  /// Times that trust was withdrawn.
+  /// Number of rejections.
   std::uint32_t demotions = 0;
   /// One standard deviation of the time offset, ms.
   double time_offset_sigma_ms = 0.0;
-  /// What is subtracted from the IMU's stamps because of it, ms.
+  /// Time shift subtracted from the IMU's stamps, ms.
   double time_shift_ms = 0.0;
   /// For kGyroAxes: 1 to 3 for x to z, negative for the opposite direction; 0 = not observed. Rotation
   /// about axis i of base_link is measured on `measured_on[i]`.
@@ -68,10 +68,10 @@ struct ImuHealth {
 /// "gyro_axes", "deg", "ok", as logs and tables print them.
 const char* name_of(ImuCheck check);
 const char* unit_of(ImuCheck check);
-/// What a sound IMU shows: thresholds hold for the distance from it.
+/// Value of a sound IMU: thresholds apply to the distance from it.
 double normal_of(ImuCheck check);
 const char* name_of(ImuCheckState state);
-/// What the value probably means and what to do about it; empty while the row is ok or unknown.
+/// Probable cause of the value and remedy; empty while the row is ok or unknown.
 std::string hint_for(ImuCheck check, const ImuHealth& health);
 
 }  // namespace nilio::core

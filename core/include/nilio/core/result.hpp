@@ -6,8 +6,7 @@
 
 namespace nilio::core {
 
-/// Why something could not be done: what failed, where (file, line, interface) and what to do about it, in
-/// one line.
+/// One-line error message: the failure, its place (file, line, interface) and the remedy.
 struct Error {
   std::string message;
 };

@@ -23,30 +23,30 @@ struct Point {
   std::uint16_t reserved = 0;
 };
 
-/// One revolution of the sensor (or what of it was received).
+/// One revolution of the sensor, or the received part of it.
 struct Scan {
-  /// Counts completed scans of this source from 0.
+  /// Number of the completed scan, from 0.
   std::uint64_t sequence = 0;
-  /// Time of the first and of the last firing; the pose of a scan is the pose at `end`.
+  /// Times of the first and the last firing; the pose of a scan refers to `end`.
   Time start;
   Time end;
   /// Sensor frame; not sorted. Capacity is kept when a scan object is reused.
   std::vector<Point> points;
-  /// True when the points are already expressed at one instant (KITTI odometry): they are not deskewed again.
+  /// True if the points are already deskewed (KITTI odometry).
   bool motion_compensated = false;
   /// Vertical angle between neighbouring beams (median), rad; decides the plane voxel size.
   float beam_spacing_rad = 0.0F;
   /// Azimuth covered, degrees, 0..360.
   float coverage_deg = 0.0F;
-  /// Packets missing inside the scan by the sensor's own time stamps.
+  /// Packets missing inside the scan, by the sensor's time stamps.
   std::uint32_t lost_packets = 0;
-  /// Shots of lasers that belong to the scan and are not in it: in lost packets or in damaged blocks.
+  /// Laser firings missing from the scan, in lost packets or damaged blocks.
   std::uint32_t missing_firings = 0;
   ClockSource clock_source = ClockSource::kHost;
-  /// The sensor's or the host's clock was set between the scan before and this one.
+  /// The sensor's or the host's clock was set between the previous scan and this one.
   bool after_time_jump = false;
-  /// CLOCK_MONOTONIC of this process when the scan's last packet was received, when it was taken off the
-  /// ring, and when the scan was complete (ns; 0 = unknown).
+  /// CLOCK_MONOTONIC when the scan's last packet was received, when it was popped from the ring, and when the
+  /// scan was complete (ns; 0 = unknown).
   std::int64_t received_ns = 0;
   std::int64_t popped_ns = 0;
   std::int64_t completed_ns = 0;

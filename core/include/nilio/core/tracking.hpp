@@ -4,11 +4,11 @@
 
 namespace nilio::core {
 
-/// What the odometry says of itself after a scan.
+/// State of the odometry after a scan.
 enum class TrackingState : std::uint8_t {
   kInitialising,  ///< map and velocity are not yet established
   kTracking,
-  kDegraded,  ///< this pose rests on the prediction in part or in whole
+  kDegraded,  ///< the pose follows the prediction in part or as a whole
   kLost,      ///< several scans in a row could not be registered
 };
 
@@ -22,13 +22,13 @@ enum class StopReason : std::uint8_t {
   kNonFinite
 };
 
-/// What the time of a scan rests on.
+/// Source of the time of a scan.
 enum class ClockSource : std::uint8_t {
   kHost,         ///< receive times: the sensor has no clock, or the configuration says so
   kFreeRunning,  ///< the sensor's own oscillator, fitted onto the host's clock
-  kNmeaOnly,     ///< the sensor knows the time of a GPS receiver but not its pulse
+  kNmeaOnly,     ///< the sensor receives GPS time but no pulse
   kPpsLocked,    ///< locked to the pulse of a GPS receiver
-  kPtp,          ///< no pulse, yet in step with the host's clock, as PTP makes it
+  kPtp,          ///< no pulse, but synchronous with the host's clock, as with PTP
 };
 
 /// "initialising", "converged", ... as logs and tables print them.

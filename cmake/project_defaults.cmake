@@ -1,0 +1,21 @@
+# What every build of nilio begins with: the language, the folders, the tests, warnings and sanitizers.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
+endif()
+set(CMAKE_CXX_FLAGS_RELEASE "-O3 -DNDEBUG -g1")
+# GCC collects its garbage later: a fourteenth of the time of a build.
+add_compile_options($<$<CXX_COMPILER_ID:GNU>:--param=ggc-min-expand=100> $<$<CXX_COMPILER_ID:GNU>:--param=ggc-min-heapsize=400000>)
+option(NILIO_MOLD "Link with mold, which links in a tenth of the time" OFF)
+if(NILIO_MOLD)
+  add_link_options(-fuse-ld=mold)
+endif()
+
+include(GNUInstallDirs)
+include(CTest)
+find_package(Threads REQUIRED)
+include(${CMAKE_CURRENT_LIST_DIR}/sanitizers.cmake)
+include(${CMAKE_CURRENT_LIST_DIR}/warnings.cmake)
