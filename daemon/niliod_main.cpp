@@ -20,7 +20,7 @@ using nilio::daemon::Config;
 using nilio::daemon::ReplayFiles;
 using nilio::daemon::RunOptions;
 
-// The only thing a signal handler may touch.
+// Signal handlers may only touch this flag.
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);
 
@@ -80,7 +80,7 @@ int fail(const std::string& message) {
   return 1;
 }
 
-/// What the files say, and --set over it.
+/// Configuration of the files with --set applied.
 nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
   auto config = nilio::daemon::replay_config(files, arguments.config_file);
   if (!config) return config.error();
@@ -131,7 +131,7 @@ int run(const Arguments& arguments) {
     nilio::daemon::write_log_before_dying();
     status = nilio::daemon::supervise(*config, options, stop_requested);
   }
-  // After the last line of the log.
+  // Printed after the last line of the log.
   if (!status) return fail(status.error().message);
   return 0;
 }

@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::int64_t kMaxBackfills = 10'000;
 
-// One thread writes, so a load and a store do what a locked read-modify-write would.
+// Only one thread writes, so separate load and store replace a locked read-modify-write.
 template <class T>
 void add(std::atomic<T>& counter, T amount) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + amount, std::memory_order_relaxed);
@@ -38,7 +38,7 @@ std::int64_t Histogram::middle_of(std::size_t bucket) noexcept {
 void Histogram::record(std::int64_t ns) noexcept {
   const std::int64_t value = std::max<std::int64_t>(ns, 0);
   add(counts_[bucket_of(value)], std::uint64_t{1});
-  // Beyond the range a single wild stamp must not overflow the sum.
+  // A single stamp out of range must not overflow the sum.
   add(sum_, std::min(value, std::int64_t{1} << kRangeBits));
   const std::uint64_t count = count_.load(std::memory_order_relaxed);
   if (count == 0 || value < min_.load(std::memory_order_relaxed))
@@ -88,7 +88,7 @@ std::int64_t HistogramSnapshot::percentile(double percent) const {
 
 double HistogramSnapshot::deviation() const {
   if (count_ == 0) return 0.0;
-  // About the mean of the buckets: mean() may have gone on while they were copied.
+  // Deviation about the mean of the copied buckets; mean() may include newer values.
   double sum = 0.0;
   double square = 0.0;
   for (std::size_t bucket = 0; bucket < counts_.size(); ++bucket) {

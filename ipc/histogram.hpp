@@ -17,27 +17,28 @@
 
 namespace nilio::ipc {
 
-/// Values from `from_ns` on, below `to_ns`; those beyond the range of a histogram are in its last bucket.
+/// Bucket of values from `from_ns` (inclusive) to `to_ns` (exclusive); values beyond the range are in the
+/// last bucket.
 struct HistogramBucket {
   std::int64_t from_ns = 0;
   std::int64_t to_ns = 0;
   std::uint64_t count = 0;
 };
 
-/// What a Histogram held at one moment. Values in nanoseconds. All results are 0 while empty.
+/// Content of a Histogram at one moment, in nanoseconds. All results are 0 while empty.
 class HistogramSnapshot {
  public:
   [[nodiscard]] std::uint64_t count() const { return count_; }
   [[nodiscard]] std::int64_t min() const { return min_; }
   [[nodiscard]] std::int64_t max() const { return max_; }
   [[nodiscard]] double mean() const { return mean_; }
-  /// The smallest recorded value that `percent` (0..100) of all values do not exceed, within 0.4 %.
+  /// Smallest recorded value that `percent` (0..100) of all values do not exceed, within 0.4 %.
   [[nodiscard]] std::int64_t percentile(double percent) const;
   /// Standard deviation.
   [[nodiscard]] double deviation() const;
-  /// Those that are not empty, in order.
+  /// Non-empty buckets in order.
   [[nodiscard]] std::vector<HistogramBucket> buckets() const { return grouped(1); }
-  /// The same eight to the octave, for drawing.
+  /// Non-empty buckets, eight per octave, for plots.
   [[nodiscard]] std::vector<HistogramBucket> coarse_buckets() const;
 
  private:
@@ -55,11 +56,12 @@ class HistogramSnapshot {
 /// thread takes snapshots.
 class Histogram {
  public:
-  /// Negative values count as 0; values above the range go to the last bucket, and max() still tells them.
+  /// Records a value. Negative values count as 0; values above the range go to the last bucket, max() stays
+  /// exact.
   void record(std::int64_t ns) noexcept;
-  /// For something that should happen every `expected_interval_ns`: a value longer than that also stands for
-  /// the events that could not happen meanwhile (coordinated omission), so record them as value - interval,
-  /// value - 2 intervals, ... at most 10,000 of them. Interval <= 0: as record().
+  /// Records with correction for coordinated omission. A value longer than `expected_interval_ns` also
+  /// represents the events that could not happen meanwhile, recorded as value - interval, value - 2
+  /// intervals, ..., at most 10,000. Interval <= 0: as record().
   void record_corrected(std::int64_t ns, std::int64_t expected_interval_ns) noexcept;
   [[nodiscard]] HistogramSnapshot snapshot() const;
 
@@ -67,7 +69,7 @@ class Histogram {
   static constexpr std::size_t kRangeBits = 36;
   static constexpr std::size_t kSubBuckets = std::size_t{1} << kSubBucketBits;
   static constexpr std::size_t kBuckets = kSubBuckets * (kRangeBits - kSubBucketBits + 1);
-  /// Buckets that a coarse one holds.
+  /// Fine buckets per coarse bucket.
   static constexpr std::size_t kCoarseGroup = kSubBuckets / 8;
 
  private:
@@ -83,7 +85,7 @@ class Histogram {
   std::atomic<std::uint64_t> count_{0};
 };
 
-/// The durations between the stages of a PoseRecord, and from the first to the last.
+/// Durations between the stages of a PoseRecord, and the end-to-end duration.
 enum class LatencyStage : std::uint8_t {
   kReceiveToPop,
   kAssemble,
@@ -91,16 +93,16 @@ enum class LatencyStage : std::uint8_t {
   kFilter,
   kCoarse,
   kFine,
-  kHandOver,
+  kDeliver,
   kMap,
-  kEndToEnd,  ///< received to handed over
+  kEndToEnd,  ///< received to delivered
   kCount
 };
 inline constexpr std::size_t kLatencyStageCount = static_cast<std::size_t>(LatencyStage::kCount);
 inline constexpr std::array<std::string_view, kLatencyStageCount> kLatencyStageNames{
-    "receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "hand_over", "map", "end_to_end"};
+    "receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "deliver", "map", "end_to_end"};
 
-/// One row of a latency report, in microseconds.
+/// Row of a latency report, in microseconds.
 struct LatencySummary {
   std::string name;
   std::uint64_t count = 0;
@@ -114,21 +116,20 @@ struct LatencySummary {
 LatencySummary summarize(std::string_view name, const HistogramSnapshot& snapshot);
 LatencySummary summarize(std::string_view name, const Histogram& histogram);
 
-/// The percentile distribution that HdrHistogram's tools plot (.hgrm): a line for each of five steps per
-/// halving of the distance to 100 %, values in milliseconds.
+/// Percentile distribution in the format of HdrHistogram's plotters (.hgrm): five lines per halving of the
+/// distance to 100 %, values in milliseconds.
 std::string percentile_distribution(const HistogramSnapshot& snapshot);
 
-/// Where the time of the scans goes since the start, one histogram per stage. One thread records, any thread
-/// reads.
+/// Latency histograms of the scans since the start, one per stage. One thread records, any thread reads.
 class LatencyHistograms {
  public:
-  /// Stages with an unknown stamp (0) are left out. The end-to-end latency is corrected for coordinated
-  /// omission with the scan's own duration as the expected interval.
+  /// Records the stages whose stamps are known (not 0). The end-to-end latency is corrected for coordinated
+  /// omission with the scan duration as the expected interval.
   void record(const PoseRecord& record) noexcept;
   [[nodiscard]] const Histogram& histogram(LatencyStage stage) const {
     return histograms_[static_cast<std::size_t>(stage)];
   }
-  /// One per stage, in the order of LatencyStage.
+  /// Summaries in the order of LatencyStage.
   [[nodiscard]] std::vector<LatencySummary> summaries() const;
 
  private:
@@ -138,7 +139,7 @@ class LatencyHistograms {
 /// {"<stage>": {"count", "p50_us", "p90_us", "p99_us", "p99_9_us", "max_us", "mean_us"}, ...}
 nlohmann::json latency_json(const std::vector<LatencySummary>& summaries);
 nlohmann::json latency_json(const LatencyHistograms& histograms);
-/// The same as lines of text with a heading, for people.
+/// Same content as text lines with a heading.
 std::string latency_table(const std::vector<LatencySummary>& summaries);
 std::string latency_table(const LatencyHistograms& histograms);
 

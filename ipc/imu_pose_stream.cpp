@@ -9,7 +9,7 @@ namespace {
 using core::Duration;
 using core::Time;
 
-// Stamps that go back farther are of a clock that was set: they are followed.
+// Stamps that go back farther come from a clock that was set; they are followed.
 constexpr Duration kClockWasSet = Duration::from_seconds(1.0);
 
 using RowMajor6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
@@ -42,7 +42,7 @@ ImuPoseUpdate ImuPoseStream::add(const PoseRecord& record) {
   const core::ScanPose pose = scan_pose(record);
   ImuPoseUpdate update{record.sequence, pose.stamp, pose.stamp, {}};
   if (last_smoothed_) {
-    // Both are compared at the later of what there was and what there is, without going back in time.
+    // Both poses are compared at the later of the two times, so that time does not go back.
     update.stamp = std::max(propagator_.latest(), pose.stamp);
     const core::SE3 before = propagator_.pose_near(update.stamp);
     propagator_.set_scan_pose(pose);
@@ -59,7 +59,7 @@ std::optional<ImuPose> ImuPoseStream::add(const ImuRecord& record) {
   ++counts_.samples;
   const std::optional<core::PropagatedPose> pose = propagator_.add(record.sample);
   const Duration since = pose && last_smoothed_ ? pose->stamp - *last_smoothed_ : Duration{0};
-  // A step back: a new time shift of the IMU lets some samples fall before what was published already.
+  // A new time shift of the IMU may put samples before the last published pose.
   if (!pose || (since.ns < 0 && since > -kClockWasSet)) {
     ++counts_.withheld;
     return std::nullopt;
@@ -89,12 +89,12 @@ ImuPoseCounts ImuPoseStream::counts() const {
 bool ImuPoseStream::is_due(Time stamp) {
   if (period_.ns == 0) return true;
   if (next_due_ && stamp < *next_due_ && *next_due_ - stamp <= period_) return false;
-  // In step with the first one, so that the rate is kept when samples come unevenly.
+  // The due times follow the first sample, which keeps the rate with irregular samples.
   next_due_ = next_due_ && stamp - *next_due_ < period_ ? *next_due_ + period_ : stamp + period_;
   return true;
 }
 
-/// What is left of a correction is a known error of the published pose.
+/// The residual correction is a known error of the published pose and is added to the covariance.
 void ImuPoseStream::fill_covariances(const core::PropagatedPose& pose, ImuPose& output) const {
   core::Matrix6 covariance =
       core::propagated_covariance(pose_covariance_, twist_covariance_, pose.T_odom_base.rotation, pose.age);

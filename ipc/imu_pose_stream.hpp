@@ -18,10 +18,10 @@ namespace nilio::ipc {
 struct ImuPoseConfig {
   core::ImuPropagatorConfig propagation;
   core::PoseSlewLimits slew;
-  double max_rate_hz = 0.0;  ///< samples beyond it are left out; 0: a pose for every sample
+  double max_rate_hz = 0.0;  ///< samples above this rate are skipped; 0: a pose for every sample
 };
 
-/// A pose at IMU rate. Frames, units and covariances as in PoseRecord.
+/// IMU-rate pose. Frames, units and covariances as in PoseRecord.
 struct ImuPose {
   core::Time stamp;
   core::SE3 T_odom_base;
@@ -29,38 +29,38 @@ struct ImuPose {
   core::Vector3 angular_velocity = core::Vector3::Zero();
   std::array<double, 36> pose_covariance{};
   std::array<double, 36> twist_covariance{};
-  std::int64_t received_ns = 0;  ///< of the sample
+  std::int64_t received_ns = 0;  ///< receive time of the sample
 };
 
-/// What a new scan pose did to the poses at IMU rate.
+/// Effect of a new scan pose on the IMU-rate poses.
 struct ImuPoseUpdate {
   std::uint64_t scan_sequence = 0;
   core::Time scan_stamp;
-  core::Time stamp;  ///< the first pose after this time is propagated from this scan
+  core::Time stamp;  ///< later poses are propagated from this scan
   core::PoseCorrection correction;
 };
 
-/// Each sample is in exactly one of published, thinned and withheld.
+/// Counters; each sample is counted in exactly one of published, thinned and withheld.
 struct ImuPoseCounts {
   std::uint64_t samples = 0;
   std::uint64_t published = 0;
-  std::uint64_t thinned = 0;   ///< for max_rate_hz
-  std::uint64_t withheld = 0;  ///< no scan pose, an outdated one, or a time that is not after it
+  std::uint64_t thinned = 0;   ///< because of max_rate_hz
+  std::uint64_t withheld = 0;  ///< no scan pose, an outdated one, or a time not after the last pose
   std::uint64_t scan_poses = 0;
   std::uint64_t jumps = 0;
 };
 
-/// Poses at IMU rate from scan poses and samples, each in the order in which they came. What comes out
-/// depends on these alone, not on when it is called. Allocates only when made. Not thread-safe.
+/// Computes IMU-rate poses from scan poses and samples in order of arrival. The output depends on this input
+/// only, not on the time of the calls. Allocates only in the constructor. Not thread-safe.
 class ImuPoseStream {
  public:
   explicit ImuPoseStream(const ImuPoseConfig& config);
 
   ImuPoseUpdate add(const PoseRecord& record);
-  /// Empty when there is nothing to publish for the sample; counts() say why.
+  /// Adds a sample. Empty if no pose is published for it; counts() states the reason.
   std::optional<ImuPose> add(const ImuRecord& record);
 
-  /// What is left of corrections, m and rad.
+  /// Residual correction, m and rad.
   [[nodiscard]] const core::PoseSmoother& smoother() const { return smoother_; }
   [[nodiscard]] ImuPoseCounts counts() const;
 
@@ -78,10 +78,10 @@ class ImuPoseStream {
   ImuPoseCounts counts_;
 };
 
-/// The next thing to be taken off the two rings, in the order in which they were put in: a pose when it was
-/// handed over before the next sample was received. Poses wait for no sample.
+/// True if the pose is next in the order in which the two rings were filled: it was delivered before the
+/// sample was received. Poses do not wait for samples.
 [[nodiscard]] inline bool pose_comes_first(const PoseRecord& pose, const ImuRecord& sample) {
-  return pose.stage_ns[static_cast<std::size_t>(Stage::kHandedOver)] <= sample.received_ns;
+  return pose.stage_ns[static_cast<std::size_t>(Stage::kDelivered)] <= sample.received_ns;
 }
 
 }  // namespace nilio::ipc

@@ -6,10 +6,10 @@
 
 namespace nilio::ipc {
 
-/// A sample on its way to the publisher process; crosses by value.
+/// IMU sample for the publisher process; passed by value.
 struct ImuRecord {
   core::ImuSample sample;
-  std::int64_t received_ns = 0;  ///< its last CAN frame, CLOCK_MONOTONIC
+  std::int64_t received_ns = 0;  ///< receive time of its last CAN frame, CLOCK_MONOTONIC
 };
 
 }  // namespace nilio::ipc

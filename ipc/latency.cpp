@@ -41,10 +41,10 @@ void LatencyHistograms::record(const PoseRecord& record) noexcept {
     if (begin != 0 && end != 0) histograms_[i].record(end - begin);
   }
   const std::int64_t received = stage_time(record, Stage::kReceived);
-  const std::int64_t handed_over = stage_time(record, Stage::kHandedOver);
-  if (received == 0 || handed_over == 0) return;
+  const std::int64_t delivered = stage_time(record, Stage::kDelivered);
+  if (received == 0 || delivered == 0) return;
   histograms_[static_cast<std::size_t>(LatencyStage::kEndToEnd)].record_corrected(
-      handed_over - received, record.stamp_ns - record.scan_start_ns);
+      delivered - received, record.stamp_ns - record.scan_start_ns);
 }
 
 std::vector<LatencySummary> LatencyHistograms::summaries() const {

@@ -6,15 +6,15 @@
 
 namespace nilio::ipc {
 
-/// Zeroed memory aligned to a cache line or better: on the heap, or in a memfd that another process can map.
+/// Zeroed memory aligned to at least a cache line: on the heap, or in a memfd that another process can map.
 class MemoryBlock {
  public:
   /// Throws std::bad_alloc.
   static MemoryBlock on_heap(std::size_t bytes);
-  /// A new memfd, close-on-exec, sealed against resizing so that no process that maps it can take pages away
-  /// from the others (that would be a SIGBUS here). All pages are touched.
+  /// Creates a memfd, close-on-exec, sealed against resizing, so that no other process can remove pages
+  /// (which would cause a SIGBUS here). All pages are touched.
   static core::Result<MemoryBlock> in_shared_memory(std::size_t bytes);
-  /// Maps all of a memfd made by somebody else. The descriptor stays the caller's, who may close it.
+  /// Maps an existing memfd completely. The descriptor stays with the caller, who may close it.
   static core::Result<MemoryBlock> map(int file_descriptor);
 
   MemoryBlock(MemoryBlock&& other) noexcept;

@@ -11,7 +11,7 @@ namespace {
 constexpr double kTicksPerHalving = 5.0;
 constexpr double kMsPerNs = 1e-6;
 
-/// The next share of all values that gets a line: steps that halve each time the distance to 1 has halved.
+/// Next percentile (as a share) with a line: the step halves when the distance to 1 has halved.
 double next_share(double share) {
   const double halvings = std::floor(std::log2(1.0 / (1.0 - share))) + 1.0;
   return share + 1.0 / (kTicksPerHalving * std::exp2(halvings));
@@ -35,7 +35,7 @@ std::string percentile_distribution(const HistogramSnapshot& snapshot) {
   double share = 0.0;
   for (const HistogramBucket& bucket : snapshot.buckets()) {
     seen += bucket.count;
-    // The largest value that counts as equal, as HdrHistogram gives it.
+    // Largest value equivalent within the bucket, as HdrHistogram reports it.
     const double value_ms = std::min(static_cast<double>(bucket.to_ns - 1) * kMsPerNs, max_ms);
     while (seen < snapshot.count() && share <= static_cast<double>(seen) / count) {
       append(text, "%12.6f %2.12f %10llu %14.2f\n", value_ms, share, static_cast<unsigned long long>(seen),

@@ -16,20 +16,20 @@
 namespace nilio::ipc {
 namespace {
 
-// Where the child finds what it inherits: next to standard input, output and error, and nothing above.
+// First inherited descriptor of the child: after standard input, output and error, and no gaps.
 constexpr int kFirstDescriptor = 3;
 constexpr std::array<const char*, 5> kDescriptorOptions{
     "--ring-fd=", "--wake-fd=", "--imu-pose-ring-fd=", "--imu-ring-fd=", "--imu-wake-fd="};
-// Scan poses for the IMU-rate thread, which takes them at once: only one that is away lets them pile up.
+// Scan poses for the IMU-rate thread, which reads them at once; they queue up only during a restart.
 constexpr std::size_t kImuPoseSlots = 64;
-// After a restart the poses that piled up wait this long for subscribers to find the new process.
+// After a restart, queued poses wait this long until subscribers have found the new process.
 constexpr core::Duration kRediscovery{1'000'000'000};
 
 std::chrono::nanoseconds chrono(core::Duration duration) { return std::chrono::nanoseconds(duration.ns); }
 
 std::string describe(core::Duration duration) { return std::to_string(duration.ns / 1'000'000) + " ms"; }
 
-// A copy of a descriptor above those that the child's own ones will be moved to.
+// Copy of a descriptor above the numbers that the child's descriptors will use.
 class DescriptorCopy {
  public:
   explicit DescriptorCopy(int original) : copy_(fcntl(original, F_DUPFD_CLOEXEC, 16)) {}
@@ -46,9 +46,9 @@ class DescriptorCopy {
   int copy_;
 };
 
-// Signals to their defaults; SIGTERM and SIGINT blocked, since the child takes them from a signalfd and one
-// that comes before it has made that must not be lost. A process group of its own: Ctrl-C on the terminal is
-// for niliod alone, which then stops its child in order. Normal scheduling, whatever the calling thread has.
+// Spawn attributes of the child. Signals have their defaults; SIGTERM and SIGINT are blocked until the child
+// reads them from its signalfd. It has its own process group: Ctrl-C on the terminal reaches only niliod,
+// which then stops it in order. Normal scheduling, whatever the calling thread has.
 void set_attributes(posix_spawnattr_t& attributes) {
   sigset_t blocked;
   sigemptyset(&blocked);
@@ -83,7 +83,7 @@ int spawn_with_descriptors(const std::string& executable, char* const* argv,
   return failure;
 }
 
-// Exact, as the shortest decimal of a double need not be.
+// 17 digits reproduce a double exactly.
 std::string exact(double value) {
   std::array<char, 40> text{};
   std::snprintf(text.data(), text.size(), "%.17g", value);
@@ -231,7 +231,7 @@ std::optional<PublisherEvent> PublisherProcess::poll_running() {
                     describe(config_.hang_timeout) + ": killing it";
     return event;
   }
-  if (waited < 0) wait_status = 0;  // somebody else reaped it: how it ended is unknown
+  if (waited < 0) wait_status = 0;  // reaped by other code: exit status unknown
   PublisherEvent event = ended(PublisherEvent::Kind::kDied, wait_status);
   if (Clock::now() - started_at_ >= chrono(config_.healthy_after)) back_off_ = config_.initial_back_off;
   schedule_restart(event);

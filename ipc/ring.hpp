@@ -21,7 +21,7 @@ namespace nilio::ipc {
 
 inline constexpr std::size_t kCacheLineBytes = 64;
 
-/// What lies at the start of a ring's memory. Each side writes only its own cache line.
+/// Header of a ring's memory. Each side writes only its own cache line.
 struct RingHeader {  // NOLINT(clang-analyzer-optin.performance.Padding): that is the point
   static constexpr std::uint64_t kMagic = 0x474E'4952'4F49'4C4E;  // "NLIORING", little endian
   static constexpr std::uint32_t kVersion = 1;
@@ -30,37 +30,38 @@ struct RingHeader {  // NOLINT(clang-analyzer-optin.performance.Padding): that i
   std::uint32_t version = kVersion;
   std::uint32_t slot_bytes = 0;
   std::uint64_t capacity = 0;
-  // Producer's line.
+  // Written by the producer.
   alignas(kCacheLineBytes) std::atomic<std::uint64_t> written{0};
   std::atomic<std::uint64_t> dropped{0};
   std::atomic<std::uint64_t> high_water{0};
   std::atomic<std::uint64_t> impossible_fills{0};
-  // Consumer's line.
+  // Written by the consumer.
   alignas(kCacheLineBytes) std::atomic<std::uint64_t> consumed{0};
 };
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free, "the indices are shared between processes");
 
-/// Single-producer single-consumer ring with in-place slots, in private memory or in shared memory (memfd).
-/// Wait-free and free of allocation on both sides. The indices count slots since the start and never wrap, so
-/// the state survives the death of either process: a reader killed at any moment is replaced by one that
-/// attaches and goes on at the slot the old one had not consumed.
+/// Single-producer single-consumer ring with in-place slots, in private or shared memory (memfd). Both sides
+/// are wait-free and do not allocate. The indices count slots since the start and never wrap, so the state
+/// survives the end of either process: a killed reader is replaced by one that attaches and continues at the
+/// first slot not consumed.
 ///
-/// One thread produces, one thread consumes (they may share one Ring object, or each have one on the same
-/// shared memory); size(), capacity() and the counters may be read by anyone. The producer trusts nothing the
-/// consumer wrote: an impossible index counts as a full ring.
+/// One thread produces, one thread consumes (with one Ring object, or with one each on the same shared
+/// memory); size(), capacity() and the counters may be read by any thread. The producer validates the
+/// consumer's index: an impossible value counts as a full ring.
 template <class T>
 class Ring {
   static_assert(std::is_trivially_copyable_v<T>);
   static_assert(alignof(T) <= kCacheLineBytes);
 
  public:
-  /// Capacity is rounded up to a power of two. Throws std::bad_alloc.
+  /// Creates a ring in private memory. The capacity is rounded up to a power of two. Throws std::bad_alloc.
   static Ring in_private_memory(std::size_t capacity) {
     const std::size_t slots = std::bit_ceil(std::clamp<std::size_t>(capacity, 1, kMaxCapacity));
     return Ring(MemoryBlock::on_heap(memory_bytes(slots)), slots);
   }
 
-  /// Capacity is rounded up to a power of two. The descriptor is close-on-exec.
+  /// Creates a ring in shared memory. The capacity is rounded up to a power of two. The descriptor is
+  /// close-on-exec.
   static core::Result<Ring> in_shared_memory(std::size_t capacity) {
     if (capacity > kMaxCapacity)
       return core::Error{"a ring of " + std::to_string(capacity) + " slots is larger than " +
@@ -71,8 +72,8 @@ class Ring {
     return Ring(std::move(memory).value(), slots);
   }
 
-  /// Maps a ring made by in_shared_memory in another process; checks magic, version, slot size, capacity. The
-  /// descriptor stays the caller's. A consumer goes on where the last one stopped.
+  /// Maps a ring of another process; checks magic, version, slot size and capacity. The descriptor stays with
+  /// the caller. A consumer continues where the previous one stopped.
   static core::Result<Ring> attach(int file_descriptor) {
     auto memory = MemoryBlock::map(file_descriptor);
     if (!memory) return memory.error();
@@ -95,9 +96,9 @@ class Ring {
     return Ring(std::move(memory).value());
   }
 
-  // Producer.
+  // Producer side.
 
-  /// Contiguous free slots, may be fewer than asked for or none. Valid until the next begin_write() or
+  /// Contiguous free slots, possibly fewer than requested or none. Valid until the next begin_write() or
   /// commit().
   std::span<T> begin_write(std::size_t max_count) noexcept {
     std::uint64_t used = producer_.written - producer_.cached_consumed;
@@ -110,20 +111,20 @@ class Ring {
     return {slots_ + offset, producer_.granted};
   }
 
-  /// Hands the first `count` slots of the last begin_write() to the consumer.
+  /// Makes the first `count` slots of the last begin_write() available to the consumer.
   void commit(std::size_t count) noexcept {
     producer_.written += std::min(count, producer_.granted);
     producer_.granted = 0;
     header_->written.store(producer_.written, std::memory_order_release);
     if (producer_.written - producer_.cached_consumed <= producer_.high_water) return;
-    refresh_consumed();  // the cached index makes the fill look larger than it is
+    refresh_consumed();  // the cached index overestimates the fill level
     const std::uint64_t used = producer_.written - producer_.cached_consumed;
     if (used <= producer_.high_water) return;
     producer_.high_water = used;
     header_->high_water.store(used, std::memory_order_relaxed);
   }
 
-  /// False and one more dropped() when full.
+  /// Copies a value into the ring. False, and one more dropped(), if it is full.
   bool try_push(const T& value) noexcept {
     const std::span<T> slot = begin_write(1);
     if (slot.empty()) {
@@ -135,15 +136,15 @@ class Ring {
     return true;
   }
 
-  /// For a producer that found no free slot and threw something away.
+  /// Counts values that the producer discarded because the ring was full.
   void count_dropped(std::uint64_t count) noexcept {
     producer_.dropped += count;
     header_->dropped.store(producer_.dropped, std::memory_order_relaxed);
   }
 
-  // Consumer.
+  // Consumer side.
 
-  /// Contiguous filled slots, may be none. Valid until the next begin_read() or consume().
+  /// Contiguous filled slots, possibly none. Valid until the next begin_read() or consume().
   std::span<const T> begin_read() noexcept {
     std::uint64_t filled = consumer_.cached_written - consumer_.consumed;
     if (filled == 0) {
@@ -151,7 +152,7 @@ class Ring {
       filled = consumer_.cached_written - consumer_.consumed;
     }
     if (filled > capacity_) {
-      // The index a predecessor left is impossible: nothing tells what was read, so go on with what comes.
+      // The index left by a previous consumer is impossible: skip to the newest slot.
       consumer_.consumed = consumer_.cached_written;
       header_->consumed.store(consumer_.consumed, std::memory_order_release);
       filled = 0;
@@ -161,7 +162,7 @@ class Ring {
     return {slots_ + offset, consumer_.granted};
   }
 
-  /// Gives the first `count` slots of the last begin_read() back to the producer.
+  /// Returns the first `count` slots of the last begin_read() to the producer.
   void consume(std::size_t count) noexcept {
     const std::size_t taken = std::min(count, consumer_.granted);
     consumer_.granted -= taken;
@@ -177,9 +178,9 @@ class Ring {
     return value;
   }
 
-  // Anyone.
+  // Any thread.
 
-  /// Filled slots; capacity() when the consumer's index is impossible.
+  /// Filled slots; capacity() if the consumer's index is impossible.
   [[nodiscard]] std::size_t size() const noexcept {
     const std::uint64_t read = header_->consumed.load(std::memory_order_acquire);
     const std::uint64_t write = header_->written.load(std::memory_order_acquire);
@@ -189,28 +190,28 @@ class Ring {
   [[nodiscard]] std::uint64_t dropped() const noexcept {
     return header_->dropped.load(std::memory_order_relaxed);
   }
-  /// Largest fill so far.
+  /// Maximum fill level so far.
   [[nodiscard]] std::size_t high_water() const noexcept {
     return header_->high_water.load(std::memory_order_relaxed);
   }
-  /// Slots committed and consumed since the ring was made.
+  /// Slots committed and consumed since the creation of the ring.
   [[nodiscard]] std::uint64_t written() const noexcept {
     return header_->written.load(std::memory_order_acquire);
   }
   [[nodiscard]] std::uint64_t consumed() const noexcept {
     return header_->consumed.load(std::memory_order_acquire);
   }
-  /// How often the producer found an impossible consumer index.
+  /// Number of impossible consumer indices seen by the producer.
   [[nodiscard]] std::uint64_t impossible_fills() const noexcept {
     return header_->impossible_fills.load(std::memory_order_relaxed);
   }
-  /// The memfd to hand to another process; -1 in private memory and in attached rings.
+  /// memfd to pass to another process; -1 in private memory and in attached rings.
   [[nodiscard]] int file_descriptor() const noexcept { return memory_.file_descriptor(); }
 
  private:
   static constexpr std::size_t kMaxCapacity = (std::size_t{1} << 40) / std::bit_ceil(sizeof(T));
 
-  // Each side's own truth and its last look at the other's index; the shared copies are for the other side.
+  // Each side's own index and its cached copy of the other's; the shared header is for the other side.
   struct alignas(kCacheLineBytes) ProducerState {
     std::uint64_t written = 0;
     std::uint64_t cached_consumed = 0;

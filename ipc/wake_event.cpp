@@ -27,7 +27,7 @@ core::Result<WakeEvent> WakeEvent::adopt(int file_descriptor) {
   const std::string link = "/proc/self/fd/" + std::to_string(file_descriptor);
   if (fcntl(file_descriptor, F_GETFD) < 0) return core::Error{where + " is not open (it must be an eventfd)"};
   const ssize_t length = readlink(link.c_str(), target.data(), target.size() - 1);
-  // Without /proc the kind cannot be told; a wrong descriptor then only costs wake-ups.
+  // Without /proc the kind is unknown; a wrong descriptor then only costs wake-ups.
   if (length > 0 && std::strstr(target.data(), "eventfd") == nullptr)
     return core::Error{where + " is not an eventfd but " + target.data()};
   if (fcntl(file_descriptor, F_SETFL, O_NONBLOCK) != 0 || fcntl(file_descriptor, F_SETFD, FD_CLOEXEC) != 0)
@@ -49,7 +49,7 @@ WakeEvent::~WakeEvent() {
 
 void WakeEvent::notify() noexcept {
   const std::uint64_t one = 1;
-  // Fails only when 2^64 - 2 signals are pending, and then the reader is signalled anyway.
+  // Fails only with 2^64 - 2 pending signals, when the reader is signalled anyway.
   [[maybe_unused]] const ssize_t written = write(file_descriptor_, &one, sizeof one);
 }
 

@@ -5,14 +5,14 @@
 
 namespace nilio::ipc {
 
-/// An eventfd on which a consumer sleeps until a producer, in this or another process, has something for it.
-/// Signals before the consumer sleeps are not lost; several may arrive as one, so look at the ring after
-/// every wake-up. notify() and wait() may be called from different threads.
+/// eventfd on which a consumer sleeps until a producer in this or another process signals data. Signals
+/// before the sleep are not lost; several may merge into one, so check the ring after every wake-up. notify()
+/// and wait() may be called from different threads.
 class WakeEvent {
  public:
-  /// The descriptor is close-on-exec: whoever starts a process passes it on by dup2.
+  /// Creates an eventfd. It is close-on-exec: a child process gets it by dup2.
   static core::Result<WakeEvent> create();
-  /// Takes over a descriptor inherited from the parent process; refuses what is not an eventfd.
+  /// Takes ownership of an inherited descriptor; fails if it is not an eventfd.
   static core::Result<WakeEvent> adopt(int file_descriptor);
 
   WakeEvent(WakeEvent&& other) noexcept;
@@ -21,11 +21,11 @@ class WakeEvent {
   WakeEvent& operator=(const WakeEvent&) = delete;
   ~WakeEvent();
 
-  /// Never blocks, also when nobody ever waits.
+  /// Never blocks, even if nobody waits.
   void notify() noexcept;
-  /// True when notified, false after `timeout` or when a signal handler ran.
+  /// True if notified, false after `timeout` or an interruption by a signal handler.
   bool wait(core::Duration timeout) noexcept;
-  /// Forgets signals up to now; for those who poll file_descriptor() together with others.
+  /// Clears pending signals; for callers that poll file_descriptor() together with others.
   void clear() noexcept;
   [[nodiscard]] int file_descriptor() const noexcept { return file_descriptor_; }
 

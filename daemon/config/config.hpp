@@ -7,7 +7,7 @@
 
 namespace nilio::daemon {
 
-/// Mounting of a sensor: T_base_sensor as translation (m) and fixed-axis roll, pitch, yaw (degrees, R = Rz Ry
+/// Mounting of a sensor, T_base_sensor: translation (m) and fixed-axis roll, pitch, yaw (degrees, R = Rz Ry
 /// Rx).
 struct ExtrinsicConfig {
   std::vector<double> translation{0.0, 0.0, 0.0};
@@ -37,12 +37,12 @@ struct LidarConfig {
   ExtrinsicConfig extrinsic;
 };
 
-/// A LiDAR beside the first one, whose points are added to the scans of that.
+/// Additional LiDAR whose points are merged into the scans of the first one.
 struct ExtraLidarConfig : LidarConfig {
   bool enabled = false;
   double wait_ms = 20.0;
 };
-inline constexpr std::size_t kExtraLidars = 3;
+inline constexpr std::size_t kMaxExtraLidars = 3;
 
 struct ImuAxisConfig {
   std::string message;
@@ -72,7 +72,8 @@ struct ImuSampleTimeConfig {
 struct ImuConfig {
   bool enabled = true;
   std::string preset = "xsens_mti";
-  /// A DBC file and six mapped signals take the place of the preset, whose values the scales below multiply.
+  /// A DBC file with six mapped signals replaces the preset. With a preset, the scales below multiply its
+  /// scales.
   std::string dbc;
   std::array<ImuAxisConfig, 3> angular_velocity;
   std::array<ImuAxisConfig, 3> linear_acceleration;
@@ -110,7 +111,7 @@ struct OdometrySection {
   double budget_ms = 50.0;
 };
 
-/// How poses at IMU rate follow the corrections that scans bring.
+/// Parameters of the IMU-rate pose output: how corrections from new scans are applied.
 struct ImuPoseSection {
   double max_slew_m_s = 1.0;
   double max_slew_deg_s = 10.0;
@@ -139,7 +140,7 @@ struct RealtimeSection {
   int imu_priority = 55;
   int odometry_priority = 40;
   int imu_pose_priority = 20;
-  /// Processors of the threads, as parse_cpu_list() takes them; empty = any.
+  /// Processors of the threads in the format of parse_cpu_list(); empty = any.
   std::string lidar_cpus;
   std::string imu_cpus;
   std::string odometry_cpus;
@@ -156,11 +157,11 @@ struct LogSection {
   std::string level = "info";
 };
 
-/// The whole configuration with its defaults. Every key, its type, unit and range: config_schema.cpp.
+/// Complete configuration with its defaults. Key names, types, units and ranges: config/schema.cpp.
 struct Config {
   LidarConfig lidar;
   /// Sections lidar2, lidar3, lidar4.
-  std::array<ExtraLidarConfig, kExtraLidars> more_lidars;
+  std::array<ExtraLidarConfig, kMaxExtraLidars> more_lidars;
   ImuConfig imu;
   OdometrySection odometry;
   PublisherSection publisher;

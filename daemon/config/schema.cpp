@@ -501,7 +501,7 @@ std::string extra_lidar_section(std::size_t index) { return "lidar" + std::to_st
 std::vector<ConfigKey> config_keys(Config& config) {
   std::vector<ConfigKey> keys;
   add_first_lidar(keys, config.lidar);
-  for (std::size_t i = 0; i < kExtraLidars; ++i)
+  for (std::size_t i = 0; i < kMaxExtraLidars; ++i)
     add_extra_lidar(keys, extra_lidar_section(i), config.more_lidars[i]);
   add_imu(keys, config.imu);
   add_odometry(keys, config.odometry);

@@ -10,8 +10,8 @@
 
 namespace nilio::daemon {
 
-/// One configuration key: where it lives, what it takes. This table is the only list of keys: loading,
-/// overriding, printing and documenting all read it.
+/// One configuration key: its path, its target variable and its allowed values. This table is the only list
+/// of keys; loading, overriding, printing and documentation use it.
 struct ConfigKey {
   using Target =
       std::variant<bool*, int*, double*, std::string*, std::vector<double>*, std::vector<std::string>*>;
@@ -19,33 +19,33 @@ struct ConfigKey {
   std::string path;  ///< "odometry.threads"
   Target target;
   std::string help;
-  std::string unit;  ///< empty when there is none
+  std::string unit;  ///< empty = dimensionless
   double minimum = 0.0;
   double maximum = 0.0;              ///< numbers only; minimum == maximum: any finite number
-  std::vector<std::string> allowed;  ///< strings only; empty: any
+  std::vector<std::string> allowed;  ///< choices of a text key; empty = any text
 };
 
-/// "lidar2" for 0, the section of Config::more_lidars[index].
+/// Section name of Config::more_lidars[index]: "lidar2" for index 0.
 std::string extra_lidar_section(std::size_t index);
 
-/// The keys, bound to the members of `config`.
+/// All keys, bound to the members of `config`.
 std::vector<ConfigKey> config_keys(Config& config);
 
-/// Applies a YAML file on top of `config`. All problems are in the one error: unknown keys with the nearest
-/// known one, wrong types, values out of range with the range and unit, each with file and line.
+/// Applies a YAML file to `config`. The error lists all problems with file and line: unknown keys with the
+/// nearest known key, wrong types, values out of range.
 core::Result<std::monostate> apply_file(Config& config, const std::string& path);
-/// Same, from text; `name` stands for the file in messages.
+/// Same as apply_file() for text; `name` replaces the file name in messages.
 core::Result<std::monostate> apply_yaml(Config& config, const std::string& text, const std::string& name);
-/// What the key holds, as YAML on one line.
+/// Value of the key as YAML on one line.
 std::string value_text(const ConfigKey& key);
 
-/// "odometry.threads=2".
+/// Applies one assignment such as "odometry.threads=2".
 core::Result<std::monostate> apply_override(Config& config, const std::string& assignment);
-/// One after the other, up to the first that is wrong.
+/// Applies the assignments in order and stops at the first error.
 core::Result<std::monostate> apply_overrides(Config& config, const std::vector<std::string>& assignments);
 
-/// The effective configuration as YAML that apply_yaml takes back unchanged. LiDARs that are off are left out
-/// but for a comment.
+/// Effective configuration as YAML that apply_yaml() reads back unchanged. Disabled additional LiDARs are
+/// listed in a comment only.
 std::string to_yaml(Config config);
 /// All keys with type, default, unit, range and meaning, for `niliod --help-config`.
 std::string describe_keys();

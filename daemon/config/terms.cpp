@@ -47,7 +47,7 @@ core::OdometryConfig odometry_config(const Config& config) {
   result.coarse_voxel_m = config.odometry.coarse_voxel_m;
   result.map_radius_m = config.odometry.map_radius_m;
   result.map_capacity = static_cast<std::size_t>(config.odometry.map_capacity);
-  // The schema lets no other name through.
+  // The schema accepts registered method names only.
   if (const auto method = core::registration_method_of(config.odometry.registration))
     result.registration = *method;
   result.coarse =

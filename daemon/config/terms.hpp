@@ -9,12 +9,12 @@
 
 namespace nilio::daemon {
 
-/// Configuration in the core's and the drivers' own terms.
+/// Conversions of configuration values into the types of core, drivers and ipc.
 core::SE3 to_transform(const ExtrinsicConfig& extrinsic);
 float elevation_correction_rad(const LidarConfig& lidar);
 core::OdometryConfig odometry_config(const Config& config);
 ipc::ImuPoseConfig imu_pose_config(const Config& config);
-/// `live`: the rules of a live run hold.
+/// `live`: live rules apply.
 core::BudgetConfig budget_config(const OdometrySection& odometry, bool live);
 drivers::ScanAssemblerConfig assembler_config(const LidarConfig& lidar);
 

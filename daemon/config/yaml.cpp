@@ -42,7 +42,7 @@ std::string type_text(const ConfigKey& key) {
   return std::visit(Name{}, key.target);
 }
 
-/// Empty when the number is allowed.
+/// Error text for a number out of range; empty if the number is allowed.
 std::string check_number(const ConfigKey& key, double value) {
   if (!std::isfinite(value)) return "is not finite";
   if (key.minimum != key.maximum && (value < key.minimum || value > key.maximum)) {
@@ -51,7 +51,7 @@ std::string check_number(const ConfigKey& key, double value) {
   return "";
 }
 
-/// Stores a YAML value in the key's target. Returns what is wrong with it, or nothing.
+/// Stores a YAML value in the key's target. Returns the error text, empty on success.
 struct Store {
   const ConfigKey& key;
   const YAML::Node& node;
@@ -199,7 +199,7 @@ Result<std::monostate> apply_file(Config& config, const std::string& path) {
   if (file.bad() || text.fail()) return Error{path + ": cannot be read: is it a file?"};
   Config old = config;
   auto applied = apply_yaml(config, text.str(), path);
-  // Files that a file names are beside it, so that a recording can be moved.
+  // Relative paths refer to the folder of the configuration file, so that a recording can be moved.
   const std::vector<std::string*> old_names = named_files(old);
   const std::vector<std::string*> names = named_files(config);
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -244,7 +244,7 @@ struct Emit {
   void operator()(const std::vector<std::string>* value) const { out << YAML::Flow << *value; }
 };
 
-/// Meaning, range or unit, and choices of a key, in one line.
+/// One-line description of a key: meaning, range or unit, choices.
 std::string comment_text(const ConfigKey& key) {
   std::string text = key.help;
   const std::string range = range_text(key);
@@ -254,7 +254,7 @@ std::string comment_text(const ConfigKey& key) {
   return text;
 }
 
-/// Emits the keys below `prefix` as a map; the table keeps the keys of a section together.
+/// Emits the keys below `prefix` as a map. The table keeps the keys of a section adjacent.
 std::size_t emit_section(YAML::Emitter& out, const std::vector<ConfigKey>& keys, std::size_t i,
                          const std::string& prefix) {
   out << YAML::BeginMap;
@@ -286,7 +286,7 @@ std::string value_text(const ConfigKey& key) {
 std::string to_yaml(Config config) {
   std::vector<ConfigKey> keys = config_keys(config);
   std::string left_out;
-  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+  for (std::size_t i = 0; i < kMaxExtraLidars; ++i) {
     if (config.more_lidars[i].enabled) continue;
     const std::string section = extra_lidar_section(i);
     std::erase_if(keys, [&](const ConfigKey& key) { return key.path.starts_with(section + "."); });

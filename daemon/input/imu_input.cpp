@@ -14,7 +14,7 @@ using core::Result;
 
 namespace {
 
-/// The mapping in place of a preset's.
+/// Signal mapping from the configuration, used instead of a preset.
 drivers::ImuMapping make_mapping(const ImuConfig& config) {
   drivers::ImuMapping mapping;
   mapping.name = config.dbc;
@@ -45,7 +45,7 @@ drivers::ImuMapping make_mapping(const ImuConfig& config) {
   return mapping;
 }
 
-/// A signal that is mapped although there is no DBC file; empty when there is none.
+/// Message of a mapped signal although no DBC file is configured; empty if there is none.
 std::string stray_message(const ImuConfig& config) {
   for (const ImuAxisConfig& axis : config.angular_velocity) {
     if (!axis.message.empty()) return axis.message;
@@ -60,7 +60,7 @@ std::string stray_message(const ImuConfig& config) {
   return {};
 }
 
-/// What is configured beside a preset multiplies its scales.
+/// Preset with its scales multiplied by the configured scales.
 Result<drivers::ImuPreset> scaled_preset(const ImuConfig& config) {
   Result<drivers::ImuPreset> preset = drivers::imu_preset(config.preset);
   if (!preset) return preset;

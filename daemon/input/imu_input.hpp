@@ -12,10 +12,10 @@ inline constexpr const char* kNoImu =
     "no IMU: motion is taken to be constant from scan to scan, so sharp turns and braking are tracked less "
     "accurately";
 
-/// The decoder of the preset, or of the DBC and its six mapped signals.
+/// Creates the decoder from the preset, or from the DBC file and its mapped signals.
 core::Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config);
 
-/// Says what is assumed of the IMU: a time offset, an axis that it lacks.
+/// Adds notes about assumptions: a configured time offset, an axis that the IMU does not measure.
 void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input);
 
 /// Adds the IMU on its CAN interface to a live input, or a note or warning that there is none.

@@ -32,40 +32,41 @@ drivers::PcapSourceConfig pcap_config(const LidarConfig& config) {
   return result;
 }
 
-/// What the first packets of a LiDAR in a recording say.
+/// Sensor identification from the first packets of a LiDAR in a recording.
 struct CaptureHead {
-  /// Nothing when the recording has no packets of this LiDAR; `status` then says what it has.
+  /// Empty if the recording has no packets of this LiDAR; `status` then describes its content.
   std::optional<drivers::VelodyneSensor> sensor;
   core::Time first_stamp;
   std::string status;
 };
 
-Result<CaptureHead> look_at_capture(const std::vector<std::string>& paths, const LidarConfig& config,
-                                    const std::string& section, Input& input) {
+Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, const LidarConfig& config,
+                                        const std::string& section, Input& input) {
   Result<std::unique_ptr<drivers::PacketSource>> source = drivers::chain_captures(paths, pcap_config(config));
   if (!source) return source.error();
   CaptureHead head;
-  SensorFinder finder(config, section);
+  SensorIdentification identification(config, section);
   std::vector<drivers::Packet> packets(kReadBatch);
-  SensorFinder::State state = SensorFinder::State::kLooking;
+  SensorIdentification::State state = SensorIdentification::State::kUndecided;
   bool is_empty = true;
-  while (state == SensorFinder::State::kLooking) {
+  while (state == SensorIdentification::State::kUndecided) {
     const drivers::SourceRead read = (*source)->read(packets, core::Duration{});
     if (read.state != drivers::SourceState::kData) break;
     if (std::exchange(is_empty, false)) head.first_stamp = packets.front().stamp;
-    for (std::size_t i = 0; i < read.count && state == SensorFinder::State::kLooking; ++i)
-      state = finder.add(packets[i]);
+    for (std::size_t i = 0; i < read.count && state == SensorIdentification::State::kUndecided; ++i)
+      state = identification.add(packets[i]);
   }
   if (is_empty) {
     head.status = (*source)->status();
     return head;
   }
-  if (state == SensorFinder::State::kLooking) state = finder.finish();
-  if (state == SensorFinder::State::kRefused) return Error{paths.front() + ": " + finder.problem()};
+  if (state == SensorIdentification::State::kUndecided) state = identification.finish();
+  if (state == SensorIdentification::State::kRejected)
+    return Error{paths.front() + ": " + identification.problem()};
   const std::string prefix = section == "lidar" ? "" : section + ": ";
-  for (const std::string& note : finder.notes()) input.notes.push_back(prefix + note);
-  for (const std::string& warning : finder.warnings()) input.warnings.push_back(warning);
-  head.sensor = finder.take();
+  for (const std::string& note : identification.notes()) input.notes.push_back(prefix + note);
+  for (const std::string& warning : identification.warnings()) input.warnings.push_back(warning);
+  head.sensor = identification.take();
   return head;
 }
 
@@ -74,7 +75,7 @@ std::string describe(const std::vector<std::string>& parts) {
   return parts.front() + " to " + parts.back() + " (" + std::to_string(parts.size()) + " files)";
 }
 
-/// Where the CAN frames of a recording are: logs, or else its captures; nothing when there are none.
+/// Files with the recording's CAN frames: CAN logs, otherwise the captures; empty if there are none.
 std::vector<std::string> find_can_files(const ReplayFiles& files) {
   if (!files.can_logs.empty()) return files.can_logs;
   return !files.captures.empty() && drivers::has_can_frames(files.captures.front())
@@ -108,7 +109,7 @@ Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& conf
   return std::monostate{};
 }
 
-/// A configured LiDAR and the name of its section.
+/// Configured LiDAR and the name of its section.
 struct ConfiguredLidar {
   std::string section;
   const LidarConfig* config;
@@ -116,13 +117,13 @@ struct ConfiguredLidar {
 
 std::vector<ConfiguredLidar> lidars_in_use(const Config& config) {
   std::vector<ConfiguredLidar> lidars{{"lidar", &config.lidar}};
-  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+  for (std::size_t i = 0; i < kMaxExtraLidars; ++i) {
     if (config.more_lidars[i].enabled) lidars.push_back({extra_lidar_section(i), &config.more_lidars[i]});
   }
   return lidars;
 }
 
-/// Packets must not be taken for two LiDARs'.
+/// Fails if two LiDARs would receive the same packets.
 Result<std::monostate> check_told_apart(const Config& config) {
   const std::vector<ConfiguredLidar> lidars = lidars_in_use(config);
   for (std::size_t i = 0; i < lidars.size(); ++i) {
@@ -144,11 +145,11 @@ Result<std::monostate> check_told_apart(const Config& config) {
 }
 
 Result<std::monostate> open_more_captures(const ReplayFiles& files, const Config& config, Input& input) {
-  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+  for (std::size_t i = 0; i < kMaxExtraLidars; ++i) {
     const ExtraLidarConfig& lidar = config.more_lidars[i];
     if (!lidar.enabled) continue;
     const std::string section = extra_lidar_section(i);
-    Result<CaptureHead> head = look_at_capture(files.captures, lidar, section, input);
+    Result<CaptureHead> head = identify_in_capture(files.captures, lidar, section, input);
     if (!head) return head.error();
     if (!head->sensor) {
       input.warnings.push_back(
@@ -177,7 +178,7 @@ Result<std::unique_ptr<drivers::PacketSource>> open_socket(const LidarConfig& co
 
 Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
   std::set<int> position_ports{config.lidar.position_port};
-  for (std::size_t i = 0; i < kExtraLidars; ++i) {
+  for (std::size_t i = 0; i < kMaxExtraLidars; ++i) {
     ExtraLidarConfig lidar = config.more_lidars[i];
     if (!lidar.enabled) continue;
     const std::string section = extra_lidar_section(i);
@@ -201,7 +202,7 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
 }  // namespace
 
 void apply_recording_defaults(const ReplayFiles& files, Config& config) {
-  // KITTI's scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM): a property of the data set.
+  // The KITTI scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM); a property of the data set.
   if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
 }
 
@@ -227,7 +228,7 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
     return input;
   }
   if (auto checked = check_told_apart(config); !checked) return checked.error();
-  Result<CaptureHead> head = look_at_capture(files.captures, config.lidar, "lidar", input);
+  Result<CaptureHead> head = identify_in_capture(files.captures, config.lidar, "lidar", input);
   if (!head) return head.error();
   if (!head->sensor) return Error{head->status};
   Result<std::unique_ptr<drivers::PacketSource>> packets =

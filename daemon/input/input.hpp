@@ -18,7 +18,7 @@
 
 namespace nilio::daemon {
 
-/// A LiDAR beside the first one.
+/// Additional LiDAR of a run.
 struct ExtraLidar {
   std::string section;  ///< "lidar2"
   ExtraLidarConfig config;
@@ -26,37 +26,38 @@ struct ExtraLidar {
   std::optional<drivers::VelodyneSensor> sensor;  ///< as Input::sensor
 };
 
-/// What a run reads from, opened and checked.
+/// Opened and validated data sources of a run.
 struct Input {
   bool live = false;
-  /// Either packets, or scans that are already cut.
+  /// Either packets, or complete scans (`scans`).
   std::unique_ptr<drivers::PacketSource> packets;
-  /// The sensor that the packets come from; nothing when live, where the packets have to tell it.
+  /// Sensor of the packets; empty when live, where it is identified from the packets.
   std::optional<drivers::VelodyneSensor> sensor;
   std::vector<ExtraLidar> more_lidars;
   std::unique_ptr<ScanFeed> scans;
-  /// CAN frames and what turns them into samples; both or neither.
+  /// CAN frames and their decoder; both set or both empty.
   std::unique_ptr<drivers::FrameSource> frames;
   std::optional<drivers::ImuDecoder> imu_decoder;
-  /// Set when the frames are live.
+  /// Set for live frames only.
   std::unique_ptr<CanWatch> can_watch;
-  /// Stamp of the recording's first packet, for playing at its own pace.
+  /// Stamp of the recording's first packet, for paced replay.
   std::optional<core::Time> first_stamp;
-  /// Set for data sets whose poses are stated in a camera frame.
+  /// Set for data sets that state their poses in a camera frame.
   std::optional<core::SE3> T_camera_lidar;
-  /// One line each for the log: what is read, and warnings such as a missing IMU.
+  /// Log lines: opened sources, and warnings such as a missing IMU.
   std::vector<std::string> notes;
   std::vector<std::string> warnings;
 };
 
-/// Defaults that belong to a kind of recording; apply before any configuration file.
+/// Applies the defaults of a kind of recording; call before any configuration file.
 void apply_recording_defaults(const ReplayFiles& files, Config& config);
 
-/// The recording's defaults, its own nilio.yaml, and `config_file` (empty = none), each over the one before.
+/// Configuration of a replay: defaults of the recording, then its nilio.yaml, then `config_file` (empty =
+/// none).
 core::Result<Config> replay_config(const ReplayFiles& files, const std::string& config_file);
 
-/// Looks at each LiDAR's first packets before playing them: which sensor they come from, and for an HDL-64E
-/// the calibration that it sends. Several LiDARs in one recording are told apart by sender_address and port.
+/// Opens a recording. Identifies each LiDAR from its first packets before playback, and reads the calibration
+/// that an HDL-64E transmits. Several LiDARs in one recording are distinguished by sender_address and port.
 core::Result<Input> open_replay(const ReplayFiles& files, const Config& config);
 core::Result<Input> open_live(const Config& config);
 

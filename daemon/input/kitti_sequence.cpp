@@ -19,9 +19,9 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-// The benchmark's HDL-64E: neighbouring beams are 0.4 degrees apart.
+// HDL-64E of the benchmark: beam spacing 0.4 degrees.
 constexpr double kBeamSpacingDeg = 0.4;
-// A scan has some 125,000 points; more than this is no KITTI scan.
+// Upper limit of a scan file; a scan has about 125,000 points.
 constexpr std::uintmax_t kLargestScanBytes = 64ULL * 1024 * 1024;
 constexpr std::size_t kBytesPerPoint = 16;
 
@@ -55,7 +55,7 @@ class KittiScanFeed : public ScanFeed {
   void set_pace(std::int64_t start_ns) override { start_ns_ = start_ns; }
 
  private:
-  /// Waits at most `timeout` for the next scan to become due.
+  /// Waits up to `timeout` until the next scan is due.
   [[nodiscard]] bool is_due(core::Duration timeout) const {
     if (!start_ns_) return true;
     const std::int64_t left = *start_ns_ + (stamps_[next_] - stamps_.front()).ns - monotonic_ns();

@@ -11,18 +11,18 @@
 
 namespace nilio::daemon {
 
-/// A folder of the KITTI odometry benchmark: velodyne/NNNNNN.bin, times.txt, calib.txt.
+/// Sequence of the KITTI odometry benchmark: velodyne/NNNNNN.bin, times.txt, calib.txt.
 struct KittiSequence {
   std::unique_ptr<ScanFeed> feed;
   std::size_t scans = 0;
-  /// "Tr" of calib.txt: LiDAR to left rectified camera, in which the benchmark states its poses.
+  /// "Tr" of calib.txt: LiDAR to left rectified camera, the frame of the benchmark's poses.
   core::SE3 T_camera_lidar;
 };
 
 bool is_kitti_sequence(const std::string& folder);
 
-/// Fails naming the file and line. The scans are motion-compensated by the data set: they come at one
-/// instant, the stamp of times.txt, and are not deskewed again.
+/// Opens a sequence; the error names file and line. The data set's scans are already motion-compensated: all
+/// points have the stamp of times.txt and are not deskewed again.
 core::Result<KittiSequence> open_kitti_sequence(const std::string& folder);
 
 }  // namespace nilio::daemon

@@ -10,11 +10,11 @@ namespace {
 
 using drivers::Packet;
 
-// An HDL-64E's calibration takes two passes of its status stream; as many other packets may lie between.
-constexpr std::size_t kLargestBacklog = 4 * drivers::kHdl64eStatusPackets;
-// The evidence in a problem may change from packet to packet: more than so many are not said.
-constexpr std::size_t kProblemsSaid = 8;
-// Speed, clock and blind sector are known by then.
+// An HDL-64E's calibration takes two passes of its status stream; allow as many other packets in between.
+constexpr std::size_t kMaxBuffered = 4 * drivers::kHdl64eStatusPackets;
+// The evidence in a message may differ from packet to packet, so the number of messages is limited.
+constexpr std::size_t kMaxProblemsLogged = 8;
+// Rotation rate, clock and blind sector are estimated by then.
 constexpr std::uint64_t kScansToStatus = 10;
 
 bool is_data(const Packet& packet) { return packet.size == drivers::kDataPacketSize && !packet.truncated; }
@@ -34,74 +34,74 @@ void count(const Packet& packet, drivers::ScanAssemblerStats& stats) {
 LidarChannel::LidarChannel(std::string section, const LidarConfig& config,
                            const drivers::ScanAssemblerConfig& assembler_config,
                            std::optional<drivers::VelodyneSensor> sensor, ipc::Ring<Packet>& ring,
-                           const ReceiveState& receive_state, FeedLog& log)
+                           const ReceiveState& receive_state, EventLog& log)
     : section_(std::move(section)),
       config_(config),
       assembler_config_(assembler_config),
       ring_(ring),
       receive_state_(receive_state),
       log_(log),
-      phase_(sensor ? Phase::kKnown : Phase::kSearching),
+      phase_(sensor ? Phase::kIdentified : Phase::kIdentifying),
       is_released_(sensor.has_value()) {
   if (sensor) {
     assembler_.emplace(std::move(*sensor), assembler_config_);
   } else {
-    finder_.emplace(config_, section_);
+    identification_.emplace(config_, section_);
   }
 }
 
-void LidarChannel::say(LogLevel level, const std::string& text) {
-  log_.say(level, section_ == "lidar" ? text : section_ + ": " + text);
+void LidarChannel::log(LogLevel level, const std::string& text) {
+  log_.log(level, section_ == "lidar" ? text : section_ + ": " + text);
 }
 
-const Packet* LidarChannel::next_kept_back() {
+const Packet* LidarChannel::next_buffered() {
   if (has_caught_up()) return nullptr;
-  if (next_ < backlog_.size()) return &backlog_[next_];
+  if (next_ < buffered_.size()) return &buffered_[next_];
   caught_up_ns_ = monotonic_ns();
   caught_up_.store(true, std::memory_order_release);
   return nullptr;
 }
 
 const Packet* LidarChannel::front() {
-  if (!is_known()) return nullptr;
-  if (const Packet* packet = next_kept_back()) return packet;
+  if (!is_identified()) return nullptr;
+  if (const Packet* packet = next_buffered()) return packet;
   const std::span<const Packet> slots = ring_.begin_read();
   return slots.empty() ? nullptr : slots.data();
 }
 
-void LidarChannel::search() {
-  if (!is_searching()) {
-    if (is_known() && !has_caught_up()) return;
-    if (is_known()) backlog_ = {};
+void LidarChannel::identify() {
+  if (!is_identifying()) {
+    if (is_identified() && !has_caught_up()) return;
+    if (is_identified()) buffered_ = {};
     is_released_.store(true, std::memory_order_relaxed);
     return;
   }
   const bool at_end = receive_state_.ended.load(std::memory_order_acquire);
   for (std::span<const Packet> slots = ring_.begin_read(); !assembler_ && !slots.empty();
        slots = ring_.begin_read()) {
-    look(slots.front());
+    examine(slots.front());
     ring_.consume(1);
     packets_taken_.fetch_add(1, std::memory_order_relaxed);
   }
-  if (!assembler_ && at_end && !backlog_.empty()) judge(finder_->finish());
-  // From here on finder, backlog and ring are the odometry thread's.
+  if (!assembler_ && at_end && !buffered_.empty()) handle(identification_->finish());
+  // Identification, buffered packets and ring belong to the odometry thread from here on.
   if (assembler_) {
-    phase_.store(Phase::kKnown, std::memory_order_release);
+    phase_.store(Phase::kIdentified, std::memory_order_release);
   } else if (at_end) {
-    phase_.store(Phase::kNeverKnown, std::memory_order_release);
+    phase_.store(Phase::kUnidentified, std::memory_order_release);
   }
 }
 
 bool LidarChannel::decode_front() {
-  const bool is_kept_back = !has_caught_up() && next_ < backlog_.size();
-  const Packet& packet = is_kept_back ? backlog_[next_] : ring_.begin_read().front();
+  const bool is_buffered = !has_caught_up() && next_ < buffered_.size();
+  const Packet& packet = is_buffered ? buffered_[next_] : ring_.begin_read().front();
   watch_sender(packet);
   last_stamp_ = packet.stamp;
-  // 0 where nobody knows.
-  is_catching_up_ = is_kept_back || (packet.received_ns > 0 && packet.received_ns < caught_up_ns_);
-  const bool complete = is_catching_up_ ? add_late(packet) : assembler_->add(packet);
+  // A receive time of 0 means unknown.
+  is_catching_up_ = is_buffered || (packet.received_ns > 0 && packet.received_ns < caught_up_ns_);
+  const bool complete = is_catching_up_ ? add_delayed(packet) : assembler_->add(packet);
   ++packets_decoded_;
-  if (is_kept_back) {
+  if (is_buffered) {
     ++next_;
   } else {
     ring_.consume(1);
@@ -110,11 +110,11 @@ bool LidarChannel::decode_front() {
   return complete;
 }
 
-/// Nobody could have used it before: its deadline runs from now.
-bool LidarChannel::add_late(const Packet& packet) {
-  late_ = packet;
-  late_.received_ns = monotonic_ns();
-  return assembler_->add(late_);
+/// Decodes a delayed packet with the current time as receive time: its deadline starts now.
+bool LidarChannel::add_delayed(const Packet& packet) {
+  delayed_ = packet;
+  delayed_.received_ns = monotonic_ns();
+  return assembler_->add(delayed_);
 }
 
 void LidarChannel::take_scan(core::Scan& scan) {
@@ -124,48 +124,48 @@ void LidarChannel::take_scan(core::Scan& scan) {
 
 void LidarChannel::report_status() {
   if (!assembler_ || std::exchange(status_reported_, true)) return;
-  FeedEvent event;
-  event.kind = FeedEvent::Kind::kStreamStatus;
+  LidarEvent event;
+  event.kind = LidarEvent::Kind::kStreamStatus;
   copy_name(section_, event.section);
   copy_name(assembler_->sensor().name, event.model);
   event.status = assembler_->status();
   log_.report(event);
 }
 
-/// Shows the finder a packet and keeps it for later. What comes before the first data packet is of no use.
-void LidarChannel::look(const Packet& packet) {
-  const bool is_kept = is_data(packet) || (!backlog_.empty() && backlog_.size() < kLargestBacklog);
+/// Passes a packet to the identification and buffers it. Packets before the first data packet are discarded.
+void LidarChannel::examine(const Packet& packet) {
+  const bool is_kept = is_data(packet) || (!buffered_.empty() && buffered_.size() < kMaxBuffered);
   if (!is_kept) {
     count(packet, refused_);
     ++packets_skipped_;
     return;
   }
-  backlog_.push_back(packet);
-  judge(finder_->add(packet));
+  buffered_.push_back(packet);
+  handle(identification_->add(packet));
 }
 
-void LidarChannel::judge(SensorFinder::State state) {
-  if (state == SensorFinder::State::kFound) {
-    for (const std::string& note : finder_->notes()) say(LogLevel::kInfo, note);
-    for (const std::string& warning : finder_->warnings()) log_.say(LogLevel::kWarning, warning);
-    assembler_.emplace(finder_->take(), assembler_config_);
-    finder_.reset();
-  } else if (state == SensorFinder::State::kRefused) {
-    const std::string& problem = finder_->problem();
+void LidarChannel::handle(SensorIdentification::State state) {
+  if (state == SensorIdentification::State::kIdentified) {
+    for (const std::string& note : identification_->notes()) log(LogLevel::kInfo, note);
+    for (const std::string& warning : identification_->warnings()) log_.log(LogLevel::kWarning, warning);
+    assembler_.emplace(identification_->take(), assembler_config_);
+    identification_.reset();
+  } else if (state == SensorIdentification::State::kRejected) {
+    const std::string& problem = identification_->problem();
     const bool is_new =
-        std::find(problems_said_.begin(), problems_said_.end(), problem) == problems_said_.end();
-    if (is_new && problems_said_.size() < kProblemsSaid) {
-      problems_said_.push_back(problem);
-      say(LogLevel::kError, problem + "; no poses until then");
+        std::find(problems_logged_.begin(), problems_logged_.end(), problem) == problems_logged_.end();
+    if (is_new && problems_logged_.size() < kMaxProblemsLogged) {
+      problems_logged_.push_back(problem);
+      log(LogLevel::kError, problem + "; no poses until then");
     }
-    discard_backlog();
+    discard_buffered();
   }
 }
 
-void LidarChannel::discard_backlog() {
-  for (const Packet& packet : backlog_) count(packet, refused_);
-  packets_skipped_ += backlog_.size();
-  backlog_.clear();
+void LidarChannel::discard_buffered() {
+  for (const Packet& packet : buffered_) count(packet, refused_);
+  packets_skipped_ += buffered_.size();
+  buffered_.clear();
 }
 
 void LidarChannel::watch_sender(const Packet& packet) {
@@ -180,7 +180,7 @@ drivers::ScanAssemblerStats LidarChannel::stats() const {
   stats.position_packets += refused_.position_packets;
   stats.bad_length += refused_.bad_length;
   if (!has_caught_up()) {
-    for (const Packet& packet : std::span(backlog_).subspan(next_)) count(packet, stats);
+    for (const Packet& packet : std::span(buffered_).subspan(next_)) count(packet, stats);
   }
   return stats;
 }

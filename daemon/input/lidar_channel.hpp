@@ -19,118 +19,118 @@
 
 namespace nilio::daemon {
 
-/// One LiDAR's way from its ring of packets into its scan assembler. While the sensor is not known, another
-/// thread searches for it, which keeps packets back; once it is known, they come first, so that none is lost.
-/// Packets that do not fit the configuration are refused and counted, which is said once for each reason.
-/// What is not said to be the searching thread's belongs to the odometry thread, which does not allocate
-/// here.
+/// Per-LiDAR input path from the packet ring to the scan assembler. Until the sensor is identified, a
+/// separate thread reads the ring and buffers the packets; afterwards the buffered packets are decoded first,
+/// so none is lost. Packets that contradict the configuration are rejected, counted and logged once per
+/// reason. Unless stated otherwise, members belong to the odometry thread and do not allocate.
 class LidarChannel {
  public:
-  /// `section` names the sensor ("lidar", "lidar2"). `sensor` is nothing when the packets have to tell it.
-  /// The references have to outlive the channel.
+  /// `section` names the sensor ("lidar", "lidar2"). Pass an empty `sensor` to identify it from the packets.
+  /// All references must outlive the channel.
   LidarChannel(std::string section, const LidarConfig& config,
                const drivers::ScanAssemblerConfig& assembler_config,
                std::optional<drivers::VelodyneSensor> sensor, ipc::Ring<drivers::Packet>& ring,
-               const ReceiveState& receive_state, FeedLog& log);
+               const ReceiveState& receive_state, EventLog& log);
 
-  /// Packet to decode next; null when none is there or the sensor is not known yet.
+  /// Next packet to decode; null if there is none or the sensor is not identified yet.
   const drivers::Packet* front();
-  /// Decodes front(), which must not be null. True when a scan became complete.
+  /// Decodes front(), which must not be null. Returns true if a scan is complete.
   bool decode_front();
-  /// Ends the scan under assembly; true when there was one that covers enough.
+  /// Ends the scan under assembly; true if it covers enough of the field of view.
   bool finish_scan() { return assembler_ && assembler_->finish(); }
-  /// The scan that became complete.
+  /// Moves the completed scan into `scan`.
   void take_scan(core::Scan& scan);
 
-  /// Nothing more will come into the ring. To be asked before front(): what was committed before the end was
-  /// announced is then seen.
+  /// True after the last packet. Check it before front(), so that packets committed before the end are seen.
   [[nodiscard]] bool ended() const {
-    return receive_state_.ended.load(std::memory_order_acquire) && !is_searching();
+    return receive_state_.ended.load(std::memory_order_acquire) && !is_identifying();
   }
 
-  /// By the searching thread, again and again while wants_search(): looks at the packets in the ring, whose
-  /// consumer it is until the sensor is known. At the end of the input what there was has to do. Later it
-  /// gives back the memory of the packets that were kept back.
-  void search();
-  [[nodiscard]] bool wants_search() const {
-    return is_searching() || !is_released_.load(std::memory_order_relaxed);
+  /// Reads the ring in the identification thread; call repeatedly while wants_identification(). This thread
+  /// is the ring's consumer until the sensor is identified. At the end of the input it decides from the
+  /// available packets; later it frees the buffered packets.
+  void identify();
+  [[nodiscard]] bool wants_identification() const {
+    return is_identifying() || !is_released_.load(std::memory_order_relaxed);
   }
-  /// The sensor may still become known. From any thread.
-  [[nodiscard]] bool is_searching() const {
-    return phase_.load(std::memory_order_acquire) == Phase::kSearching;
+  /// Identification is still in progress. Any thread.
+  [[nodiscard]] bool is_identifying() const {
+    return phase_.load(std::memory_order_acquire) == Phase::kIdentifying;
   }
 
   [[nodiscard]] const std::string& section() const { return section_; }
-  [[nodiscard]] bool is_known() const { return phase_.load(std::memory_order_acquire) == Phase::kKnown; }
-  /// Of the packet decoded last.
+  [[nodiscard]] bool is_identified() const {
+    return phase_.load(std::memory_order_acquire) == Phase::kIdentified;
+  }
+  /// Stamp of the last decoded packet.
   [[nodiscard]] core::Time last_stamp() const { return last_stamp_; }
-  /// Taken off the ring so far, whether they were of use or not.
+  /// Packets read from the ring so far, useful or not.
   [[nodiscard]] std::uint64_t packets_taken() const { return packets_taken_.load(std::memory_order_relaxed); }
-  /// Of the stream, those that are decoded and those that were of no use to find the sensor: the same number
-  /// for the same packets, however long the sensor was searched for. By the odometry thread, of a sensor that
-  /// is known.
+  /// Packets of the stream that were decoded or skipped. The number depends on the packets only, not on the
+  /// duration of the identification. Odometry thread; sensor must be identified.
   [[nodiscard]] std::uint64_t packets_passed() const { return packets_skipped_ + packets_decoded_; }
-  /// Received since, and not taken yet.
+  /// Received packets that wait in the ring.
   [[nodiscard]] std::size_t packets_in_ring() const { return ring_.size(); }
-  /// The packet decoded last was kept back while the sensor was not known, or came while such were decoded:
-  /// what waits behind it is no backlog that came of slowness.
+  /// The last decoded packet was buffered during identification, or arrived while buffered packets were
+  /// decoded. Packets behind it are no sign of overload.
   [[nodiscard]] bool is_catching_up() const { return is_catching_up_; }
-  /// Not decoded yet, those kept back included.
+  /// Packets not decoded yet, including buffered ones.
   [[nodiscard]] std::size_t packets_waiting() const {
-    return (is_known() && !has_caught_up() ? backlog_.size() - next_ : 0) + ring_.size();
+    return (is_identified() && !has_caught_up() ? buffered_.size() - next_ : 0) + ring_.size();
   }
 
-  /// Packets that were refused are counted, too. Only while neither thread runs, as the two below.
+  /// Assembler statistics including rejected packets. Call this and the next two only while neither thread
+  /// runs.
   [[nodiscard]] drivers::ScanAssemblerStats stats() const;
-  /// Null while the sensor is not known.
+  /// Null until the sensor is identified.
   [[nodiscard]] const drivers::ScanAssembler* assembler() const {
     return assembler_ ? &*assembler_ : nullptr;
   }
-  /// Says what the stream is like, unless that was done.
+  /// Reports the stream status (model, rotation rate, clock) once.
   void report_status();
 
-  /// Data packets of several senders came although no sender is configured. From any thread.
+  /// Data packets of several senders arrived although no sender is configured. Any thread.
   [[nodiscard]] bool has_mixed_senders() const { return mixed_senders_.load(std::memory_order_relaxed); }
 
  private:
-  /// Whose the finder, the backlog and the ring's reading side are: the searching thread's, or the
-  /// odometry's.
-  enum class Phase : std::uint8_t { kSearching, kKnown, kNeverKnown };
+  /// Owner of identification, buffered packets and read side of the ring: the identification thread or the
+  /// odometry thread.
+  enum class Phase : std::uint8_t { kIdentifying, kIdentified, kUnidentified };
 
-  /// The packets that were kept back are decoded: nobody looks at them any more.
+  /// All buffered packets are decoded; the buffer is no longer used by the odometry thread.
   [[nodiscard]] bool has_caught_up() const { return caught_up_.load(std::memory_order_acquire); }
-  const drivers::Packet* next_kept_back();
-  bool add_late(const drivers::Packet& packet);
-  void look(const drivers::Packet& packet);
-  void judge(SensorFinder::State state);
-  void discard_backlog();
+  const drivers::Packet* next_buffered();
+  bool add_delayed(const drivers::Packet& packet);
+  void examine(const drivers::Packet& packet);
+  void handle(SensorIdentification::State state);
+  void discard_buffered();
   void watch_sender(const drivers::Packet& packet);
-  void say(LogLevel level, const std::string& text);
+  void log(LogLevel level, const std::string& text);
 
   std::string section_;
   LidarConfig config_;
   drivers::ScanAssemblerConfig assembler_config_;
   ipc::Ring<drivers::Packet>& ring_;
   const ReceiveState& receive_state_;
-  FeedLog& log_;
+  EventLog& log_;
 
   std::atomic<Phase> phase_;
   std::optional<drivers::ScanAssembler> assembler_;
-  std::optional<SensorFinder> finder_;
-  /// Packets kept back, of which those before `next_` are decoded.
-  std::vector<drivers::Packet> backlog_;
+  std::optional<SensorIdentification> identification_;
+  /// Packets buffered during identification; those before `next_` are decoded.
+  std::vector<drivers::Packet> buffered_;
   std::size_t next_ = 0;
   std::atomic<bool> caught_up_{false};
   std::int64_t caught_up_ns_ = 0;
   bool is_catching_up_ = false;
-  drivers::Packet late_;
+  drivers::Packet delayed_;
   std::atomic<bool> is_released_;
-  /// Counts of packets that were refused.
+  /// Counters of rejected packets.
   drivers::ScanAssemblerStats refused_;
-  std::vector<std::string> problems_said_;
+  std::vector<std::string> problems_logged_;
   core::Time last_stamp_;
   std::atomic<std::uint64_t> packets_taken_{0};
-  /// By the searching thread.
+  /// Written by the identification thread.
   std::uint64_t packets_skipped_ = 0;
   std::uint64_t packets_decoded_ = 0;
   std::uint64_t scans_taken_ = 0;

@@ -18,12 +18,6 @@ constexpr Duration kReadTimeout = Duration::from_milliseconds(50.0);
 constexpr std::int64_t kRoomPollNs = 200'000;
 constexpr std::int64_t kLongestSleepNs = 50'000'000;
 
-std::int64_t clock_ns(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
-}
-
 void sleep_ns(std::int64_t ns) {
   const timespec wanted{ns / 1'000'000'000, ns % 1'000'000'000};
   nanosleep(&wanted, nullptr);
@@ -31,13 +25,13 @@ void sleep_ns(std::int64_t ns) {
 
 void wait_until_due(core::Time stamp, const Pace& pace, const std::atomic<bool>& stop) {
   const std::int64_t due = pace.start_ns + (stamp - pace.origin).ns;
-  // In short sleeps, so that stopping does not have to wait for a long gap in the recording.
+  // Short sleeps keep the reaction to `stop` fast during long gaps in the recording.
   for (std::int64_t left = due - monotonic_ns(); left > 0 && !stop.load(); left = due - monotonic_ns()) {
     sleep_ns(std::min(left, kLongestSleepNs));
   }
 }
 
-/// Free slots to write to: at least one, unless stopped or the policy is to drop.
+/// Free slots: at least one, unless stopped or the policy is to drop.
 template <class Slot>
 std::span<Slot> find_room(ipc::Ring<Slot>& ring, std::size_t count, const ReceivePolicy& policy,
                           const ReceiveState& state) {
@@ -49,13 +43,13 @@ std::span<Slot> find_room(ipc::Ring<Slot>& ring, std::size_t count, const Receiv
   return slots;
 }
 
-/// True while the source goes on.
-bool note_end(SourceState read_state, ReceiveState& state) {
+/// Records a failed source; true while the source delivers data.
+bool record_end(SourceState read_state, ReceiveState& state) {
   if (read_state == SourceState::kFailed) state.failed.store(true);
   return read_state == SourceState::kData || read_state == SourceState::kIdle;
 }
 
-void tell(const ReceivePolicy& policy, ThreadRole role, ThreadPhase phase) {
+void call_hook(const ReceivePolicy& policy, ThreadRole role, ThreadPhase phase) {
   if (policy.hook != nullptr) policy.hook(role, phase);
 }
 
@@ -66,23 +60,20 @@ void announce_end(ReceiveState& state, ipc::WakeEvent& data_event) {
 
 }  // namespace
 
-std::int64_t monotonic_ns() { return clock_ns(CLOCK_MONOTONIC); }
-std::int64_t realtime_ns() { return clock_ns(CLOCK_REALTIME); }
-
 void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& ring,
                      ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state) {
   const std::size_t batch = policy.pace ? 1 : kBatch;
-  // Where packets go that find the ring full: they have to leave the socket to be counted.
+  // Destination of packets when the ring is full: they must leave the socket to be counted.
   const auto overflow = std::make_unique<std::array<drivers::Packet, kBatch>>();
-  bool going = true;
-  tell(policy, ThreadRole::kLidarReceive, ThreadPhase::kSteady);
-  while (going && !state.stop.load(std::memory_order_relaxed)) {
+  bool running = true;
+  call_hook(policy, ThreadRole::kLidarReceive, ThreadPhase::kSteady);
+  while (running && !state.stop.load(std::memory_order_relaxed)) {
     state.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const std::span<drivers::Packet> slots = find_room(ring, batch, policy, state);
     if (slots.empty()) {
       const drivers::SourceRead read = source.read(*overflow, kReadTimeout);
       ring.count_dropped(read.count);
-      going = note_end(read.state, state);
+      running = record_end(read.state, state);
       continue;
     }
     const drivers::SourceRead read = source.read(slots, kReadTimeout);
@@ -94,9 +85,9 @@ void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& 
       ring.commit(read.count);
       data_event.notify();
     }
-    going = note_end(read.state, state);
+    running = record_end(read.state, state);
   }
-  tell(policy, ThreadRole::kLidarReceive, ThreadPhase::kEnding);
+  call_hook(policy, ThreadRole::kLidarReceive, ThreadPhase::kEnding);
   announce_end(state, data_event);
 }
 
@@ -104,9 +95,9 @@ void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc
                  ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
                  ipc::PublisherProcess* publisher) {
   const auto frames = std::make_unique<std::array<drivers::CanFrame, kBatch>>();
-  bool going = true;
-  tell(policy, ThreadRole::kImuReceive, ThreadPhase::kSteady);
-  while (going && !state.stop.load(std::memory_order_relaxed)) {
+  bool running = true;
+  call_hook(policy, ThreadRole::kImuReceive, ThreadPhase::kSteady);
+  while (running && !state.stop.load(std::memory_order_relaxed)) {
     state.heartbeat.fetch_add(1, std::memory_order_relaxed);
     const drivers::SourceRead read = source.read(*frames, kReadTimeout);
     for (const drivers::CanFrame& frame : std::span(*frames).first(read.count)) {
@@ -124,9 +115,9 @@ void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc
       ring.commit(1);
       data_event.notify();
     }
-    going = note_end(read.state, state);
+    running = record_end(read.state, state);
   }
-  tell(policy, ThreadRole::kImuReceive, ThreadPhase::kEnding);
+  call_hook(policy, ThreadRole::kImuReceive, ThreadPhase::kEnding);
   announce_end(state, data_event);
 }
 

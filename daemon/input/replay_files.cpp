@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-/// Puts `path` into the slot for its kind; an error when the slot is taken.
+/// Stores `path` in the slot of its kind; an error if the slot is taken.
 Result<std::monostate> put(std::string& slot, const std::string& path, const std::string& kind) {
   if (!slot.empty())
     return Error{path + ": a second " + kind + " beside " + slot + ": name the one to replay"};
@@ -30,7 +30,7 @@ Result<std::monostate> put(std::string& slot, const std::string& path, const std
   return std::monostate{};
 }
 
-/// The number of a file that `nilio record` wrote, such as 12 of lidar_0012.pcap.
+/// Number of a file written by `nilio record`, such as 12 of lidar_0012.pcap.
 std::optional<std::uint64_t> part_number(const fs::path& path) {
   const std::string name = path.stem().string();
   const std::string extension = path.extension().string();
@@ -43,7 +43,7 @@ std::optional<std::uint64_t> part_number(const fs::path& path) {
   return number;
 }
 
-/// Adds `path` to the parts of one recording; an error when it is no part of the one that is there.
+/// Adds `path` to the parts of one recording; an error if it belongs to another recording.
 Result<std::monostate> put_part(std::vector<std::string>& parts, const fs::path& path,
                                 const std::string& kind) {
   if (!parts.empty()) {
@@ -65,7 +65,7 @@ Result<std::monostate> put_part(std::vector<std::string>& parts, const fs::path&
   return std::monostate{};
 }
 
-/// True when one of the file's first lines is a CAN frame: other programs write *.log files, too.
+/// True if one of the first lines is a CAN frame; other programs write *.log files, too.
 bool looks_like_can_log(const fs::path& path) {
   constexpr int kLinesToLookAt = 20;
   std::ifstream file(path);

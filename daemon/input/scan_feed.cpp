@@ -22,7 +22,7 @@ bool PacketScanFeed::drain(core::Scan& scan) {
     ++packets_in_scan_;
     if (complete) {
       take(scan);
-      // What is caught up with counts as received only when it is taken up.
+      // Packets buffered during identification count as received when they are decoded.
       scan.popped_ns = std::max(popped_ns, scan.received_ns);
       return true;
     }
@@ -30,7 +30,7 @@ bool PacketScanFeed::drain(core::Scan& scan) {
   return false;
 }
 
-/// What is left when nothing more will come: true when that made a scan.
+/// Ends the last scan of the input; true if it is complete.
 bool PacketScanFeed::end(core::Scan& scan) {
   if (std::exchange(finished_, true)) return false;
   const bool complete = channel_.finish_scan();

@@ -14,8 +14,7 @@ namespace nilio::daemon {
 
 enum class FeedState { kScan, kIdle, kEnd };
 
-/// Where the odometry thread gets complete scans from: packets as they arrive, or a data set whose scans are
-/// already cut.
+/// Source of complete scans for the odometry thread: packets as they arrive, or a data set of scans.
 class ScanFeed {
  public:
   ScanFeed() = default;
@@ -23,23 +22,23 @@ class ScanFeed {
   ScanFeed& operator=(const ScanFeed&) = delete;
   virtual ~ScanFeed() = default;
 
-  /// Fills `scan` (its buffer is reused); kIdle when none was complete within the timeout.
+  /// Fills `scan` (its buffer is reused); kIdle if none was complete within the timeout.
   virtual FeedState next(core::Scan& scan, core::Duration timeout) = 0;
-  /// From now on scans become due at their own pace, the first at `start_ns` (CLOCK_MONOTONIC). Feeds of
-  /// packets are paced by their receive thread instead.
+  /// Switches to paced replay with the first scan due at `start_ns` (CLOCK_MONOTONIC). Packet feeds are paced
+  /// by their receive thread instead.
   virtual void set_pace(std::int64_t /*start_ns*/) {}
-  /// Whole scans that wait behind the one that next() gave last.
+  /// Complete scans that wait behind the last scan from next().
   [[nodiscard]] virtual std::size_t waiting_scans() const { return 0; }
-  /// About the scan that next() gave last.
+  /// Merge decision of the last scan from next().
   [[nodiscard]] virtual MergeDecision merge_decision() const { return {}; }
   /// Only while next() is not running.
   [[nodiscard]] virtual drivers::ScanAssemblerStats stats() const { return {}; }
 };
 
-/// Decodes and cuts one LiDAR's packets while they arrive.
+/// Decodes one LiDAR's packets and cuts them into scans while they arrive.
 class PacketScanFeed : public ScanFeed {
  public:
-  /// Both have to outlive the feed.
+  /// Both references must outlive the feed.
   PacketScanFeed(LidarChannel& channel, ipc::WakeEvent& data_event);
 
   FeedState next(core::Scan& scan, core::Duration timeout) override;
@@ -47,7 +46,7 @@ class PacketScanFeed : public ScanFeed {
   FeedState poll(core::Scan& scan);
   [[nodiscard]] std::size_t waiting_scans() const override;
   [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return channel_.stats(); }
-  /// Of the packet that completed the last scan.
+  /// Stamp of the packet that completed the last scan.
   [[nodiscard]] core::Time last_stamp() const { return channel_.last_stamp(); }
 
  private:

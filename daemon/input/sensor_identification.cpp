@@ -17,13 +17,13 @@ using core::Error;
 using core::Result;
 using drivers::kHdl64eStatusPackets;
 
-// Enough to tell the model, and to see a block of each flag.
+// Enough to identify the model and to see a block of each flag.
 constexpr std::size_t kDetectionPackets = 64;
-// The stream may be joined anywhere, so that a whole pass is sure to be in two.
+// Two passes contain one whole pass, wherever the stream is joined.
 constexpr std::size_t kStreamPackets = 2 * kHdl64eStatusPackets;
 constexpr std::size_t kStatusTypeOffset = 1204;
 constexpr std::size_t kStatusValueOffset = 1205;
-// Types of the status bytes that every cycle repeats; the others spell the table.
+// Types of the status bytes repeated in every cycle; the others carry the calibration table.
 constexpr std::string_view kClockTypes = "HMSDNYGTV";
 
 std::string candidate_names(const drivers::VelodyneDetection& detection) {
@@ -77,56 +77,56 @@ std::string list_of(const std::vector<std::uint16_t>& numbers) {
 
 }  // namespace
 
-SensorFinder::SensorFinder(const LidarConfig& config, std::string section)
+SensorIdentification::SensorIdentification(const LidarConfig& config, std::string section)
     : config_(config), section_(std::move(section)) {
   sample_.reserve(kDetectionPackets);
 }
 
-SensorFinder::State SensorFinder::add(const drivers::Packet& packet) {
-  if (packet.size != drivers::kDataPacketSize || packet.truncated) return State::kLooking;
-  if (sensor_) return look_at_status(packet);
+SensorIdentification::State SensorIdentification::add(const drivers::Packet& packet) {
+  if (packet.size != drivers::kDataPacketSize || packet.truncated) return State::kUndecided;
+  if (sensor_) return read_status(packet);
   sample_.push_back(packet);
-  return sample_.size() < kDetectionPackets ? State::kLooking : decide_model();
+  return sample_.size() < kDetectionPackets ? State::kUndecided : decide_model();
 }
 
-SensorFinder::State SensorFinder::finish() {
-  State state = sensor_ ? State::kLooking : decide_model();
-  if (state == State::kLooking) state = use_built_in("there are too few packets for it");
+SensorIdentification::State SensorIdentification::finish() {
+  State state = sensor_ ? State::kUndecided : decide_model();
+  if (state == State::kUndecided) state = use_built_in("there are too few packets for it");
   return state;
 }
 
-SensorFinder::State SensorFinder::refuse(const std::string& problem) {
+SensorIdentification::State SensorIdentification::reject(const std::string& problem) {
   problem_ = problem;
   sample_.clear();
-  return State::kRefused;
+  return State::kRejected;
 }
 
-std::string SensorFinder::model_text() const {
+std::string SensorIdentification::model_text() const {
   return "LiDAR " + sensor_->name + (config_.model == "auto" ? " (from the packets)" : "");
 }
 
-SensorFinder::State SensorFinder::decide_model() {
+SensorIdentification::State SensorIdentification::decide_model() {
   const Result<drivers::VelodyneModel> model =
       choose_model(config_, section_, drivers::detect_velodyne(sample_));
-  if (!model) return refuse(model.error().message);
+  if (!model) return reject(model.error().message);
   Result<drivers::VelodyneSensor> sensor = make_sensor(*model, config_);
-  if (!sensor) return refuse(sensor.error().message);
+  if (!sensor) return reject(sensor.error().message);
   sensor_ = std::move(sensor).value();
   if (!config_.calibration.empty()) {
     notes_.push_back(model_text() + ", calibration " + config_.calibration);
     const std::vector<std::uint16_t> disabled = drivers::disabled_lasers(*sensor_);
     if (!disabled.empty()) notes_.push_back(config_.calibration + " switches off laser " + list_of(disabled));
-    return State::kFound;
+    return State::kIdentified;
   }
   if (sensor_->lasers.size() != drivers::kHdl64eLasers) {
     notes_.push_back(model_text());
-    return State::kFound;
+    return State::kIdentified;
   }
-  for (const drivers::Packet& packet : std::exchange(sample_, {})) look_at_status(packet);
-  return State::kLooking;
+  for (const drivers::Packet& packet : std::exchange(sample_, {})) read_status(packet);
+  return State::kUndecided;
 }
 
-SensorFinder::State SensorFinder::look_at_status(const drivers::Packet& packet) {
+SensorIdentification::State SensorIdentification::read_status(const drivers::Packet& packet) {
   const std::uint8_t type = packet.data[kStatusTypeOffset];
   const std::uint8_t value = packet.data[kStatusValueOffset];
   stream_.add(type, value);
@@ -140,16 +140,16 @@ SensorFinder::State SensorFinder::look_at_status(const drivers::Packet& packet) 
   ++packets_since_gap_;
   if (value != 0 && kClockTypes.find(static_cast<char>(type)) == std::string_view::npos)
     carries_table_ = true;
-  // Converted recordings have a clock there, or nothing at all.
+  // Converted recordings have only a clock there, or no status bytes.
   const bool is_empty = counters.cycles == 0 || !carries_table_;
   if (packets_since_gap_ >= kHdl64eStatusPackets && is_empty) return use_built_in("it carries none");
-  if (stream_packets_ < kStreamPackets) return State::kLooking;
+  if (stream_packets_ < kStreamPackets) return State::kUndecided;
   if (counters.wrong_crc + counters.implausible > 0)
     return use_built_in("its checksum or its values are wrong");
   return use_built_in("packets are missing");
 }
 
-SensorFinder::State SensorFinder::use_stream(const drivers::Hdl64eCalibration& calibration) {
+SensorIdentification::State SensorIdentification::use_stream(const drivers::Hdl64eCalibration& calibration) {
   Result<drivers::VelodyneSensor> sensor = drivers::with_stream_calibration(*sensor_, calibration);
   if (!sensor) return use_built_in(sensor.error().message);
   sensor_ = std::move(sensor).value();
@@ -161,10 +161,10 @@ SensorFinder::State SensorFinder::use_stream(const drivers::Hdl64eCalibration& c
                         ": the unit's firmware sends no checksum with its calibration: damaged values would "
                         "go unnoticed; compare it with the unit's db.xml");
   }
-  return State::kFound;
+  return State::kIdentified;
 }
 
-SensorFinder::State SensorFinder::use_built_in(const std::string& reason) {
+SensorIdentification::State SensorIdentification::use_built_in(const std::string& reason) {
   notes_.push_back(model_text() + ", built-in geometry");
   warnings_.push_back(section_ + ": every " + sensor_->name +
                       " has a calibration of its own, and the built-in one is of another unit; none could be "
@@ -172,7 +172,7 @@ SensorFinder::State SensorFinder::use_built_in(const std::string& reason) {
                       reason + "): set " + section_ +
                       ".calibration to the unit's db.xml, or to the file that 'nilio inspect "
                       "--write-calibration' makes of a recording");
-  return State::kFound;
+  return State::kIdentified;
 }
 
 Result<std::monostate> check_lidar(const LidarConfig& config, const std::string& section) {

@@ -16,38 +16,38 @@
 
 namespace nilio::daemon {
 
-/// Finds out from a LiDAR's first packets which sensor they come from and what its calibration is: the file
-/// that the configuration names, or what an HDL-64E sends of itself, or the built-in one. Serves recordings,
-/// which are looked at before they are played, and live sensors. One thread; allocates.
-class SensorFinder {
+/// Identifies the sensor from a LiDAR's first packets and selects its calibration: the configured file, the
+/// one transmitted by an HDL-64E, or the built-in one. Used for recordings before playback and for live
+/// sensors. One thread; allocates.
+class SensorIdentification {
  public:
   enum class State {
-    kLooking,
-    kFound,    ///< take(); there is nothing more to add
-    kRefused,  ///< problem(); the next packet begins a new look
+    kUndecided,
+    kIdentified,  ///< call take(); no more packets are needed
+    kRejected,    ///< see problem(); the next packet starts a new attempt
   };
 
   /// `section` of the configuration ("lidar", "lidar2"), for messages.
-  SensorFinder(const LidarConfig& config, std::string section);
+  SensorIdentification(const LidarConfig& config, std::string section);
 
   State add(const drivers::Packet& packet);
-  /// No more packets will come: decides by what there was, never kLooking.
+  /// End of the input: decides from the available packets, never kUndecided.
   State finish();
 
-  /// After kFound.
+  /// After kIdentified.
   [[nodiscard]] drivers::VelodyneSensor take() { return std::move(*sensor_); }
-  /// What was found, and what to be warned of; one line each.
+  /// Log lines about the sensor, and warnings.
   [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }
   [[nodiscard]] const std::vector<std::string>& warnings() const { return warnings_; }
-  /// After kRefused: what the packets are, what the configuration says, and what to do.
+  /// After kRejected: detected sensor, configured sensor, and remedy.
   [[nodiscard]] const std::string& problem() const { return problem_; }
 
  private:
   State decide_model();
-  State look_at_status(const drivers::Packet& packet);
+  State read_status(const drivers::Packet& packet);
   State use_stream(const drivers::Hdl64eCalibration& calibration);
   State use_built_in(const std::string& reason);
-  State refuse(const std::string& problem);
+  State reject(const std::string& problem);
   [[nodiscard]] std::string model_text() const;
 
   LidarConfig config_;
@@ -64,8 +64,7 @@ class SensorFinder {
   std::string problem_;
 };
 
-/// The sensor that the configuration alone names, to find what is wrong with it before any packet comes: a
-/// model that does not exist, a calibration file that cannot be used.
+/// Validates the configured model and calibration file before any packet arrives.
 core::Result<std::monostate> check_lidar(const LidarConfig& config, const std::string& section);
 
 }  // namespace nilio::daemon

@@ -1,6 +1,7 @@
 #include "daemon/odometry/deadline_guard.hpp"
 
-#include "daemon/input/receive.hpp"
+#include "nilio/core/clock.hpp"
+
 #include "daemon/odometry/odometry_loop.hpp"
 
 #include <cerrno>
@@ -40,7 +41,7 @@ void DeadlineGuard::arm(const ipc::PoseRecord& prediction, std::int64_t deadline
 bool DeadlineGuard::claim() {
   State expected = State::kArmed;
   if (state_.compare_exchange_strong(expected, State::kIdle, std::memory_order_acq_rel)) return true;
-  // The guard has the higher priority: it is done before this is seen, or on another core.
+  // The guard has the higher priority: it has finished already, or runs on another core.
   while (state_.load(std::memory_order_acquire) != State::kPublished) {
     const timespec pause{0, 20'000};
     nanosleep(&pause, nullptr);
@@ -54,14 +55,14 @@ void DeadlineGuard::run(ThreadHook hook) {
   while (!stop_.load(std::memory_order_relaxed)) {
     std::uint64_t expirations = 0;
     if (read(timer_, &expirations, sizeof expirations) != sizeof expirations) continue;
-    // The timer may have been set for a scan that was claimed meanwhile.
+    // The timer may still be set for a scan that was claimed in the meantime.
     if (monotonic_ns() < publish_ns_.load(std::memory_order_relaxed)) continue;
     State expected = State::kArmed;
     if (!state_.compare_exchange_strong(expected, State::kPublishing, std::memory_order_acq_rel)) continue;
-    stamp_hand_over(prediction_);
+    stamp_delivery(prediction_);
     prediction_.has_deadline = true;
     prediction_.overshoot_ns =
-        prediction_.stage_ns[static_cast<std::size_t>(ipc::Stage::kHandedOver)] - deadline_ns_;
+        prediction_.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)] - deadline_ns_;
     publish_(prediction_);
     state_.store(State::kPublished, std::memory_order_release);
   }

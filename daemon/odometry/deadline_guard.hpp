@@ -12,30 +12,29 @@
 
 namespace nilio::daemon {
 
-/// Sees to it that a pose leaves for every scan by its deadline: what the odometry thread has not handed over
-/// by then, the guard's thread hands over as a prediction, which was left with it before. For each scan just
-/// one of the two publishes, and what one has published the other sees: the publisher's ring has one writer
-/// at a time.
+/// Publishes a predicted pose at the deadline if the odometry thread is late, so that every scan gets a pose.
+/// The odometry thread deposits the prediction before it registers. Exactly one of the two threads publishes
+/// each scan, and each sees the other's result; the publisher's ring therefore has one writer at a time.
 class DeadlineGuard {
  public:
   using Publish = std::function<void(const ipc::PoseRecord&)>;
 
-  /// `publish` is called in the guard's thread. Fails without a timer, naming why.
+  /// `publish` is called in the guard's thread. Fails if no timer is available; the error states why.
   static core::Result<std::unique_ptr<DeadlineGuard>> create(Publish publish);
   ~DeadlineGuard();
   DeadlineGuard(const DeadlineGuard&) = delete;
   DeadlineGuard& operator=(const DeadlineGuard&) = delete;
 
-  /// By the odometry thread: `prediction` is to be published at `publish_ns` (CLOCK_MONOTONIC), unless
-  /// claim() comes first; by how much that misses `deadline_ns` is noted in it. After each arm() one claim().
+  /// Odometry thread: publishes `prediction` at `publish_ns` (CLOCK_MONOTONIC) unless claim() comes first,
+  /// and records its overshoot past `deadline_ns`. Call claim() once after each arm().
   void arm(const ipc::PoseRecord& prediction, std::int64_t deadline_ns, std::int64_t publish_ns);
-  /// True: the odometry thread publishes. False: the guard has, and published() is what.
+  /// True: the odometry thread publishes. False: the guard has published published().
   [[nodiscard]] bool claim();
   [[nodiscard]] const ipc::PoseRecord& published() const { return prediction_; }
 
   /// Body of the guard's thread; returns after stop().
   void run(ThreadHook hook = nullptr);
-  /// From any thread.
+  /// Any thread.
   void stop();
 
  private:

@@ -17,7 +17,7 @@ using nlohmann::json;
 
 constexpr const char* kFormat = "nilio-decisions-1";
 
-/// Numbers of a list, each at most `most` and no more than `capacity` of them.
+/// Reads a list of up to `capacity` unsigned numbers.
 template <class Number, std::size_t capacity>
 bool read_list(const json& list, std::array<Number, capacity>& numbers, std::uint8_t& size) {
   if (!list.is_array() || list.size() > capacity) return false;

@@ -10,34 +10,33 @@
 
 namespace nilio::daemon {
 
-/// Which packets of the LiDARs beside the first went into a scan: live, what had come when it could wait no
-/// longer.
+/// Packets of the additional LiDARs that were merged into a scan; live, those that arrived in time.
 struct MergeDecision {
   static constexpr std::size_t kMaxLidars = 3;
-  /// A scan that is about to be superseded is not merged at all.
+  /// False for a scan that is about to be superseded.
   bool merged = false;
   std::uint8_t lidars = 0;
-  /// Of each LiDAR's packets, from the beginning of its stream, those that were decoded or skipped by then.
+  /// Packets of each LiDAR decoded or skipped since the start of its stream.
   std::array<std::uint64_t, kMaxLidars> packets{};
 };
 
-/// What was decided about one complete scan by clocks and arrival, not by data. With the same packets and
-/// these, a replay gives the same poses as the run that decided.
+/// Decisions about one complete scan that depended on clocks and arrival times. With the same packets and
+/// these decisions, a replay produces the same poses.
 struct ScanDecision {
-  std::uint64_t sequence = 0;  ///< of the scan
-  bool superseded = false;     ///< a newer one was waiting: this one was left out
-  bool guarded = false;        ///< its prediction was published, because registration was late
-  /// IMU samples that the odometry had been given, from the beginning, before it registered the scan.
+  std::uint64_t sequence = 0;  ///< scan number
+  bool superseded = false;     ///< skipped because a newer scan was waiting
+  bool guarded = false;        ///< the guard published its prediction, because registration was late
+  /// IMU samples passed to the odometry before it registered the scan, counted from the start.
   std::uint64_t imu_samples = 0;
   core::BudgetDecisions budget;
   MergeDecision merge;
 };
 
-/// First line of a decision log, and one line of it; JSON, without the end of line.
+/// First line of a decision log, and one line of it; JSON without line end.
 std::string decision_header(core::BudgetMode mode, double budget_ms);
 std::string decision_line(const ScanDecision& decision);
 
-/// The decisions of a log, in order; fails naming file, line and what is wrong with it.
+/// Decisions of a log in order; the error names file, line and problem.
 core::Result<std::vector<ScanDecision>> read_decisions(const std::string& path);
 
 }  // namespace nilio::daemon

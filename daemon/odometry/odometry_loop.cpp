@@ -28,12 +28,12 @@ std::int64_t stage_of(const core::OdometryResult& result, core::OdometryStage st
   return result.stage_ns[static_cast<std::size_t>(stage)];
 }
 
-/// When the scan was there: now, where its packets have no stamps.
+/// Arrival time of the scan; now, if its packets have no receive times.
 std::int64_t arrival_ns(const core::Scan& scan) {
   return scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
 }
 
-bool same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
+bool has_same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
   const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
     return x.state == y.state;
   };
@@ -66,7 +66,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.imu_used = result.imu_used;
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
-  record.rung = result.rung;
+  record.degradation_level = result.rung;
   record.coarse_iterations = static_cast<std::uint16_t>(std::min(result.coarse_iterations, 65535));
   record.fine_iterations = static_cast<std::uint16_t>(std::min(result.fine_iterations, 65535));
   record.points = result.points;
@@ -109,36 +109,37 @@ void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
     if (state == FeedState::kIdle) continue;
     counters.scans.fetch_add(1, std::memory_order_relaxed);
     if (config_.decisions == nullptr) {
-      work_off(scan, stop, counters);
+      process(scan, stop, counters);
     } else if (!repeat(scan, stop, counters)) {
       break;
     }
-    tell_when_warm(counters);
+    report_warm(counters);
   }
   push_imu_health(true);
   if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
 }
 
-void OdometryLoop::tell_when_warm(const OdometryCounters& counters) {
-  if (config_.hook == nullptr || warm_told_ || counters.poses.load(std::memory_order_relaxed) < kWarmUpPoses)
+void OdometryLoop::report_warm(const OdometryCounters& counters) {
+  if (config_.hook == nullptr || warm_reported_ ||
+      counters.poses.load(std::memory_order_relaxed) < kWarmUpPoses)
     return;
-  warm_told_ = true;
+  warm_reported_ = true;
   config_.hook(ThreadRole::kOdometry, ThreadPhase::kWarm);
 }
 
-void OdometryLoop::work_off(const core::Scan& scan, const std::atomic<bool>& stop,
-                            OdometryCounters& counters) {
-  // Backlog does more harm than a missing scan: live, the newest complete scan wins.
+void OdometryLoop::process(const core::Scan& scan, const std::atomic<bool>& stop,
+                           OdometryCounters& counters) {
+  // A queue of scans is worse than a missing one: live, the newest complete scan wins.
   if (!config_.lossless && feed_.waiting_scans() > 0) {
     counters.superseded.fetch_add(1, std::memory_order_relaxed);
     push_decision(scan, true, false);
     return;
   }
   wait_for_imu(scan, stop, counters);
-  register_and_hand_over(scan, nullptr, stop, counters);
+  register_and_publish(scan, nullptr, stop, counters);
 }
 
-/// False when the log of decisions is at its end.
+/// Returns false at the end of the decision log.
 bool OdometryLoop::repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters) {
   const std::vector<ScanDecision>& decisions = *config_.decisions;
   while (next_decision_ < decisions.size() && decisions[next_decision_].sequence < scan.sequence) {
@@ -156,15 +157,15 @@ bool OdometryLoop::repeat(const core::Scan& scan, const std::atomic<bool>& stop,
     return true;
   }
   take_imu_samples(decision.imu_samples, stop, counters);
-  register_and_hand_over(scan, &decision, stop, counters);
+  register_and_publish(scan, &decision, stop, counters);
   return true;
 }
 
 bool OdometryLoop::take_imu_sample(OdometryCounters& counters) {
   const std::optional<core::ImuSample> sample = imu_ring_->try_pop();
   if (!sample) return false;
-  ++imu_given_;
-  rhythm_.add(sample->stamp);
+  ++imu_samples_taken_;
+  sample_period_.add(sample->stamp);
   auto& counter = odometry_.add_imu(*sample) ? counters.imu_samples : counters.imu_refused;
   counter.fetch_add(1, std::memory_order_relaxed);
   return true;
@@ -172,7 +173,7 @@ bool OdometryLoop::take_imu_sample(OdometryCounters& counters) {
 
 void OdometryLoop::take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop,
                                     OdometryCounters& counters) {
-  while (imu_ring_ != nullptr && imu_given_ < count && !stop.load(std::memory_order_relaxed)) {
+  while (imu_ring_ != nullptr && imu_samples_taken_ < count && !stop.load(std::memory_order_relaxed)) {
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (take_imu_sample(counters)) continue;
     if (ended) return;
@@ -181,21 +182,19 @@ void OdometryLoop::take_imu_samples(std::uint64_t count, const std::atomic<bool>
 }
 
 bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
-  // Only up to the first sample that covers the scan, so that what the odometry knows is decided by data
-  // alone.
+  // Stops at the first sample that covers the scan, so that the odometry's input depends on the data only.
   while (!odometry_.latest_imu() || *odometry_.latest_imu() < end) {
     if (!take_imu_sample(counters)) return false;
   }
   return true;
 }
 
-/// Whether the sample that covers the scan can come in time, by the rhythm of those before it: the scan's
-/// last packet came when it ended. Under a small budget what is waited for in vain is missed by the
-/// registration.
-bool OdometryLoop::imu_may_come(const core::Scan& scan, std::int64_t deadline) const {
+/// True if the sample that covers the scan can arrive in time, by the sample period. The scan's last packet
+/// arrives at its end. Waiting for a sample that cannot arrive in time only costs registration time.
+bool OdometryLoop::imu_can_arrive(const core::Scan& scan, std::int64_t deadline) const {
   const std::optional<core::Time> latest = odometry_.latest_imu();
   if (!latest || scan.received_ns == 0) return true;
-  const std::optional<Duration> due = rhythm_.due_after(scan.end, *latest);
+  const std::optional<Duration> due = sample_period_.due_after(scan.end, *latest);
   return !due || scan.received_ns + due->ns <= deadline;
 }
 
@@ -207,7 +206,7 @@ void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>&
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (drain_imu(scan.end, counters) || ended) return;
     const std::int64_t left = deadline - monotonic_ns();
-    if (!config_.lossless && (left <= 0 || !imu_may_come(scan, deadline))) {
+    if (!config_.lossless && (left <= 0 || !imu_can_arrive(scan, deadline))) {
       counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
       return;
     }
@@ -235,7 +234,7 @@ void OdometryLoop::push_cloud(const core::OdometryResult& result) {
 void OdometryLoop::push_imu_health(bool always) {
   if (outputs_.imu_health == nullptr) return;
   const core::ImuHealth& health = odometry_.imu_health();
-  if (!always && same_states(health, pushed_health_)) return;
+  if (!always && has_same_states(health, pushed_health_)) return;
   if (outputs_.imu_health->try_push(health)) pushed_health_ = health;
 }
 
@@ -248,18 +247,18 @@ ipc::PoseRecord OdometryLoop::complete_record(const core::OdometryResult& result
   return record;
 }
 
-void stamp_hand_over(ipc::PoseRecord& record) {
-  record.handed_over_realtime_ns = realtime_ns();
-  stage_of(record, ipc::Stage::kHandedOver) = monotonic_ns();
+void stamp_delivery(ipc::PoseRecord& record) {
+  record.delivered_realtime_ns = clock_ns(CLOCK_REALTIME);
+  stage_of(record, ipc::Stage::kDelivered) = monotonic_ns();
 }
 
-/// False when the guard was faster: `record` is then what it published.
-bool OdometryLoop::hand_over(ipc::PoseRecord& record) {
+/// Publishes the record. Returns false if the guard was faster; `record` is then the guard's pose.
+bool OdometryLoop::deliver(ipc::PoseRecord& record) {
   if (outputs_.guard != nullptr && !outputs_.guard->claim()) {
     record = outputs_.guard->published();
     return false;
   }
-  stamp_hand_over(record);
+  stamp_delivery(record);
   const core::WorkBudget& budget = odometry_.budget();
   record.has_deadline = budget.mode() != core::BudgetMode::kOff;
   record.overshoot_ns = budget.overshoot_ns();
@@ -278,23 +277,23 @@ void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bo
 
 void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool guarded) {
   if (outputs_.decisions == nullptr) return;
-  ScanDecision decision{scan.sequence, superseded, guarded, imu_given_, {}, feed_.merge_decision()};
+  ScanDecision decision{scan.sequence, superseded, guarded, imu_samples_taken_, {}, feed_.merge_decision()};
   if (!superseded) decision.budget = odometry_.budget().decisions();
   outputs_.decisions->try_push(decision);
 }
 
-/// What the guard says when registration is late.
+/// Deposits the prediction with the guard.
 void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core::Scan& scan,
                              const OdometryCounters& counters) {
   ipc::PoseRecord record = complete_record(prediction, scan, counters);
   record.guarded = true;
-  // Not at the stroke of the deadline: a registration in its last iteration is worth more than a prediction.
+  // One iteration later than the deadline: a registration in its last iteration is better than a prediction.
   const std::int64_t deadline = arrival_ns(scan) + odometry_.budget().budget().ns;
   outputs_.guard->arm(record, deadline, deadline + odometry_.budget().iteration_ns());
 }
 
-void OdometryLoop::register_and_hand_over(const core::Scan& scan, const ScanDecision* decision,
-                                          const std::atomic<bool>& stop, OdometryCounters& counters) {
+void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecision* decision,
+                                        const std::atomic<bool>& stop, OdometryCounters& counters) {
   const bool repeats_guard = decision != nullptr && decision->guarded;
   core::OdometryResult prediction;
   if (outputs_.guard != nullptr || repeats_guard) prediction = odometry_.predict_pose(scan);
@@ -304,10 +303,10 @@ void OdometryLoop::register_and_hand_over(const core::Scan& scan, const ScanDeci
   if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
   ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan, counters);
   record.guarded = repeats_guard;
-  const bool guarded = !hand_over(record);
+  const bool guarded = !deliver(record);
   odometry_.note_handed_over(result);
   push_decision(scan, false, guarded);
-  // The pose is out: the map has time until the next scan is there.
+  // After the delivery of the pose, the map update has time until the next scan.
   odometry_.update_map(result);
   record.map_voxels = result.map_voxels;
   record.iteration_ns = odometry_.budget().iteration_ns();

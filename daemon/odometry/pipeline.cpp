@@ -21,34 +21,34 @@ namespace {
 using core::Error;
 using core::Result;
 
-// 4096 packets: 1.2 s of an HDL-64E, 5.4 s of a VLP-16. 4096 samples: 10 s at 400 Hz. Poses: more than a
-// minute.
+// 4096 packets: 1.2 s of an HDL-64E, 5.4 s of a VLP-16. 4096 samples: 10 s at 400 Hz. 256 poses: 25 s at 10
+// Hz.
 constexpr std::size_t kPacketSlots = 4096;
 constexpr std::size_t kSampleSlots = 4096;
 constexpr std::size_t kPoseSlots = 256;
 constexpr std::size_t kCloudSlots = 64;
 constexpr std::size_t kHealthSlots = 256;
-// Of the budget, that a scan waits for its IMU samples at most.
+// Maximum share of the budget that a scan waits for its IMU samples.
 constexpr double kImuWaitShare = 0.3;
-// Time for all threads to be up before the first packet of a paced recording is due.
+// Start-up time of the threads before the first packet of a paced recording is due.
 constexpr std::int64_t kPaceLeadNs = 100'000'000;
-// Packets of a LiDAR that nobody knows yet are looked at so often; the ring holds a second of them.
-constexpr timespec kSearchPeriod{0, 5'000'000};
-// Beyond what odometry.threads may be.
-constexpr std::size_t kMostWorkers = 64;
+// Polling period of the identification thread; the ring holds one second of packets.
+constexpr timespec kIdentificationPeriod{0, 5'000'000};
+// Above the maximum of odometry.threads.
+constexpr std::size_t kMaxWorkers = 64;
 
-/// Points of its longest scan; of a LiDAR that nobody knows yet, those of an HDL-64E: buffers for one with
-/// more grow in its first scans.
-std::size_t room_for(const ExtraLidar& lidar) {
+/// Points of its longest scan. An unidentified LiDAR gets those of an HDL-64E; larger buffers grow during its
+/// first scans.
+std::size_t point_capacity(const ExtraLidar& lidar) {
   return drivers::scan_capacity(
       lidar.sensor ? *lidar.sensor : drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2));
 }
 
 }  // namespace
 
-LidarLane::LidarLane(const std::string& section, const LidarConfig& config,
-                     const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
-                     const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log)
+LidarInput::LidarInput(const std::string& section, const LidarConfig& config,
+                       const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
+                       const std::optional<drivers::VelodyneSensor>& sensor, EventLog& log)
     : source(packet_source),
       ring(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
       channel(section, config, assembler, sensor, ring, state, log) {}
@@ -103,9 +103,9 @@ void Pipeline::make_feed() {
     return;
   }
   drivers::ScanAssemblerConfig assembler = assembler_config(config_.lidar);
-  for (const ExtraLidar& lidar : input_.more_lidars) assembler.more_points += room_for(lidar);
-  lidars_.push_back(std::make_unique<LidarLane>("lidar", config_.lidar, assembler, *input_.packets,
-                                                input_.sensor, feed_log_));
+  for (const ExtraLidar& lidar : input_.more_lidars) assembler.more_points += point_capacity(lidar);
+  lidars_.push_back(std::make_unique<LidarInput>("lidar", config_.lidar, assembler, *input_.packets,
+                                                 input_.sensor, event_log_));
   packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_);
   feed_ = packet_feed_.get();
   if (!input_.more_lidars.empty()) make_merged_feed();
@@ -115,18 +115,18 @@ void Pipeline::make_merged_feed() {
   const core::SE3 T_first_base = to_transform(config_.lidar.extrinsic).inverse();
   std::vector<MergedScanFeed::Other> others;
   for (const ExtraLidar& lidar : input_.more_lidars) {
-    // Its scans are only the vehicle of its points: where they are cut and what they cover is of no account.
+    // Its scans only transport points: cut azimuth and coverage do not matter.
     drivers::ScanAssemblerConfig assembler = assembler_config(lidar.config);
     assembler.min_coverage = 0.0;
-    lidars_.push_back(std::make_unique<LidarLane>(lidar.section, lidar.config, assembler, *lidar.packets,
-                                                  lidar.sensor, feed_log_));
+    lidars_.push_back(std::make_unique<LidarInput>(lidar.section, lidar.config, assembler, *lidar.packets,
+                                                   lidar.sensor, event_log_));
     others.push_back({&lidars_.back()->channel, T_first_base * to_transform(lidar.config.extrinsic),
                       elevation_correction_rad(lidar.config),
-                      core::Duration::from_milliseconds(lidar.config.wait_ms), room_for(lidar)});
+                      core::Duration::from_milliseconds(lidar.config.wait_ms), point_capacity(lidar)});
   }
   const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar),
                                         options_.decisions.empty() ? nullptr : &options_.decisions};
-  merged_feed_ = std::make_unique<MergedScanFeed>(*packet_feed_, others, options, data_event_, feed_log_);
+  merged_feed_ = std::make_unique<MergedScanFeed>(*packet_feed_, others, options, data_event_, event_log_);
   feed_ = merged_feed_.get();
 }
 
@@ -150,7 +150,7 @@ OdometryLoopConfig Pipeline::loop_config() const {
   result.lossless = !live_rules_;
   result.hook = options_.thread_hook;
   result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
-  // Registration has to have most of the time.
+  // Registration needs most of the budget.
   if (budget_.mode == core::BudgetMode::kWall)
     result.imu_wait = std::min(
         result.imu_wait,
@@ -172,17 +172,17 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   outputs.guard = guard_.get();
   core::OdometryConfig odometry = odometry_config(config_);
   odometry.budget = budget_;
-  // Merged scans come corrected: each LiDAR's beams are raised about its own centre.
+  // Merged scans are already corrected: each LiDAR's beams are raised about its own centre.
   if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
   return std::make_unique<OdometryLoop>(core::Odometry(odometry, options_.clock), *feed_,
                                         with_imu ? &imu_ring_ : nullptr, data_event_,
                                         with_imu ? &imu_state_ : nullptr, outputs, loop_config());
 }
 
-/// Has the odometry's workers start from the calling thread, whose scheduling they inherit; TBB may also have
-/// some from an earlier run in this process.
+/// Starts the odometry's workers from the calling thread, whose scheduling they inherit. TBB may also reuse
+/// workers from an earlier run in this process.
 std::vector<PlanOutcome> Pipeline::warm_up(OdometryLoop& loop) {
-  std::array<std::atomic<pid_t>, kMostWorkers> threads{};
+  std::array<std::atomic<pid_t>, kMaxWorkers> threads{};
   std::atomic<std::size_t> count{0};
   const pid_t own = gettid();
   const ThreadScheduling scheduling = scheduling_of(0);
@@ -197,13 +197,13 @@ std::vector<PlanOutcome> Pipeline::warm_up(OdometryLoop& loop) {
   for (std::size_t i = 0; i < std::min(count.load(), threads.size()); ++i)
     workers.push_back(threads[i].load());
   if (plan_.odometry_threads <= 1) return {};
-  return {judge_workers(plan_, workers)};
+  return {check_workers(plan_, workers)};
 }
 
 void Pipeline::start_odometry(std::vector<PlanOutcome>& outcomes) {
-  // Shared by preparation and body, which run in one thread, one after the other.
+  // Shared by preparation and body, which run in the same thread one after the other.
   struct Prepared {
-    /// Of the workers, as long as they run.
+    /// Stack size of the workers during their lifetime.
     tbb::global_control stacks{tbb::global_control::thread_stack_size, ipc::kThreadStackBytes};
     std::unique_ptr<OdometryLoop> loop;
   };
@@ -223,30 +223,29 @@ void Pipeline::start_odometry(std::vector<PlanOutcome>& outcomes) {
   run_thread(ThreadRole::kOdometry, prepare, body, outcomes);
 }
 
-/// Finding out which sensor it is allocates and reads files: that is for a thread at normal priority.
-void Pipeline::start_search() {
+/// Identification allocates and reads files, hence a thread at normal priority.
+void Pipeline::start_identification() {
   const auto is_wanted = [this] {
     return std::any_of(lidars_.begin(), lidars_.end(),
-                       [](const auto& lidar) { return lidar->channel.wants_search(); });
+                       [](const auto& lidar) { return lidar->channel.wants_identification(); });
   };
   if (!is_wanted()) return;
   threads_.emplace_back([this, is_wanted] {
-    pthread_setname_np(pthread_self(), "nilio-search");
+    pthread_setname_np(pthread_self(), "nilio-identify");
     while (is_wanted() && !stop_.load(std::memory_order_relaxed)) {
       for (const auto& lidar : lidars_) {
-        const bool was_searching = lidar->channel.is_searching();
-        if (lidar->channel.wants_search()) lidar->channel.search();
-        if (was_searching && !lidar->channel.is_searching()) data_event_.notify();
+        const bool was_identifying = lidar->channel.is_identifying();
+        if (lidar->channel.wants_identification()) lidar->channel.identify();
+        if (was_identifying && !lidar->channel.is_identifying()) data_event_.notify();
       }
-      nanosleep(&kSearchPeriod, nullptr);
+      nanosleep(&kIdentificationPeriod, nullptr);
     }
   });
 }
 
 void Pipeline::run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
                           std::vector<PlanOutcome>& outcomes) {
-  // In an object that both threads hold: a promise may be destroyed only after the other thread is done with
-  // it.
+  // Shared ownership: a promise may be destroyed only after the other thread has finished with it.
   const auto promise = std::make_shared<std::promise<std::vector<PlanOutcome>>>();
   std::future<std::vector<PlanOutcome>> ready = promise->get_future();
   threads_.emplace_back([this, role, promise, prepare = std::move(prepare), body = std::move(body)] {
@@ -264,7 +263,7 @@ void Pipeline::run_thread(ThreadRole role, Preparation prepare, std::function<vo
 
 Result<std::vector<PlanOutcome>> Pipeline::start() {
   prepare_heap(plan_);
-  std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), judge_throttling(plan_)};
+  std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), check_throttling(plan_)};
   if (options_.paced && !input_.first_stamp) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
   start_odometry(outcomes);
   if (guard_)
@@ -272,15 +271,15 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
         ThreadRole::kDeadlineGuard, {}, [this] { guard_->run(options_.thread_hook); }, outcomes);
   if (options_.paced && input_.first_stamp)
     policy_.pace = Pace{*input_.first_stamp, monotonic_ns() + kPaceLeadNs};
-  for (const auto& lane : lidars_) {
-    LidarLane& lidar = *lane;
+  for (const auto& input : lidars_) {
+    LidarInput& lidar = *input;
     const auto receive = [this, &lidar] {
       receive_packets(lidar.source, lidar.ring, data_event_, policy_, lidar.state);
     };
     run_thread(ThreadRole::kLidarReceive, {}, receive, outcomes);
   }
   if (input_.frames) {
-    // A recording played as fast as possible has samples seconds before the scans they belong to.
+    // An unpaced replay has samples seconds before the scans they belong to.
     ipc::PublisherProcess* const imu_poses = input_.live || policy_.pace ? publisher_ : nullptr;
     const auto receive = [this, imu_poses] {
       receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_,
@@ -288,7 +287,7 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
     };
     run_thread(ThreadRole::kImuReceive, {}, receive, outcomes);
   }
-  start_search();
+  start_identification();
   for (const PlanOutcome& outcome : outcomes) {
     if (outcome.granted || !plan_.strict) continue;
     request_stop();

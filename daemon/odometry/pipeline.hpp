@@ -22,23 +22,23 @@
 namespace nilio::daemon {
 
 struct PipelineOptions {
-  bool paced = false;  ///< a recording at its own pace instead of as fast as possible
-  /// A recording under the rules of a live run: full rings drop, the newest scan wins, waits time out.
+  bool paced = false;  ///< replay at the recorded pace instead of as fast as possible
+  /// Replay under live rules: full rings drop, the newest scan wins, waits time out.
   bool as_live = false;
-  /// Of an earlier run, to be repeated.
+  /// Decisions of an earlier run to repeat.
   std::vector<ScanDecision> decisions;
   bool collect_map = false;  ///< fill clouds()
-  /// Stamps the odometry's stages.
+  /// Clock of the odometry's stage stamps.
   core::Odometry::ClockFunction clock = monotonic_ns;
   ScanObserver observer;
   ThreadHook thread_hook = nullptr;
 };
 
-/// What one LiDAR has of its own in a run.
-struct LidarLane {
-  LidarLane(const std::string& section, const LidarConfig& config,
-            const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
-            const std::optional<drivers::VelodyneSensor>& sensor, FeedLog& log);
+/// Source, ring, receive state and channel of one LiDAR.
+struct LidarInput {
+  LidarInput(const std::string& section, const LidarConfig& config,
+             const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
+             const std::optional<drivers::VelodyneSensor>& sensor, EventLog& log);
 
   drivers::PacketSource& source;
   ipc::Ring<drivers::Packet> ring;
@@ -46,11 +46,11 @@ struct LidarLane {
   LidarChannel channel;
 };
 
-/// Receive threads, rings and the odometry thread of one run. The owner (supervisor) drains poses() and
-/// clouds(), and decides when to stop. Start, stop and join belong to one thread.
+/// Receive threads, rings and odometry thread of one run. The owner (supervisor) drains poses() and clouds()
+/// and decides when to stop. Call start, stop and join from one thread.
 class Pipeline {
  public:
-  /// `publisher` may be null and has to outlive the pipeline.
+  /// `publisher` may be null and must outlive the pipeline.
   static core::Result<std::unique_ptr<Pipeline>> create(const Config& config, Input input,
                                                         const PipelineOptions& options,
                                                         ipc::PublisherProcess* publisher);
@@ -58,41 +58,40 @@ class Pipeline {
   Pipeline(const Pipeline&) = delete;
   Pipeline& operator=(const Pipeline&) = delete;
 
-  /// Starts the threads and returns what each was granted, when all are ready for their first data: the
-  /// odometry's workers run, and what memory there will be is touched. In strict mode a refusal is an error
-  /// and nothing runs.
+  /// Starts the threads and returns the outcome of each request to the kernel. When it returns, the workers
+  /// run and all memory is touched. In strict mode a refused request is an error and no thread runs.
   core::Result<std::vector<PlanOutcome>> start();
   void request_stop();
   void join();
-  /// The odometry thread has ended: all input is worked off, or stop was requested.
+  /// The odometry thread has ended: all input is processed, or stop was requested.
   [[nodiscard]] bool finished() const { return finished_.load(std::memory_order_acquire); }
 
   [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
-  /// Lines for the log that the threads say; to be taken by the owner.
-  [[nodiscard]] FeedLog& feed_log() { return feed_log_; }
+  /// Log lines of the threads, to be drained by the owner.
+  [[nodiscard]] EventLog& event_log() { return event_log_; }
   [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
-  /// Under live rules: one for each complete scan.
+  /// Under live rules: one decision per complete scan.
   [[nodiscard]] ipc::Ring<ScanDecision>& decisions() { return decisions_; }
-  /// The rules of a live run hold.
+  /// Live rules apply.
   [[nodiscard]] bool has_live_rules() const { return live_rules_; }
   [[nodiscard]] const core::BudgetConfig& budget() const { return budget_; }
-  /// Woken after every pose and at the end.
+  /// Notified after every pose and at the end.
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
   [[nodiscard]] const Input& input() const { return input_; }
-  /// The first LiDAR's, then those of the others; empty for scans that are already cut. Of the channels only
-  /// has_mixed_senders() may be asked before join().
-  [[nodiscard]] const std::vector<std::unique_ptr<LidarLane>>& lidars() const { return lidars_; }
+  /// First LiDAR, then the additional ones; empty for data sets of scans. Before join(), only
+  /// has_mixed_senders() of a channel may be called.
+  [[nodiscard]] const std::vector<std::unique_ptr<LidarInput>>& lidars() const { return lidars_; }
   [[nodiscard]] const ReceiveState& imu_state() const { return imu_state_; }
-  /// Of all LiDARs, for want of room in their rings.
+  /// Packets of all LiDARs dropped because of full rings.
   [[nodiscard]] std::uint64_t packets_dropped() const;
   [[nodiscard]] std::uint64_t samples_dropped() const { return imu_ring_.dropped(); }
-  /// After join(): of lidars()[index], an index of 1 or more.
+  /// After join(): counters of lidars()[index], index >= 1.
   [[nodiscard]] const MergeCounters& merge_counters(std::size_t index) const {
     return merged_feed_->counters(index - 1);
   }
-  /// After join(): of the first LiDAR.
+  /// After join(): statistics of the first LiDAR.
   [[nodiscard]] drivers::ScanAssemblerStats scan_stats() const { return feed_->stats(); }
   [[nodiscard]] drivers::ImuDecoderStats imu_stats() const;
 
@@ -103,12 +102,12 @@ class Pipeline {
   void make_feed();
   void make_merged_feed();
   [[nodiscard]] OdometryLoopConfig loop_config() const;
-  /// What a thread prepares after it has its policy, before start() returns; says what came of it.
+  /// Preparation of a thread after it got its scheduling, before start() returns; returns its outcomes.
   using Preparation = std::function<std::vector<PlanOutcome>()>;
   void run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
                   std::vector<PlanOutcome>& outcomes);
   void start_odometry(std::vector<PlanOutcome>& outcomes);
-  void start_search();
+  void start_identification();
   [[nodiscard]] std::unique_ptr<OdometryLoop> make_loop();
   std::vector<PlanOutcome> warm_up(OdometryLoop& loop);
 
@@ -121,8 +120,8 @@ class Pipeline {
   ThreadPlan plan_;
   ReceivePolicy policy_;
 
-  FeedLog feed_log_;
-  std::vector<std::unique_ptr<LidarLane>> lidars_;
+  EventLog event_log_;
+  std::vector<std::unique_ptr<LidarInput>> lidars_;
   ipc::Ring<core::ImuSample> imu_ring_;
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;

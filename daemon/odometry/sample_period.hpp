@@ -6,12 +6,12 @@
 
 namespace nilio::daemon {
 
-/// The period of samples that come one after the other, and when the next ones are due. One thread.
-class SampleRhythm {
+/// Estimates the period of a sample stream and predicts the next samples. One thread.
+class SamplePeriodEstimator {
  public:
   void add(core::Time stamp);
-  /// How long after `time` the first sample that is not before it is due, when `latest` is the last one that
-  /// came; nothing while the period is not known.
+  /// Time after `time` at which the first sample not before it is due, if `latest` is the last received one;
+  /// empty until the period is known.
   [[nodiscard]] std::optional<core::Duration> due_after(core::Time time, core::Time latest) const;
 
  private:

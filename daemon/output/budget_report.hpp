@@ -14,15 +14,15 @@
 
 namespace nilio::daemon {
 
-/// What the budget did to the poses of a run. One thread.
+/// Statistics of deadlines and degradation levels of a run. One thread.
 class BudgetReport {
  public:
   void record(const ipc::PoseRecord& record);
-  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "late_poses", "initialising", "stops", "rungs",
-  /// "overshoot_us", "iteration_us"}. Overshoots are those of poses past the start, whose registration is not
-  /// limited; early ones count as 0.
+  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "late_poses", "initialising", "stops",
+  /// "degradation_levels", "overshoot_us", "iteration_us"}. Overshoots exclude initialisation, whose
+  /// registration has no limit; early poses count as 0.
   [[nodiscard]] nlohmann::json json(const core::BudgetConfig& budget) const;
-  /// The same in a line; empty when no pose had a deadline.
+  /// One-line summary; empty if no pose had a deadline.
   [[nodiscard]] std::string text(const core::BudgetConfig& budget) const;
 
  private:
@@ -33,7 +33,7 @@ class BudgetReport {
   std::uint64_t guarded_ = 0;
   std::uint64_t late_ = 0;
   std::array<std::uint64_t, kStopReasons> stops_{};
-  std::array<std::uint64_t, core::kBudgetRungs> rungs_{};
+  std::array<std::uint64_t, core::kBudgetRungs> degradation_levels_{};
   ipc::Histogram overshoot_;
   ipc::Histogram iteration_;
 };

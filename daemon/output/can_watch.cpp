@@ -41,7 +41,7 @@ std::string seconds(std::int64_t ns) {
   return text.data();
 }
 
-/// The last place only tells that there are more.
+/// The last place only marks that there are more.
 std::string describe_ids(const CanTraffic& traffic) {
   std::string text;
   for (std::size_t i = 0; i < CanTraffic::kIds; ++i) {
@@ -153,7 +153,7 @@ std::map<std::string, std::uint64_t> CanWatch::counters() const {
 }
 
 core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuDecoder& decoder) {
-  // The watcher first: an interface that it sets up is stopped and started, which a reader would count.
+  // The controller first: setting up an interface restarts it, which a reader would count as an outage.
   auto controller =
       drivers::CanController::watch({config.interface_name, static_cast<std::uint32_t>(config.bitrate),
                                      static_cast<std::uint32_t>(config.restart_ms)});

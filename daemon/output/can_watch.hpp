@@ -17,22 +17,22 @@
 
 namespace nilio::daemon {
 
-/// What has come by on the bus, written by the IMU's receive thread and read by the supervisor.
+/// Traffic counters of the bus, written by the IMU receive thread and read by the supervisor.
 struct CanTraffic {
   static constexpr std::size_t kIds = 7;
   std::atomic<std::uint64_t> imu_frames{0};
   std::atomic<std::uint64_t> other_frames{0};
   std::atomic<std::uint64_t> error_frames{0};
-  /// Classes of the error frames since the supervisor last took them.
+  /// Error classes since the supervisor last read them.
   std::atomic<std::uint32_t> error_classes{0};
-  /// Plus 1, so that 0 is none: the first other identifiers that were seen.
+  /// First other identifiers, plus 1 (0 = none).
   std::array<std::atomic<std::uint32_t>, kIds> other_ids{};
 
-  /// `takes`: the frame is one of the IMU's.
+  /// `takes`: the frame belongs to the IMU.
   void count(const drivers::CanFrame& frame, bool takes);
 };
 
-/// Hands on the frames of another source and counts them on the way.
+/// Forwards the frames of another source and counts them.
 class WatchedFrames final : public drivers::FrameSource {
  public:
   WatchedFrames(std::unique_ptr<drivers::FrameSource> source, drivers::ImuFrameFilter filter,
@@ -43,17 +43,17 @@ class WatchedFrames final : public drivers::FrameSource {
 
  private:
   std::unique_ptr<drivers::FrameSource> source_;
-  /// Only asked which identifiers are the IMU's.
+  /// Used only to classify identifiers.
   const drivers::ImuFrameFilter filter_;
   std::shared_ptr<CanTraffic> traffic_;
 };
 
-/// Tells when the IMU falls silent and comes back, each once. Knows no clock. One thread.
+/// Detects when the IMU falls silent and recovers, each reported once. Has no clock of its own. One thread.
 class ImuSilence {
  public:
   ImuSilence(std::shared_ptr<CanTraffic> traffic, std::string identifiers);
 
-  /// `now_ns`: monotonic; the first call is the beginning. `bus` is the state to name beside the silence.
+  /// `now_ns`: monotonic; the first call is the start. `bus` is the bus state to report with the silence.
   std::vector<drivers::CanEvent> observe(std::int64_t now_ns, drivers::CanBusState bus);
   [[nodiscard]] std::uint64_t silences() const { return silences_; }
 
@@ -70,15 +70,15 @@ class ImuSilence {
   std::uint64_t silences_ = 0;
 };
 
-/// The IMU's bus and the frames on it, live: what the supervisor logs and counts of them.
+/// State of the IMU's live CAN bus for the supervisor's log and counters.
 class CanWatch {
  public:
   CanWatch(std::unique_ptr<drivers::CanController> controller, std::shared_ptr<CanTraffic> traffic,
            std::string identifiers);
 
-  /// Lines that are new. Does not wait.
+  /// New events. Does not block.
   std::vector<drivers::CanEvent> poll(std::int64_t now_ns);
-  /// For the summary, by name.
+  /// Counters for the summary, by name.
   [[nodiscard]] std::map<std::string, std::uint64_t> counters() const;
 
  private:
@@ -92,8 +92,8 @@ struct LiveCan {
   std::unique_ptr<CanWatch> watch;
 };
 
-/// Opens `config.interface_name` for reading and watching. An interface that is not there yet is waited for;
-/// fails when it is there and not of CAN, and when the kernel has no CAN.
+/// Opens `config.interface_name` for reading and monitoring. Waits for an interface that does not exist yet;
+/// fails if it is not a CAN interface or the kernel has no CAN support.
 core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuDecoder& decoder);
 
 }  // namespace nilio::daemon

@@ -8,23 +8,23 @@ namespace nilio::daemon {
 
 namespace {
 
-// Every line is said once, so that these are never all in use.
+// Every line is logged once, so this capacity is not reached.
 constexpr std::size_t kLines = 128;
 
-FeedLog::Line to_line(const FeedEvent& event) {
+EventLog::Line to_line(const LidarEvent& event) {
   const std::string section(event.section.data());
   switch (event.kind) {
-    case FeedEvent::Kind::kStreamStatus:
+    case LidarEvent::Kind::kStreamStatus:
       return {LogLevel::kInfo,
               (section == "lidar" ? "" : section + ": ") + describe_status(event.model.data(), event.status)};
-    case FeedEvent::Kind::kSilent:
+    case LidarEvent::Kind::kSilent:
       return {LogLevel::kWarning, section + ": no packets come from it; poses go on without it"};
-    case FeedEvent::Kind::kLate:
+    case LidarEvent::Kind::kLate:
       return {LogLevel::kWarning, section + ": its packets come later than " + section +
                                       ".wait_ms allows; poses go on with those that are there"};
-    case FeedEvent::Kind::kInTimeAgain:
+    case LidarEvent::Kind::kRecovered:
       return {LogLevel::kInfo, section + ": its packets come again in time"};
-    case FeedEvent::Kind::kOtherClock:
+    case LidarEvent::Kind::kOtherClock:
       break;
   }
   std::array<char, 32> offset{};
@@ -48,11 +48,11 @@ std::string describe_status(std::string_view model, const drivers::ScanAssembler
   return text.data();
 }
 
-FeedLog::FeedLog()
+EventLog::EventLog()
     : lines_(ipc::Ring<Slot>::in_private_memory(kLines)),
-      events_(ipc::Ring<FeedEvent>::in_private_memory(kLines)) {}
+      events_(ipc::Ring<LidarEvent>::in_private_memory(kLines)) {}
 
-void FeedLog::say(LogLevel level, std::string_view text) {
+void EventLog::log(LogLevel level, std::string_view text) {
   const std::span<Slot> slot = lines_.begin_write(1);
   if (slot.empty()) {
     lines_.count_dropped(1);
@@ -65,10 +65,10 @@ void FeedLog::say(LogLevel level, std::string_view text) {
   lines_.commit(1);
 }
 
-std::optional<FeedLog::Line> FeedLog::take() {
+std::optional<EventLog::Line> EventLog::take() {
   if (const std::optional<Slot> slot = lines_.try_pop())
     return Line{slot->level, std::string(slot->text.data(), slot->size)};
-  if (const std::optional<FeedEvent> event = events_.try_pop()) return to_line(*event);
+  if (const std::optional<LidarEvent> event = events_.try_pop()) return to_line(*event);
   return std::nullopt;
 }
 

@@ -14,14 +14,14 @@ namespace nilio::daemon {
 
 enum class LogLevel : std::uint8_t { kInfo, kWarning, kError };
 
-/// What the odometry thread has to tell of a LiDAR; numbers, which somebody else puts into words.
-struct FeedEvent {
+/// Event of a LiDAR reported by the odometry thread as numbers; the supervisor formats it.
+struct LidarEvent {
   enum class Kind : std::uint8_t {
     kStreamStatus,  ///< `model` and `status`, once they are known
-    kSilent,        ///< of a LiDAR beside the first: no packets come
-    kLate,          ///< its packets come later than they are waited for
-    kInTimeAgain,
-    kOtherClock,  ///< its clock is `offset_s` from the first one's
+    kSilent,        ///< additional LiDAR: no packets arrive
+    kLate,          ///< additional LiDAR: packets arrive after the configured wait
+    kRecovered,
+    kOtherClock,  ///< its clock differs by `offset_s` from the first one's
   };
 
   Kind kind = Kind::kStreamStatus;
@@ -31,21 +31,20 @@ struct FeedEvent {
   double offset_s = 0.0;
 };
 
-/// Lines for the log from threads that must not write them themselves. The odometry thread reports events,
-/// the thread that searches for sensors says lines, the supervisor takes both as lines. Lock-free; what finds
-/// the log full is counted.
-class FeedLog {
+/// Log lines from threads that must not print. The odometry thread reports events, the identification thread
+/// logs lines, the supervisor takes both as lines. Lock-free; entries that find the log full are counted.
+class EventLog {
  public:
   struct Line {
     LogLevel level = LogLevel::kInfo;
     std::string text;
   };
 
-  FeedLog();
-  /// By the odometry thread only. Does not allocate.
-  void report(const FeedEvent& event) { events_.try_push(event); }
-  /// By one other thread only. Cut after 1000 bytes.
-  void say(LogLevel level, std::string_view text);
+  EventLog();
+  /// Odometry thread only. Does not allocate.
+  void report(const LidarEvent& event) { events_.try_push(event); }
+  /// One other thread only. Truncated after 1000 bytes.
+  void log(LogLevel level, std::string_view text);
   std::optional<Line> take();
   [[nodiscard]] std::uint64_t dropped() const { return lines_.dropped() + events_.dropped(); }
 
@@ -58,13 +57,13 @@ class FeedLog {
   };
 
   ipc::Ring<Slot> lines_;
-  ipc::Ring<FeedEvent> events_;
+  ipc::Ring<LidarEvent> events_;
 };
 
-/// "VLP-16: return mode single, 600.1 rpm, ..." for people.
+/// Human-readable stream status: "VLP-16: return mode single, 600.1 rpm, ...".
 std::string describe_status(std::string_view model, const drivers::ScanAssemblerStatus& status);
 
-/// Copies as much as there is room for, with a zero at the end.
+/// Copies the name, truncated to the array, with terminating zero.
 template <std::size_t kSize>
 void copy_name(std::string_view name, std::array<char, kSize>& target) {
   target.fill('\0');

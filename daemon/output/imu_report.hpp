@@ -8,14 +8,14 @@
 
 namespace nilio::daemon {
 
-/// Everything that the monitor says, with units and hints.
+/// JSON of all IMU checks with units and hints.
 nlohmann::json imu_health_json(const core::ImuHealth& health);
 
-/// Tells the log what changes about the IMU, each change once, and the summary how it ended. One thread.
+/// Logs changes of the IMU's state, each once, and summarizes the final state. One thread.
 class ImuReport {
  public:
   void update(const core::ImuHealth& health);
-  /// Whether gyro and registration could be compared.
+  /// Gyro and registration could be compared.
   [[nodiscard]] bool is_compared() const;
   /// Null before the first update.
   [[nodiscard]] nlohmann::json json() const;

@@ -26,12 +26,12 @@ namespace {
 
 constexpr const char* kPattern = "%Y-%m-%d %H:%M:%S.%e niliod %l: %v";
 constexpr int kPollMs = 100;
-// A reader that takes nothing for so long, when the program wants to end, has gone for good.
+// At the end of the program, a reader that takes no data for this time is given up.
 constexpr int kPatienceMs = 2000;
-// A pipe that has room at all has room for so much.
+// A pipe that is writable at all has room for this.
 constexpr std::size_t kPieceBytes = 4096;
 
-// For the handler of fatal signals, which can see nothing else of the logger.
+// For the handler of fatal signals, which cannot access the logger.
 std::atomic<std::uint64_t> pieces_written{0};
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 
@@ -42,10 +42,10 @@ void wait_ms(long milliseconds) {
 
 void begin_thread() {
   pthread_setname_np(pthread_self(), "nilio-log");
-  // Whatever niliod itself was started with.
+  // Independent of the scheduling niliod was started with.
   const sched_param normal{};
   pthread_setschedparam(pthread_self(), SCHED_OTHER, &normal);
-  // Signals are the main thread's.
+  // Signals belong to the main thread.
   sigset_t all;
   sigfillset(&all);
   for (const int fault : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&all, fault);
@@ -67,7 +67,7 @@ extern "C" void die_with_log(int signal) {
   line[kDigits] = static_cast<char>('0' + signal / 10 % 10);
   line[kDigits + 1] = static_cast<char>('0' + signal % 10);
   if (write(STDERR_FILENO, line.data(), kDigits + 3) < 0) _exit(128 + signal);
-  // The handler is gone by now: this ends the process as the signal does.
+  // SA_RESETHAND has removed the handler: this ends the process with the signal.
   raise(signal);
 }
 
@@ -77,9 +77,9 @@ class LogOutput::Sink final : public spdlog::sinks::base_sink<spdlog::details::n
  public:
   explicit Sink(int file_descriptor) : file_descriptor_(file_descriptor) {}
 
-  /// Before the first line.
+  /// Call before the first line.
   void watch(spdlog::details::thread_pool& pool) { pool_ = &pool; }
-  /// From now on a reader that takes nothing is not waited for.
+  /// From now on, do not wait for a reader that takes no data.
   void hurry() { hurries_.store(true); }
 
  protected:
@@ -151,7 +151,7 @@ LogOutput::LogOutput(const LogOutputConfig& config) : state_(std::make_unique<St
 LogOutput::~LogOutput() {
   spdlog::set_default_logger(state_->logger_before);
   state_->sink->hurry();
-  // Works off the queue, then ends the thread.
+  // Writes the queued lines, then ends the thread.
   state_->pool.reset();
 }
 

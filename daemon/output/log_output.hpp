@@ -10,18 +10,17 @@ namespace nilio::daemon {
 struct LogOutputConfig {
   int file_descriptor = 1;
   std::string level = "info";
-  /// Lines that wait to be written; with more the oldest are lost, and counted.
+  /// Capacity of the queue; when it is full, the oldest lines are dropped and counted.
   std::size_t queue_lines = 2048;
 };
 
-/// Puts what spdlog is given onto an output by a thread of its own, at normal priority, so that nobody waits
-/// for a full pipe or a slow disk: lines that find the queue full push out the oldest, and the output says
-/// how many. While it exists it is spdlog's default logger; there is one at a time. Made and destroyed by the
-/// main thread.
+/// Writes spdlog's lines to an output from a thread of its own at normal priority, so that no thread blocks
+/// on a full pipe or a slow disk. A full queue drops the oldest lines and reports how many. It is spdlog's
+/// default logger while it exists; one instance at a time. Create and destroy it in the main thread.
 class LogOutput {
  public:
   explicit LogOutput(const LogOutputConfig& config);
-  /// Writes what waits, as long as the reader takes some of it every 2 s.
+  /// Writes the queued lines as long as the reader takes data at least every 2 s.
   ~LogOutput();
   LogOutput(const LogOutput&) = delete;
   LogOutput& operator=(const LogOutput&) = delete;
@@ -34,8 +33,8 @@ class LogOutput {
   std::unique_ptr<State> state_;
 };
 
-/// When the process is about to end by a fault or abort(), lets the logger write what waits, for at most a
-/// second, and names the signal. Signals that somebody else handles are left to them.
+/// Installs handlers for faults and abort() that let the logger write its queue for at most one second and
+/// name the signal. Signals with another handler are left alone.
 void write_log_before_dying();
 
 }  // namespace nilio::daemon

@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-// A map picture needs no more; 12 bytes each.
+// Sufficient for a map picture; 12 bytes each.
 constexpr std::size_t kMaxMapPoints = 20'000'000;
 
 Error cannot_write(const fs::path& path) {

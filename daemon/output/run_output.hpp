@@ -17,32 +17,33 @@
 
 namespace nilio::daemon {
 
-/// A pose's line of trajectory.tum.
+/// Line of trajectory.tum for a pose.
 std::string tum_line(const ipc::PoseRecord& record);
 
-/// Files of one run, written by the supervisor: trajectory.tum and trajectory.kitti grow pose by pose,
-/// latency.json, latency/<stage>.hgrm, config.yaml and map.ply are written at their time. One thread.
+/// Output files of one run, written by the supervisor. trajectory.tum and trajectory.kitti grow with each
+/// pose; config.yaml is written at the start, latency.json, latency/<stage>.hgrm and map.ply at the end. One
+/// thread.
 class RunOutput {
  public:
   struct Options {
     std::string folder;
-    /// Set: trajectory.kitti is stated in the camera frame.
+    /// If set, trajectory.kitti is stated in the camera frame.
     std::optional<core::SE3> T_camera_lidar;
     core::SE3 T_base_lidar;
     bool map = true;
     double map_voxel_m = 0.3;
   };
 
-  /// Makes the folder and opens the files; fails naming what cannot be written.
+  /// Creates the folder and opens the files; the error names the file that cannot be written.
   static core::Result<std::unique_ptr<RunOutput>> create(const Options& options,
                                                          const std::string& effective_config);
 
   void add(const ipc::PoseRecord& record);
   void add(const CloudRecord& cloud);
-  /// Makes decisions.jsonl, which add() then fills.
+  /// Creates decisions.jsonl for the scan decisions.
   core::Result<std::monostate> open_decisions(const std::string& header);
   void add(const ScanDecision& decision);
-  /// Writes what is written at the end and tells about the first write that failed, such as a full disk.
+  /// Writes the final files; returns the first write error, such as a full disk.
   core::Result<std::monostate> finish(const std::string& latency_json, const ipc::LatencyHistograms& latency);
 
   [[nodiscard]] double path_length_m() const { return path_length_m_; }

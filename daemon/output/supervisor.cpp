@@ -33,7 +33,7 @@ constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
 constexpr std::int64_t kSilenceNs = 2'000'000'000;
 constexpr std::size_t kPublisherSlots = 1024;
 
-/// What the supervisor keeps of one run.
+/// State of the supervisor during one run.
 class Supervisor {
  public:
   Supervisor(const Config& config, const RunOptions& options) : config_(config), options_(options) {}
@@ -68,7 +68,7 @@ class Supervisor {
   ipc::LatencyHistograms latency_;
   BudgetReport budget_;
   ImuReport imu_report_;
-  /// What the kernel granted, a line each.
+  /// Outcomes of the requests to the kernel, one line each.
   std::vector<std::string> plan_lines_;
   std::optional<ipc::PoseRecord> last_;
   std::uint64_t poses_ = 0;
@@ -79,7 +79,7 @@ class Supervisor {
   std::int64_t next_status_ns_ = 0;
   std::int64_t last_pose_ns_ = 0;
   bool silence_reported_ = false;
-  /// Sections of the LiDARs of which it was said that several senders are mixed.
+  /// Sections of the LiDARs already reported for mixed senders.
   std::set<std::string> mixed_reported_;
 };
 
@@ -185,7 +185,7 @@ void Supervisor::drain() {
 }
 
 void Supervisor::report_plan(const std::vector<PlanOutcome>& outcomes) {
-  // Nobody cares in a replay at normal priority.
+  // Not of interest in a replay at normal priority.
   const auto good = pipeline_->input().live ? spdlog::level::info : spdlog::level::debug;
   for (const PlanOutcome& outcome : outcomes) {
     spdlog::log(outcome.granted && !outcome.warns ? good : spdlog::level::warn, "{}", outcome.text);
@@ -193,7 +193,7 @@ void Supervisor::report_plan(const std::vector<PlanOutcome>& outcomes) {
   }
 }
 
-/// What the times rest on: at the first scan and whenever it changes.
+/// Logs the time source at the first scan and at every change.
 void Supervisor::report_clock(const ipc::PoseRecord& record) {
   if (last_ && last_->clock_source == record.clock_source && !record.after_time_jump) return;
   if (record.after_time_jump)
@@ -201,9 +201,9 @@ void Supervisor::report_clock(const ipc::PoseRecord& record) {
   spdlog::info("scan {}: LiDAR time is {}", record.sequence, core::name_of(record.clock_source));
 }
 
-/// What the odometry thread has to say of the LiDARs.
+/// Logs the events of the odometry and identification threads.
 void Supervisor::report_feed() {
-  while (const std::optional<FeedLog::Line> line = pipeline_->feed_log().take()) {
+  while (const std::optional<EventLog::Line> line = pipeline_->event_log().take()) {
     const auto level = line->level == LogLevel::kError     ? spdlog::level::err
                        : line->level == LogLevel::kWarning ? spdlog::level::warn
                                                            : spdlog::level::info;
@@ -302,8 +302,8 @@ std::string Supervisor::explain_no_poses() const {
   return text;
 }
 
-/// Counters of one LiDAR, and the state of its stream at the end.
-nlohmann::json lidar_summary(const LidarLane& lidar) {
+/// Counters of one LiDAR and its final stream state.
+nlohmann::json lidar_summary(const LidarInput& lidar) {
   const drivers::ScanAssemblerStats stats = lidar.channel.stats();
   nlohmann::json json = {
       {"section", lidar.channel.section()},
@@ -394,7 +394,7 @@ nlohmann::json Supervisor::summary() const {
       {"poses_lost", states_[3]},
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
-      {"log_events_dropped", pipeline_->feed_log().dropped()},
+      {"log_events_dropped", pipeline_->event_log().dropped()},
       {"publisher_samples", publisher_ ? publisher_->samples().written() : 0},
       {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
   };
@@ -418,9 +418,9 @@ nlohmann::json Supervisor::summary() const {
   return json;
 }
 
-/// What the LiDAR `index` beside the first gave.
+/// Logs the summary of additional LiDAR `index`.
 void Supervisor::report_merge(std::size_t index) const {
-  const LidarLane& lidar = *pipeline_->lidars()[index];
+  const LidarInput& lidar = *pipeline_->lidars()[index];
   const MergeCounters& merged = pipeline_->merge_counters(index);
   const drivers::ScanAssemblerStats stats = lidar.channel.stats();
   spdlog::info(

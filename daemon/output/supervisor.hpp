@@ -17,15 +17,15 @@ struct RunOptions {
   ReplayFiles files;
   bool paced = false;
   bool as_live = false;
-  std::string decisions_file;  ///< of the run to repeat; empty: none
+  std::string decisions_file;  ///< decision log to repeat; empty: none
   std::string output_folder;   ///< empty: no files
   std::filesystem::path publisher_executable;
   ThreadHook thread_hook = nullptr;
 };
 
-/// Runs the daemon: opens the input, starts publisher and pipeline, watches them, writes the outputs,
-/// reports. Returns when a replay is done or `stop` is set; an error when nothing could be done. To be called
-/// from the main thread.
+/// Runs the daemon: opens the input, starts publisher and pipeline, supervises them, writes outputs and log.
+/// Returns when a replay is done or `stop` is set; an error if no pose could be computed. Call from the main
+/// thread.
 core::Result<std::monostate> supervise(const Config& config, const RunOptions& options,
                                        const std::atomic<bool>& stop);
 

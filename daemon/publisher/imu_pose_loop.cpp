@@ -1,6 +1,7 @@
 #include "daemon/publisher/imu_pose_loop.hpp"
 
-#include "ipc/dds/monotonic_clock.hpp"
+#include "nilio/core/clock.hpp"
+
 #include "ipc/dds/reports.hpp"
 
 #include <pthread.h>
@@ -9,7 +10,7 @@
 namespace nilio::dds {
 namespace {
 
-// So long after a wake-up that was lost, were there one.
+// Upper limit of the sleep, in case a wake-up is missed.
 constexpr core::Duration kLongestSleep{100'000'000};
 
 }  // namespace
@@ -46,7 +47,7 @@ void ImuPoseLoop::run() {
 
 void ImuPoseLoop::drain() {
   while (true) {
-    // Samples first: a pose that is seen now and not then was handed over later.
+    // Samples first: a pose visible now but not before was delivered later.
     const auto samples = inputs_.samples.begin_read();
     const auto poses = inputs_.poses.begin_read();
     if (samples.empty() && poses.empty()) return;
@@ -80,7 +81,7 @@ void ImuPoseLoop::take_pose(const ipc::PoseRecord& record) {
 
 void ImuPoseLoop::take_sample(const ipc::ImuRecord& record) {
   const std::int64_t taken = monotonic_ns();
-  // By the IMU's clock: samples that were received late come in a burst.
+  // Interval by the IMU's clock: samples received late arrive in a burst.
   const std::int64_t interval = last_stamp_ns_ != 0 ? record.sample.stamp.ns - last_stamp_ns_ : 0;
   last_stamp_ns_ = record.sample.stamp.ns;
   const auto pose = stream_.add(record);

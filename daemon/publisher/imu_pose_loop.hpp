@@ -20,16 +20,16 @@
 
 namespace nilio::dds {
 
-/// Where the poses at IMU rate come from, in the publisher's process.
+/// Shared-memory inputs of the IMU-rate pose thread in the publisher process.
 struct ImuPoseInputs {
   ipc::Ring<ipc::PoseRecord> poses;
   ipc::Ring<ipc::ImuRecord> samples;
   ipc::WakeEvent wake;
 };
 
-/// The thread that publishes a pose for every IMU sample. It shares nothing with what publishes the scans'
-/// poses, so neither a slow registration nor a slow subscriber of those can delay it. A sample is given back
-/// when its pose is written, so that a successor of this process goes on with the next.
+/// Thread that publishes a pose for every IMU sample. It shares nothing with the publisher of scan poses, so
+/// a slow registration or a slow subscriber of those cannot delay it. A sample is consumed after its pose is
+/// written, so that a restarted process continues with the next sample.
 class ImuPoseLoop {
  public:
   struct Counts {
@@ -42,20 +42,20 @@ class ImuPoseLoop {
 
   ImuPoseLoop(ImuPoseInputs inputs, const ipc::ImuPoseConfig& config,
               std::unique_ptr<ImuPosePublisher> publisher);
-  /// Stops.
+  /// Stops the thread.
   ~ImuPoseLoop();
   ImuPoseLoop(const ImuPoseLoop&) = delete;
   ImuPoseLoop& operator=(const ImuPoseLoop&) = delete;
 
-  /// Starts the thread, which first does `prepare`: that asks for its priority.
+  /// Starts the thread. It calls `prepare` first, which requests its priority.
   void start(std::function<void()> prepare);
-  /// Publishes what is in the rings and ends the thread.
+  /// Publishes the remaining content of the rings and ends the thread.
   void stop();
 
-  // From any thread.
+  // Any thread.
   [[nodiscard]] Counts counts() const;
   static constexpr std::size_t kLatencyRows = 3;
-  /// From a sample's last CAN frame to its being taken, to the return of write(), and both.
+  /// Rows of the latency report: last CAN frame to pick-up, pick-up to the return of write(), and their sum.
   void fill_latency(std::span<StageLatency, kLatencyRows> rows) const;
 
  private:

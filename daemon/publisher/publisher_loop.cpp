@@ -1,5 +1,7 @@
 #include "daemon/publisher/publisher_loop.hpp"
 
+#include "nilio/core/clock.hpp"
+
 #include "ipc/dds/diagnostics.hpp"
 
 #include <algorithm>
@@ -24,15 +26,10 @@ constexpr Duration kReportPeriod{1'000'000'000};
 // Together less than the 2 s that niliod waits for the end of this process.
 constexpr Duration kMaxWaitWhenStopping{1'000'000'000};
 constexpr Duration kLastAcknowledgments{500'000'000};
-// What a reliable subscriber may take to acknowledge when poses come faster than the history is deep.
+// Time for reliable subscribers to acknowledge when poses arrive faster than the history is deep.
 constexpr Duration kBacklogAcknowledgment{20'000'000};
 
-Time read_clock(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return {static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec};
-}
-Time monotonic_now() { return read_clock(CLOCK_MONOTONIC); }
+Time monotonic_now() { return {monotonic_ns()}; }
 
 Time stage_time(const ipc::PoseRecord& record, ipc::Stage stage) {
   return {record.stage_ns[static_cast<std::size_t>(stage)]};
@@ -43,8 +40,8 @@ Time stage_time(const ipc::PoseRecord& record, ipc::Stage stage) {
 void PublishLatency::record(const ipc::PoseRecord& record, Time taken, Time written) noexcept {
   stages_.record(record);
   write_.record((written - taken).ns);
-  const Time handed_over = stage_time(record, ipc::Stage::kHandedOver);
-  if (handed_over.ns != 0) pick_up_.record((taken - handed_over).ns);
+  const Time delivered = stage_time(record, ipc::Stage::kDelivered);
+  if (delivered.ns != 0) pick_up_.record((taken - delivered).ns);
   const Time received = stage_time(record, ipc::Stage::kReceived);
   if (received.ns != 0)
     received_to_written_.record_corrected((written - received).ns, record.stamp_ns - record.scan_start_ns);
@@ -103,7 +100,7 @@ std::string PublisherLoop::imu_summary() const {
       latency.p99_us, latency.max_us);
 }
 
-// Until a subscriber has the first pose, the wait is over, or (somewhat later) somebody wants us to end.
+// Waits until a subscriber has received the first pose or the wait expires; shortened by a stop signal.
 void PublisherLoop::wait_for_first_subscriber(Duration wait) {
   Time deadline = monotonic_now() + wait;
   bool shortened = false;
@@ -120,8 +117,8 @@ void PublisherLoop::wait_for_first_subscriber(Duration wait) {
     spdlog::info("{} subscriber(s) found, {} poses waiting", publisher_->subscribers(), ring_.size());
 }
 
-// That a subscriber is found does not mean that it has found us: until then it gets nothing, and the
-// history that is kept for it is short. So the first pose goes alone, and the others follow once it is
+// A matched subscriber may not have discovered this writer yet and receives nothing until then, and the
+// history kept for it is short. Therefore the first pose is sent alone; the others follow once it is
 // acknowledged.
 bool PublisherLoop::is_first_pose_delivered() {
   if (publisher_->subscribers() == 0) return false;
@@ -135,13 +132,13 @@ bool PublisherLoop::is_first_pose_delivered() {
 }
 
 void PublisherLoop::publish_pending() {
-  // A pose is given back only when written, so that a successor of this process would write it again.
+  // A pose is consumed only after it is written; a restarted process repeats an unfinished one.
   int in_a_row = 0;
   for (auto records = ring_.begin_read(); !records.empty(); records = ring_.begin_read()) {
     publish(records.front());
     ring_.consume(1);
     if (++in_a_row < dds::OdometryPublisher::kHistoryDepth - 2) continue;
-    // A backlog: without a pause the history would overwrite what reliable subscribers have not got yet.
+    // Pause in a backlog: otherwise the history overwrites poses that reliable subscribers have not received.
     publisher_->wait_for_acknowledgments(kBacklogAcknowledgment);
     in_a_row = 0;
     note_signals();
@@ -168,7 +165,7 @@ void PublisherLoop::publish(const ipc::PoseRecord& record) {
   failed_ += failed;
 }
 
-// False when only a new process can go on.
+// Returns false if a new process is needed.
 bool PublisherLoop::report() {
   next_report_ = std::max(next_report_ + kReportPeriod, monotonic_now());
   publish_reports();
@@ -194,12 +191,12 @@ void PublisherLoop::publish_reports() {
   publisher_->publish_latency(report_);
   if (!latest_) return;
   publisher_->publish_diagnostics(
-      dds::make_diagnostics(*latest_, read_clock(CLOCK_REALTIME), monotonic_now() - latest_taken_));
+      dds::make_diagnostics(*latest_, Time{clock_ns(CLOCK_REALTIME)}, monotonic_now() - latest_taken_));
 }
 
 void PublisherLoop::fill_report() {
   const std::span<dds::StageLatency> rows(report_.stages);
-  report_.stamp = read_clock(CLOCK_REALTIME);
+  report_.stamp = Time{clock_ns(CLOCK_REALTIME)};
   latency_->fill(rows.first<PublishLatency::kRows>());
   report_.poses_published = published_;
   report_.failed_writes = failed_;

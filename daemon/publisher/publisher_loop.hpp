@@ -20,11 +20,11 @@
 
 namespace nilio::daemon {
 
-/// Where the time goes, up to the return of write().
+/// Latency histograms of the scan poses, up to the return of write().
 class PublishLatency {
  public:
   void record(const ipc::PoseRecord& record, core::Time taken, core::Time written) noexcept;
-  /// Feeding the map is left out: it comes after the pose has come here.
+  /// Number of report rows. The map stage is omitted: it happens after the pose has arrived here.
   static constexpr std::size_t kRows = ipc::kLatencyStageCount - 1 + 3;
   void fill(std::span<dds::StageLatency, kRows> rows) const;
 
@@ -35,19 +35,19 @@ class PublishLatency {
   ipc::Histogram received_to_written_;
 };
 
-/// The loop between the ring and DDS: the poses of the scans, their transform and the reports.
+/// Loop from the pose ring to DDS: scan poses, transforms and reports.
 class PublisherLoop {
  public:
-  /// Exit status by which niliod is asked to start the process anew.
+  /// Exit status that asks niliod to restart the process.
   static constexpr int kExitStartAgain = 75;  // EX_TEMPFAIL of sysexits.h
 
-  /// `signals`: a signalfd of those that end the process. `imu_poses` may be null. `parent`: process whose
-  /// end ends this one, 0 for none.
+  /// `signals`: signalfd of the stop signals. `imu_poses` may be null. `parent`: end with this process; 0 =
+  /// none.
   PublisherLoop(pid_t parent, ipc::Ring<ipc::PoseRecord> ring, ipc::WakeEvent wake_event, int signals,
                 std::unique_ptr<dds::OdometryPublisher> publisher,
                 std::unique_ptr<dds::ImuPoseLoop> imu_poses);
 
-  /// Until a signal and an empty ring. Returns the exit status.
+  /// Runs until a stop signal has arrived and the ring is empty. Returns the exit status.
   int run(core::Duration wait_for_subscribers);
 
  private:
@@ -58,7 +58,7 @@ class PublisherLoop {
   bool report();
   void publish_reports();
   void fill_report();
-  /// As the last report has it.
+  /// Summary of the last report.
   [[nodiscard]] std::string imu_summary() const;
   void sleep_until(core::Time time);
   void note_signals();
@@ -68,10 +68,10 @@ class PublisherLoop {
   ipc::WakeEvent wake_event_;
   int signals_;
   std::unique_ptr<dds::OdometryPublisher> publisher_;
-  std::unique_ptr<dds::ImuPoseLoop> imu_poses_;  ///< after the publisher, whose participant it uses
+  std::unique_ptr<dds::ImuPoseLoop> imu_poses_;  ///< declared after the publisher, whose participant it uses
   const std::string host_id_ = dds::read_host_id();
   std::unique_ptr<PublishLatency> latency_;
-  /// Filled anew every time in the memory that it has: that of the process stays level.
+  /// Refilled in place every time, which keeps the memory use constant.
   dds::LatencyReport report_;
   std::optional<ipc::PoseRecord> latest_;
   core::Time latest_taken_;

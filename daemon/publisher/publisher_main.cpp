@@ -1,5 +1,5 @@
-// nilio-publisher: takes poses from the ring that niliod shares with it and speaks DDS. It is a process of
-// its own so that nothing that Fast DDS does (abort on a malformed datagram, allocate, block) can touch the
+// nilio-publisher: reads poses from the ring shared with niliod and publishes them over DDS. It is a separate
+// process because Fast DDS may abort on a malformed datagram, allocate or block; none of this reaches the
 // estimator.
 
 #include "nilio/core/result.hpp"
@@ -39,12 +39,11 @@ namespace {
 using core::Duration;
 
 constexpr int kExitFailed = 1;
-// How much before the rest of the process the thread of the IMU-rate poses comes.
+// Nice offset of the IMU-rate pose thread relative to the rest of the process.
 constexpr int kImuNice = -5;
 constexpr int kLeastNice = -20;
 
-// Blocks SIGTERM and SIGINT (in this thread and in those of Fast DDS, made later) and makes a descriptor of
-// them.
+// Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them.
 int take_signals() {
   sigset_t signals;
   sigemptyset(&signals);
@@ -54,19 +53,19 @@ int take_signals() {
   return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
 }
 
-// False when the parent is already gone.
+// False if the parent has already ended.
 bool end_with_parent(pid_t parent) {
   if (parent == 0) return true;
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   return getppid() == parent;
 }
 
-/// Keeps memory resident, that of the threads' stacks included. To be called before there are any. Unlike
-/// niliod's, threads keep arenas of their own: the IMU-rate poses are not to wait for another's lock.
+/// Locks all memory, including the thread stacks. Call before any thread is started. Unlike in niliod,
+/// threads keep separate malloc arenas, so that the IMU-rate poses do not wait for another thread's lock.
 void lock_memory() {
   pthread_attr_t attributes;
   pthread_attr_init(&attributes);
-  // Of Fast DDS's threads, too; the default of 8 MiB would all be locked.
+  // Applies to Fast DDS's threads, too; the default of 8 MiB would be locked completely.
   pthread_attr_setstacksize(&attributes, ipc::kThreadStackBytes);
   pthread_setattr_default_np(&attributes);
   pthread_attr_destroy(&attributes);
@@ -75,7 +74,7 @@ void lock_memory() {
     spdlog::warn("memory: {}", refused);
 }
 
-/// Has the calling thread, that of the IMU-rate poses, come before the rest of the process.
+/// Raises the priority of the calling thread (IMU-rate poses) above the rest of the process.
 void take_precedence(int fifo_priority, int process_nice) {
   if (fifo_priority > 0) {
     const std::string refused = ipc::request_fifo(fifo_priority);
@@ -85,12 +84,12 @@ void take_precedence(int fifo_priority, int process_nice) {
     }
     spdlog::warn("imu-poses: {}", refused);
   }
-  // Of this thread alone, as Linux has it. Without the privilege the process has no priority either, and has
-  // said so.
+  // On Linux this affects only the calling thread. Without the privilege the process has logged a warning
+  // already.
   setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kImuNice, kLeastNice));
 }
 
-/// Starts the thread of the IMU-rate poses; fails when what it needs was not handed over.
+/// Starts the IMU-rate pose thread; fails if an inherited descriptor is missing.
 core::Result<std::unique_ptr<dds::ImuPoseLoop>> start_imu_poses(const PublisherOptions& options,
                                                                 dds::OdometryPublisher& publisher) {
   auto poses = ipc::Ring<ipc::PoseRecord>::attach(options.imu_pose_ring_descriptor);
@@ -127,7 +126,7 @@ int run(const PublisherOptions& options) {
     return kExitFailed;
   }
   if (options.lock_memory) lock_memory();
-  // The threads of Fast DDS inherit it.
+  // Inherited by the threads of Fast DDS.
   if (options.nice != 0 && setpriority(PRIO_PROCESS, 0, options.nice) != 0)
     spdlog::warn("no privilege for nice {} (CAP_SYS_NICE or LimitNICE= in the unit): running at 0",
                  options.nice);

@@ -10,7 +10,7 @@
 
 namespace nilio::daemon {
 
-/// The command line of nilio-publisher, which niliod writes (ipc::PublisherProcess).
+/// Command line of nilio-publisher, written by ipc::PublisherProcess.
 struct PublisherOptions {
   int ring_descriptor = -1;
   int wake_descriptor = -1;
@@ -33,7 +33,7 @@ struct PublisherOptions {
   ipc::ImuPoseConfig imu_poses;
 };
 
-/// `options` has to outlive the parsing.
+/// `options` must outlive the parsing.
 void add_publisher_options(CLI::App& app, PublisherOptions& options);
 
 }  // namespace nilio::daemon

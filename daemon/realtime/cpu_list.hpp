@@ -8,13 +8,13 @@
 
 namespace nilio::daemon {
 
-/// Processors by the kernel's numbers, ascending; empty = any.
+/// Kernel numbers of CPUs, ascending; empty = any.
 using CpuList = std::vector<int>;
 
-/// "0", "1-2,4" or "" as taskset and systemd write them. Fails on anything else and on numbers above 1023,
-/// naming what was wrong.
+/// Parses a list in the format of taskset and systemd: "0", "1-2,4" or "". The error names the invalid item;
+/// numbers above 1023 are invalid.
 core::Result<CpuList> parse_cpu_list(std::string_view text);
-/// The inverse: "1-2,4".
+/// Inverse of parse_cpu_list(): "1-2,4".
 std::string cpu_list_text(const CpuList& cpus);
 
 }  // namespace nilio::daemon

@@ -6,15 +6,14 @@
 
 namespace nilio::daemon {
 
-/// Has the heap keep what it has: freed memory stays mapped, no allocation makes a mapping of its own, and
-/// all threads share one arena, so that what was touched once is there for good. To be called before threads
-/// start; of no effect when the plan does not lock memory.
+/// Configures malloc so that touched memory stays mapped: no trimming, no mmap per allocation, one arena for
+/// all threads. Call before threads start; no effect if the plan does not lock memory.
 void prepare_heap(const ThreadPlan& plan);
 
-/// Locks all present and future memory of the process; says how much that is.
+/// Locks all present and future memory of the process; the outcome states the amount.
 PlanOutcome lock_process_memory(const ThreadPlan& plan);
 
-/// Of this process, as the kernel counts them now; 0 where it does not say.
+/// Memory of this process as counted by the kernel; 0 = unknown.
 struct MemoryUse {
   std::uint64_t resident_bytes = 0;
   std::uint64_t peak_resident_bytes = 0;

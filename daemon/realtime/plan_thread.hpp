@@ -6,8 +6,8 @@
 
 namespace nilio::daemon {
 
-/// A thread whose stack has kThreadStackBytes: std::thread's have 8 MiB, all of which a locked process would
-/// hold in memory. Throws std::system_error when the kernel has no more threads.
+/// Thread with a stack of kThreadStackBytes. std::thread's default of 8 MiB would be locked completely in a
+/// locked process. Throws std::system_error if no thread can be started.
 class PlanThread {
  public:
   explicit PlanThread(std::function<void()> body);
@@ -17,7 +17,7 @@ class PlanThread {
   PlanThread& operator=(const PlanThread&) = delete;
   ~PlanThread() = default;
 
-  /// Has to be called once.
+  /// Call exactly once.
   void join();
 
  private:

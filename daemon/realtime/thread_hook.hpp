@@ -8,26 +8,26 @@ namespace nilio::daemon {
 
 enum class ThreadRole { kLidarReceive, kImuReceive, kDeadlineGuard, kOdometry };
 inline constexpr std::size_t kThreadRoles = 4;
-/// "nilio-lidar", ...: the thread's name in the kernel, too.
+/// "nilio-lidar", ...: also the thread's name in the kernel.
 constexpr const char* name_of(ThreadRole role) {
   constexpr std::array<const char*, kThreadRoles> kNames{"nilio-lidar", "nilio-imu", "nilio-guard",
                                                          "nilio-odometry"};
   return kNames[static_cast<std::size_t>(role)];
 }
 
-/// Where a real-time thread is in its life.
+/// Phases in the life of a real-time thread.
 enum class ThreadPhase {
-  kStarted,  ///< has its policy; nothing is prepared yet
-  kSteady,   ///< all is prepared; the next thing is the first packet, sample or scan
-  kWarm,     ///< of the odometry thread: kWarmUpPoses are out, so velocity and map are established
-  kEnding,   ///< the last one is done
+  kStarted,  ///< has its scheduling; preparation follows
+  kSteady,   ///< prepared; next is the first packet, sample or scan
+  kWarm,     ///< odometry thread only: kWarmUpPoses published, velocity and map are established
+  kEnding,   ///< last packet, sample or scan processed
 };
 inline constexpr std::uint64_t kWarmUpPoses = 20;
 
-/// Told by each real-time thread itself, for those that watch what it does; null = nobody asks.
+/// Called by each real-time thread at every phase, for monitoring; null = none.
 using ThreadHook = void (*)(ThreadRole role, ThreadPhase phase);
-/// niliod tells the function of this name, of type ThreadHook and with C linkage, in a library that was
-/// preloaded (LD_PRELOAD).
+/// niliod calls the C function of this name and type ThreadHook if a preloaded library (LD_PRELOAD) defines
+/// it.
 inline constexpr const char* kPreloadedHook = "nilio_thread_hook";
 
 }  // namespace nilio::daemon

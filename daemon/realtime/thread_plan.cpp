@@ -18,7 +18,7 @@ namespace {
 using core::Error;
 using core::Result;
 
-// A quarter of the stack: matrices on it are of fixed size, and large buffers are on the heap.
+// A quarter of the stack: matrices on it have fixed sizes, large buffers are on the heap.
 constexpr std::size_t kTouchedStackBytes = std::size_t{256} << 10U;
 constexpr std::size_t kPageBytes = 4096;
 
@@ -56,14 +56,14 @@ cpu_set_t to_set(const CpuList& cpus) {
   return set;
 }
 
-/// Empty when the kernel does as it is asked, else what it has against it.
+/// Empty if granted, otherwise the refusal and its remedy.
 std::string request_processors(const CpuList& cpus, ThreadRole role) {
   const cpu_set_t set = to_set(cpus);
   if (sched_setaffinity(0, sizeof set, &set) != 0) {
     return processors_text(cpus) + " refused (" + std::strerror(errno) + "): correct " + key_of(role) +
            ", or let the container have them";
   }
-  // The kernel leaves out, without a word, those that are not there.
+  // The kernel silently ignores CPUs that do not exist.
   const CpuList obtained = scheduling_of(0).cpus;
   if (obtained == cpus) return {};
   return processors_text(cpus) + " not all there, only " + cpu_list_text(obtained) + ": correct " +
@@ -86,7 +86,7 @@ Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
   plan.lock_memory = section.lock_memory && live;
   plan.strict = section.strict;
   plan.odometry_threads = config.odometry.threads;
-  // The guard must get the processor from the registration that is late.
+  // The guard must preempt a late registration.
   const int guard_priority = std::min(section.odometry_priority + 1, sched_get_priority_max(SCHED_FIFO));
   const std::array<int, kThreadRoles> priorities{section.lidar_priority, section.imu_priority, guard_priority,
                                                  section.odometry_priority};
@@ -102,7 +102,7 @@ Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
 
 ThreadScheduling scheduling_of(pid_t thread) {
   ThreadScheduling scheduling;
-  // The kernel may set a flag beside the policy.
+  // The kernel may set a flag in addition to the policy.
   scheduling.policy = sched_getscheduler(thread) & ~SCHED_RESET_ON_FORK;
   sched_param parameters{};
   if (sched_getparam(thread, &parameters) == 0) scheduling.priority = parameters.sched_priority;
@@ -123,7 +123,7 @@ void run_as(const ThreadScheduling& scheduling) {
 }
 
 void touch_stack() {
-  // Written through a pointer that may change, so that the compiler keeps it.
+  // Volatile writes: the compiler must not remove them.
   std::array<unsigned char, kTouchedStackBytes> stack;
   volatile unsigned char* const bytes = stack.data();
   for (std::size_t i = 0; i < stack.size(); i += kPageBytes) bytes[i] = 0;
@@ -145,7 +145,7 @@ PlanOutcome apply_to_this_thread(const ThreadPlan& plan, ThreadRole role) {
   return {false, name + ": " + refused + "; it has " + has};
 }
 
-PlanOutcome judge_workers(const ThreadPlan& plan, const std::vector<pid_t>& workers) {
+PlanOutcome check_workers(const ThreadPlan& plan, const std::vector<pid_t>& workers) {
   const ThreadScheduling own = scheduling_of(0);
   const std::string name = name_of(ThreadRole::kOdometry);
   for (const pid_t worker : workers) {
@@ -166,7 +166,7 @@ PlanOutcome judge_workers(const ThreadPlan& plan, const std::vector<pid_t>& work
                     (workers.size() == 1 ? " worker, as itself" : " workers, as itself")};
 }
 
-PlanOutcome judge_throttling(const ThreadPlan& plan) {
+PlanOutcome check_throttling(const ThreadPlan& plan) {
   if (!plan.fifo) return {true, "supervisor: no thread has precedence"};
   const std::optional<long> runtime_us = read_number("/proc/sys/kernel/sched_rt_runtime_us");
   const std::optional<long> period_us = read_number("/proc/sys/kernel/sched_rt_period_us");

@@ -14,7 +14,7 @@
 
 namespace nilio::daemon {
 
-/// How the threads shall run, from the configuration and the kind of run.
+/// Scheduling and memory settings of a run, derived from the configuration and the kind of run.
 struct ThreadPlan {
   struct Role {
     int priority = 0;
@@ -24,46 +24,46 @@ struct ThreadPlan {
   bool fifo = false;
   bool lock_memory = false;
   bool strict = false;
-  /// Threads that the odometry computes with.
+  /// Threads of the odometry's computation.
   int odometry_threads = 1;
   std::array<Role, kThreadRoles> roles;
 
   [[nodiscard]] const Role& of(ThreadRole role) const { return roles[static_cast<std::size_t>(role)]; }
 };
-/// Fails on a list of processors that is none, naming the key.
+/// Fails on an invalid CPU list; the error names the key.
 core::Result<ThreadPlan> make_thread_plan(const Config& config, bool live);
 
-/// What one request to the kernel came to.
+/// Outcome of one request to the kernel.
 struct PlanOutcome {
   bool granted = true;
   std::string text;  ///< "nilio-odometry: FIFO 40 on processor 1", or what was refused, why, and what to do
-  /// Granted, but to be warned of.
+  /// Granted, but worth a warning.
   bool warns = false;
 };
 
-/// How the kernel runs a thread.
+/// Scheduling of a thread.
 struct ThreadScheduling {
   int policy = 0;  ///< SCHED_FIFO, SCHED_OTHER ...
   int priority = 0;
   CpuList cpus;
   friend bool operator==(const ThreadScheduling&, const ThreadScheduling&) = default;
 };
-/// Asks the kernel; `thread` = 0 is the calling one.
+/// Current scheduling of `thread`; 0 = calling thread.
 ThreadScheduling scheduling_of(pid_t thread);
 
-/// Has the calling thread run like that; what came of it, scheduling_of() tells.
+/// Applies the scheduling to the calling thread; check the result with scheduling_of().
 void run_as(const ThreadScheduling& scheduling);
 
-/// Touches the pages of the stack that the thread will use.
+/// Touches the stack pages that the thread will use.
 void touch_stack();
 
-/// Names the calling thread, gives it its policy and processors, touches its stack, and says what the kernel
-/// then says it has. To be called first in the thread, before it starts others, which inherit both.
+/// Sets name, policy and CPUs of the calling thread, touches its stack, and reports the scheduling read back
+/// from the kernel. Call first in the thread; threads that it starts inherit name and scheduling.
 PlanOutcome apply_to_this_thread(const ThreadPlan& plan, ThreadRole role);
-/// Whether `workers`, threads that the odometry thread has started, run as it does.
-PlanOutcome judge_workers(const ThreadPlan& plan, const std::vector<pid_t>& workers);
-/// What the kernel leaves to all threads that are not FIFO: its throttling, and whether the odometry may take
-/// all processors that the calling thread, the supervisor, has.
-PlanOutcome judge_throttling(const ThreadPlan& plan);
+/// Checks that `workers`, threads started by the odometry thread, have its scheduling.
+PlanOutcome check_workers(const ThreadPlan& plan, const std::vector<pid_t>& workers);
+/// Checks the CPU time left for threads that are not FIFO: kernel throttling, and whether the odometry may
+/// use all CPUs of the calling thread (the supervisor).
+PlanOutcome check_throttling(const ThreadPlan& plan);
 
 }  // namespace nilio::daemon

@@ -58,7 +58,7 @@ DiagnosticStatus odometry_status(const ipc::PoseRecord& latest, core::Duration a
   return status;
 }
 
-/// Why the IMU is (not) used, and the first of the worst checks.
+/// Use of the IMU, and the first of the worst checks.
 std::string imu_message(const core::ImuHealth& health, ImuCheckState worst) {
   std::string text = health.trusted ? "used" : "not used";
   if (!health.trusted)

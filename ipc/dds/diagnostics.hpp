@@ -7,9 +7,9 @@
 
 namespace nilio::dds {
 
-/// What ROS's diagnostics viewers show of nilio: "nilio: odometry" and, where there is an IMU, "nilio: IMU"
-/// with a line for each check of it. `now` is the time of the report (CLOCK_REALTIME); `age` how long ago
-/// `latest` was taken: older than a second is stale.
+/// Diagnostics for ROS viewers: "nilio: odometry" and, with an IMU, "nilio: IMU" with one value per check.
+/// `now` is the time of the report (CLOCK_REALTIME). `age` is the time since `latest` was taken; more than
+/// one second is stale.
 DiagnosticArray make_diagnostics(const ipc::PoseRecord& latest, core::Time now, core::Duration age);
 
 }  // namespace nilio::dds

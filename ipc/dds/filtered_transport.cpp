@@ -12,7 +12,7 @@ namespace {
 namespace fastdds_rtps = eprosima::fastdds::rtps;
 namespace rtps = eprosima::fastrtps::rtps;
 
-// RTPS 2.2, 8.3.3 and 9.4.5.
+// RTPS 2.2, sections 8.3.3 and 9.4.5.
 constexpr std::size_t kMessageHeaderBytes = 20;
 constexpr std::size_t kSubmessageHeaderBytes = 4;
 constexpr std::uint8_t kPad = 0x01;
@@ -55,7 +55,7 @@ std::size_t bytes_before_statistics(const std::uint8_t* data, std::size_t bytes)
     const std::size_t first = data[position + 2];
     const std::size_t second = data[position + 3];
     const std::size_t length = little_endian ? first + 256 * second : 256 * first + second;
-    // Without a length, all but these two reach to the end of the datagram.
+    // All submessages but these two extend to the end of the datagram if their length is 0.
     if (length == 0 && kind != kPad && kind != kInfoTimestamp) break;
     position += kSubmessageHeaderBytes + length;
   }

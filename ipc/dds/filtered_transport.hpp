@@ -10,17 +10,17 @@
 
 namespace nilio::dds {
 
-/// The bytes of an RTPS datagram before its first statistics submessage (0x80, eProsima's own), all if it has
-/// none.
+/// Number of bytes of an RTPS datagram before its first statistics submessage (0x80, vendor-specific); all
+/// bytes if there is none.
 std::size_t bytes_before_statistics(const std::uint8_t* data, std::size_t bytes);
 
-/// UDP with two flaws of Fast DDS 2.9.1 kept out:
-/// - it aborts on statistics submessages that are not as it expects, which anybody on the network can send.
-/// They say
-///   nothing that is used here, so datagrams are cut before them;
-/// - a participant announces itself before it listens, so the immediate answers of the others are lost and it
-/// finds them
-///   only at their next periodic announcement, up to 3 s later. So nothing is sent before open().
+/// UDP transport with workarounds for two defects of Fast DDS 2.9.1.
+///
+/// It aborts on malformed statistics submessages, which anybody on the network can send. They are not used
+/// here, so datagrams are truncated before them.
+///
+/// A participant announces itself before it listens. It misses the immediate answers of the others and finds
+/// them only at their next periodic announcement, up to 3 s later. Therefore nothing is sent before open().
 class FilteredTransportDescriptor : public eprosima::fastdds::rtps::ChainingTransportDescriptor {
  public:
   using Gate = std::shared_ptr<std::atomic<bool>>;

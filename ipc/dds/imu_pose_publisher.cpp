@@ -28,7 +28,7 @@ void fill_odometry(const ipc::ImuPose& pose, Odometry& odometry) {
 struct ImuPosePublisher::Entities {
   fastdds::DataWriter* pose_writer = nullptr;
   fastdds::DataWriter* status_writer = nullptr;
-  Odometry odometry;  // filled anew for every pose; the frame names stay
+  Odometry odometry;  // refilled for every pose; the frame names stay
 };
 
 ImuPosePublisher::ImuPosePublisher(std::unique_ptr<Entities> entities) : entities_(std::move(entities)) {}
@@ -39,7 +39,7 @@ core::Result<std::unique_ptr<ImuPosePublisher>> ImuPosePublisher::create(
   auto names = topic_names(config.topic_prefix);
   if (!names) return names.error();
   fastdds::DomainParticipant& participant = publisher.participant().get();
-  // Of its own: waiting for acknowledgements of the other's writers holds a lock of theirs.
+  // A separate publisher: waiting for acknowledgements of the other's writers holds their lock.
   fastdds::Publisher* const own = participant.create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
   if (own == nullptr) return core::Error{"Fast DDS cannot create a second publisher (out of memory?)"};
   auto entities = std::make_unique<Entities>();
@@ -61,7 +61,7 @@ bool ImuPosePublisher::publish(const ipc::ImuPose& pose) {
 }
 
 bool ImuPosePublisher::publish_status(const ImuPoseStatus& status) {
-  ImuPoseStatus copy = status;  // write() takes a pointer to something mutable
+  ImuPoseStatus copy = status;  // write() takes a pointer to non-const
   return entities_->status_writer->write(&copy);
 }
 

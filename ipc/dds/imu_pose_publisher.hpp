@@ -10,24 +10,25 @@
 
 namespace nilio::dds {
 
-/// The writers of the poses at IMU rate: best effort, since a late pose is worth nothing, and their status,
-/// reliable. Beside an OdometryPublisher on the same participant, but with nothing in common, so that either
-/// may be used by a thread of its own. For one thread.
+/// Writers of the IMU-rate poses (best effort, because a late pose is useless) and of their status
+/// (reliable). Uses the participant of an OdometryPublisher but shares nothing else with it, so that each may
+/// have its own thread. One thread.
 class ImuPosePublisher {
  public:
   static constexpr int kHistoryDepth = 5;
 
-  /// On the participant of `publisher`, which has to outlive this; frames and prefix as there.
+  /// Creates the writers on the participant of `publisher`, which must outlive this object; same frames and
+  /// prefix.
   static core::Result<std::unique_ptr<ImuPosePublisher>> create(OdometryPublisher& publisher,
                                                                 const OdometryPublisherConfig& config);
   ~ImuPosePublisher();
   ImuPosePublisher(const ImuPosePublisher&) = delete;
   ImuPosePublisher& operator=(const ImuPosePublisher&) = delete;
 
-  /// Each returns false when DDS refused the write.
+  /// Both return false if DDS refused the write.
   bool publish(const ipc::ImuPose& pose);
   bool publish_status(const ImuPoseStatus& status);
-  /// Subscribers that the poses have found.
+  /// Number of matched subscribers of the poses.
   [[nodiscard]] int subscribers() const;
 
  private:
@@ -36,7 +37,7 @@ class ImuPosePublisher {
   std::unique_ptr<Entities> entities_;
 };
 
-/// The odometry of a pose in ROS's words; the frames are left as they are.
+/// Fills the odometry message except for its frame names.
 void fill_odometry(const ipc::ImuPose& pose, Odometry& odometry);
 
 }  // namespace nilio::dds

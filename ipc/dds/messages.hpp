@@ -9,7 +9,7 @@
 
 namespace nilio::dds {
 
-/// nav_msgs/Odometry. Covariances row-major 6x6 over (x, y, z, rotation about x, y, z).
+/// nav_msgs/Odometry. Covariances are row-major 6x6 over (x, y, z, rotation about x, y, z).
 struct Odometry {
   core::Time stamp;
   std::string frame_id;        ///< frame of the pose
@@ -42,7 +42,7 @@ struct TransformMessage {
   friend bool operator==(const TransformMessage&, const TransformMessage&) = default;
 };
 
-/// Values from `from_us` on, below `to_us`.
+/// Bucket of values from `from_us` (inclusive) to `to_us` (exclusive).
 struct LatencyBucket {
   double from_us = 0.0;
   double to_us = 0.0;
@@ -51,7 +51,7 @@ struct LatencyBucket {
   friend bool operator==(const LatencyBucket&, const LatencyBucket&) = default;
 };
 
-/// Time spent in one stage, in microseconds, since the publisher process started.
+/// Duration of one stage in microseconds since the publisher process started.
 struct StageLatency {
   std::string name;
   std::uint64_t count = 0;
@@ -60,7 +60,7 @@ struct StageLatency {
   double p99_us = 0.0;
   double p99_9_us = 0.0;
   double max_us = 0.0;
-  std::vector<LatencyBucket> buckets;  ///< those that are not empty, in order
+  std::vector<LatencyBucket> buckets;  ///< non-empty ones, in order
 
   friend bool operator==(const StageLatency&, const StageLatency&) = default;
 };
@@ -80,7 +80,7 @@ struct LatencyReport {
   friend bool operator==(const LatencyReport&, const LatencyReport&) = default;
 };
 
-/// A moment of a scan's way, CLOCK_MONOTONIC of the machine that ScanReport::host_id names; 0 = unknown.
+/// Time of one stage of a scan, CLOCK_MONOTONIC of the machine with ScanReport::host_id; 0 = unknown.
 struct StageStamp {
   std::string name;
   std::int64_t monotonic_ns = 0;
@@ -88,15 +88,15 @@ struct StageStamp {
   friend bool operator==(const StageStamp&, const StageStamp&) = default;
 };
 
-/// nilio/ScanReport: what became of one scan, and when.
+/// nilio/ScanReport: result and stage times of one scan.
 struct ScanReport {
-  core::Time stamp;       ///< last firing: that of the odometry message
+  core::Time stamp;       ///< last firing; stamp of the odometry message
   core::Time scan_start;  ///< first firing
   std::uint64_t sequence = 0;
   std::string state;
   std::string stop_reason;
-  core::Time handed_over;  ///< CLOCK_REALTIME of the "handed_over" stage, to relate the clocks
-  std::string host_id;     ///< the kernel's boot id
+  core::Time delivered;  ///< CLOCK_REALTIME of the "delivered" stage, to relate the clocks
+  std::string host_id;   ///< the kernel's boot id
   std::vector<StageStamp> stages;
   bool imu_used = false;
   bool predicted = false;
@@ -111,26 +111,26 @@ struct ScanReport {
   std::uint32_t lost_packets = 0;
   std::uint32_t missing_firings = 0;
   std::uint64_t superseded = 0;
-  std::string budget_rung;        ///< what was left out for time: "full", "fewer_points", ...
-  bool guarded = false;           ///< registration was late, and the prediction was handed over
-  std::int64_t overshoot_ns = 0;  ///< past the deadline, negative before it; 0 where there was none
+  std::string degradation_level;  ///< what was left out for time: "full", "fewer_points", ...
+  bool guarded = false;           ///< registration was late and the prediction was published
+  std::int64_t overshoot_ns = 0;  ///< time past the deadline, negative = early; 0 without a deadline
 
   friend bool operator==(const ScanReport&, const ScanReport&) = default;
 };
 
-/// nilio/ImuPoseStatus: how the poses at IMU rate go on from a new scan pose.
+/// nilio/ImuPoseStatus: correction of the IMU-rate poses by a new scan pose.
 struct ImuPoseStatus {
-  core::Time stamp;       ///< the poses after this time are propagated from this scan
-  core::Time scan_stamp;  ///< of its odometry message
+  core::Time stamp;       ///< later poses are propagated from this scan
+  core::Time scan_stamp;  ///< stamp of its odometry message
   std::uint64_t scan_sequence = 0;
-  double correction_m = 0.0;    ///< how far the published pose was from the new one
-  double correction_rad = 0.0;  ///< the same of its rotation
-  bool jumped = false;          ///< the next pose is the new one; else it is approached
+  double correction_m = 0.0;    ///< distance between the published and the new pose
+  double correction_rad = 0.0;  ///< angle between the published and the new pose
+  bool jumped = false;          ///< the correction is applied at once instead of gradually
   bool follows_gyro = false;
-  std::uint64_t jumps = 0;      ///< this and the following: since the publisher process started
+  std::uint64_t jumps = 0;      ///< this and the following: since the start of the publisher process
   std::uint64_t published = 0;  ///< poses
-  std::uint64_t thinned = 0;    ///< samples left out for the rate
-  std::uint64_t withheld = 0;   ///< samples without a pose to go on from
+  std::uint64_t thinned = 0;    ///< samples skipped because of the rate limit
+  std::uint64_t withheld = 0;   ///< samples without a pose to propagate from
 
   friend bool operator==(const ImuPoseStatus&, const ImuPoseStatus&) = default;
 };
@@ -147,7 +147,7 @@ struct KeyValue {
 struct DiagnosticStatus {
   enum class Level : std::uint8_t { kOk = 0, kWarn = 1, kError = 2, kStale = 3 };
 
-  /// From the network it may be any number.
+  /// A received message may contain any number.
   Level level = Level::kOk;
   std::string name;
   std::string message;

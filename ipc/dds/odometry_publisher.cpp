@@ -33,7 +33,7 @@ struct OdometryPublisher::Entities {
   fastdds::DataWriter* latency_writer = nullptr;
   fastdds::DataWriter* scan_report_writer = nullptr;
   fastdds::DataWriter* diagnostics_writer = nullptr;
-  // Filled anew for every pose; the frame names stay.
+  // Refilled for every pose; the frame names stay.
   Odometry odometry;
   TransformMessage transform;
 };
@@ -98,7 +98,7 @@ bool OdometryPublisher::publish_latency(LatencyReport& report) {
 }
 
 bool OdometryPublisher::publish_scan_report(const ScanReport& report) {
-  ScanReport copy = report;  // write() takes a pointer to something mutable
+  ScanReport copy = report;  // write() takes a pointer to non-const
   return entities_->scan_report_writer->write(&copy);
 }
 

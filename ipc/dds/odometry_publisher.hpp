@@ -19,12 +19,12 @@ struct OdometryPublisherConfig {
   std::string topic_prefix;
 };
 
-/// The odometry of a record in ROS's words; the frames are left as they are.
+/// Fills the odometry message except for its frame names.
 void fill_odometry(const ipc::PoseRecord& record, Odometry& odometry);
 
-/// Speaks DDS for nilio: odometry, its transform, the reports, and diagnostics; reliable, volatile, so that
-/// both reliable (rviz2) and best-effort subscribers match. A subscriber that does not read never blocks
-/// it: the oldest of the last ten samples is overwritten. For one thread.
+/// DDS writers of nilio: odometry, transform, reports and diagnostics. Reliable and volatile, so that both
+/// reliable (rviz2) and best-effort subscribers match. A subscriber that does not read never blocks a write:
+/// the oldest of the last ten samples is overwritten. One thread.
 class OdometryPublisher {
  public:
   static constexpr int kHistoryDepth = 10;
@@ -34,17 +34,17 @@ class OdometryPublisher {
   OdometryPublisher(const OdometryPublisher&) = delete;
   OdometryPublisher& operator=(const OdometryPublisher&) = delete;
 
-  /// Each returns false when DDS refused the write.
+  /// All return false if DDS refused the write.
   bool publish_odometry(const ipc::PoseRecord& record);
   bool publish_transform(const ipc::PoseRecord& record);
-  /// Leaves `report` as it is: write() takes a pointer to something mutable.
+  /// Does not change `report`; write() takes a pointer to non-const.
   bool publish_latency(LatencyReport& report);
   bool publish_scan_report(const ScanReport& report);
   bool publish_diagnostics(const DiagnosticArray& diagnostics);
 
-  /// Subscribers that odometry or, if more, the transform has found.
+  /// Number of matched subscribers: the larger of odometry and transform.
   [[nodiscard]] int subscribers() const;
-  /// Waits until all reliable subscribers have what was published; false after `timeout`.
+  /// Waits until all reliable subscribers have received everything; false after `timeout`.
   bool wait_for_acknowledgments(core::Duration timeout);
   [[nodiscard]] Participant& participant();
 

@@ -1,6 +1,7 @@
 #include "ipc/dds/odometry_subscriber.hpp"
 
-#include "ipc/dds/monotonic_clock.hpp"
+#include "nilio/core/clock.hpp"
+
 #include "ipc/dds/types.hpp"
 
 #include <chrono>
@@ -24,8 +25,8 @@ namespace {
 namespace fastdds = eprosima::fastdds::dds;
 
 constexpr int kReaderDepth = 100;
-constexpr std::size_t kMostKept = 1024;   // reports that nobody has asked for
-constexpr std::size_t kMaxWriters = 256;  // whose sequence numbers are remembered
+constexpr std::size_t kMostKept = 1024;   // capacity for reports that have not been taken
+constexpr std::size_t kMaxWriters = 256;  // limit of remembered writers
 
 core::Time now() {
   const auto since_epoch = std::chrono::system_clock::now().time_since_epoch();
@@ -101,7 +102,7 @@ class OdometryQueue : public fastdds::DataReaderListener {
   SubscriberCounts counts_;
 };
 
-/// Hands every message that waits at the reader to `keep`.
+/// Passes every waiting message of the reader to `keep`.
 template <class Message, class Keep>
 void take_all(fastdds::DataReader& reader, const Keep& keep) {
   Message message;
@@ -111,7 +112,7 @@ void take_all(fastdds::DataReader& reader, const Keep& keep) {
   }
 }
 
-/// Keeps the last message of a topic.
+/// Stores the last message of a topic.
 template <class Message>
 class Latest : public fastdds::DataReaderListener {
  public:
@@ -132,7 +133,7 @@ class Latest : public fastdds::DataReaderListener {
   std::optional<Message> message_;
 };
 
-/// Keeps the messages of a topic until they are asked for.
+/// Stores the messages of a topic until take().
 template <class Message>
 class Kept : public fastdds::DataReaderListener {
  public:
@@ -175,7 +176,7 @@ fastdds::DataReader* create_reader(fastdds::DomainParticipant& participant, fast
 
 }  // namespace
 
-// The listeners stand before the participant, so that they outlive it.
+// The listeners are declared before the participant and therefore outlive it.
 struct OdometrySubscriber::Entities {
   explicit Entities(std::size_t capacity) : queue(capacity) {}
   ~Entities() {

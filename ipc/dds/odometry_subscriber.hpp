@@ -19,7 +19,7 @@ struct OdometrySubscriberConfig {
   ParticipantConfig participant;
   std::string topic_prefix;
   std::size_t queue_capacity = 4096;  ///< samples that wait for next()
-  bool imu_rate = false;              ///< poses at IMU rate instead of those of the scans
+  bool imu_rate = false;              ///< receive IMU-rate poses instead of scan poses
 };
 
 struct ReceivedOdometry {
@@ -31,14 +31,14 @@ struct ReceivedOdometry {
 
 struct SubscriberCounts {
   std::uint64_t received = 0;
-  std::uint64_t lost = 0;           ///< missing in a writer's sequence numbers
+  std::uint64_t lost = 0;           ///< gaps in a writer's sequence numbers
   std::uint64_t queue_dropped = 0;  ///< received while the queue was full
-  std::uint64_t writers_seen = 0;   ///< more than one: the publisher was started again, or there are several
-  int publishers = 0;               ///< matched at the moment
+  std::uint64_t writers_seen = 0;   ///< more than one: the publisher was restarted, or there are several
+  int publishers = 0;               ///< currently matched
 };
 
 /// Receives odometry, reports and diagnostics. The DDS threads only copy into queues; next() may be called by
-/// one thread. Numbers in a message may be anything, also not finite: it comes from the network.
+/// one thread. Numbers in a message may have any value, including not finite: they come from the network.
 class OdometrySubscriber {
  public:
   static core::Result<std::unique_ptr<OdometrySubscriber>> create(const OdometrySubscriberConfig& config);
@@ -46,15 +46,15 @@ class OdometrySubscriber {
   OdometrySubscriber(const OdometrySubscriber&) = delete;
   OdometrySubscriber& operator=(const OdometrySubscriber&) = delete;
 
-  /// The oldest message not yet taken; waits up to `timeout` for one.
+  /// Oldest message not taken yet; waits up to `timeout`.
   std::optional<ReceivedOdometry> next(core::Duration timeout);
-  /// Reports of scans that have come since the last call, in order; the oldest make room.
+  /// Scan reports since the last call, in order; a full queue drops the oldest.
   std::vector<ScanReport> scan_reports();
-  /// The same of the poses at IMU rate.
+  /// IMU pose statuses since the last call, in order.
   std::vector<ImuPoseStatus> imu_statuses();
-  /// The latest report, if any has come.
+  /// Latest report, if any.
   [[nodiscard]] std::optional<LatencyReport> latency_report() const;
-  /// The latest diagnostics, if any have come: nilio's or another program's.
+  /// Latest diagnostics, if any; may come from another program.
   [[nodiscard]] std::optional<DiagnosticArray> diagnostics() const;
   [[nodiscard]] SubscriberCounts counts() const;
 

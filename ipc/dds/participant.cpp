@@ -23,10 +23,10 @@ namespace {
 namespace fastdds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 
-constexpr std::uint32_t kMaxDomain = 232;  // above, the port numbers leave 16 bits
+constexpr std::uint32_t kMaxDomain = 232;  // higher domains have port numbers beyond 16 bits
 constexpr std::uint32_t kMaxMessageBytes = 65'500;
 constexpr std::uint32_t kParticipantsPerPeer =
-    32;  // as ROS 2; Fast DDS's own 4 leaves later ones on a host unfound
+    32;  // as ROS 2; with the default of 4, further participants on a host are not found
 constexpr std::uint32_t kInitialAnnouncements = 25;
 const eprosima::fastrtps::Duration_t kInitialAnnouncementPeriod(0, 20'000'000);
 constexpr std::array<char, 11> kEnclave{"enclave=/;"};
@@ -63,7 +63,7 @@ std::string joined(const std::vector<std::string>& list) {
 rtps::Locator_t peer(const char* address) {
   rtps::Locator_t locator;
   rtps::IPLocator::setIPv4(locator, address);
-  locator.port = 0;  // the well-known ports of the domain
+  locator.port = 0;  // well-known ports of the domain
   return locator;
 }
 
@@ -73,7 +73,8 @@ std::shared_ptr<FilteredTransportDescriptor> make_transport(const ParticipantCon
   udp->interfaceWhiteList = whitelist;
   udp->sendBufferSize = config.socket_buffer_bytes;
   udp->receiveBufferSize = config.socket_buffer_bytes;
-  // A full socket buffer costs a datagram, which reliable readers ask for again, not the writer's time.
+  // With a full socket buffer a datagram is lost, which reliable readers request again; the writer does not
+  // wait.
   udp->non_blocking_send = true;
   udp->maxMessageSize = kMaxMessageBytes;
   udp->maxInitialPeersRange = kParticipantsPerPeer;
@@ -84,25 +85,25 @@ fastdds::DomainParticipantQos participant_qos(const std::string& name,
                                               std::shared_ptr<FilteredTransportDescriptor> transport) {
   fastdds::DomainParticipantQos qos;
   qos.name(name);
-  // What ROS 2 tools show as the node's enclave; without it they still read the topics.
+  // Enclave of the node for ROS 2 tools; they read the topics without it, too.
   qos.user_data().data_vec({kEnclave.begin(), kEnclave.end()});
 
   qos.transport().use_builtin_transports = false;
   qos.transport().user_transports.push_back(std::move(transport));
 
-  // Loopback has no multicast as a rule; naming a peer switches the default multicast announcement off, so
-  // name that too.
+  // Loopback usually has no multicast. Naming a peer disables the default multicast announcement, so that
+  // address is named, too.
   auto& builtin = qos.wire_protocol().builtin;
   builtin.initialPeersList.push_back(peer(kLoopback));
   builtin.initialPeersList.push_back(peer(kDiscoveryMulticast));
-  // The first ones fall on the closed transport.
+  // The first announcements are dropped by the closed transport.
   builtin.discovery_config.initial_announcements = {kInitialAnnouncements, kInitialAnnouncementPeriod};
   builtin.readerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   builtin.writerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   return qos;
 }
 
-// Passes at most kPerSecond lines a second on.
+// Forwards at most kPerSecond lines per second.
 class ThrottledConsumer : public fastdds::LogConsumer {
  public:
   explicit ThrottledConsumer(std::function<void(const std::string&)> handler)
@@ -210,7 +211,7 @@ Participant::Refresh Participant::refresh_interfaces() {
     return contains(addresses_, address);
   });
   if (appeared) return Refresh::kNeedsRestart;
-  participant_->set_qos(participant_->get_qos());  // looks at the interfaces again
+  participant_->set_qos(participant_->get_qos());  // rescans the interfaces
   return Refresh::kRescanned;
 }
 

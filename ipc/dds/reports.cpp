@@ -11,9 +11,9 @@ namespace {
 
 constexpr double kUsPerNs = 1e-3;
 
-// What is known when the pose is handed over, in the order of ipc::Stage.
-constexpr std::array<std::string_view, static_cast<std::size_t>(ipc::Stage::kHandedOver) + 1> kStageNames{
-    "received", "popped", "completed", "started", "filtered", "coarse", "fine", "handed_over"};
+// Stages known at delivery, in the order of ipc::Stage.
+constexpr std::array<std::string_view, static_cast<std::size_t>(ipc::Stage::kDelivered) + 1> kStageNames{
+    "received", "popped", "completed", "started", "filtered", "coarse", "fine", "delivered"};
 
 }  // namespace
 
@@ -32,7 +32,7 @@ ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, cor
   report.sequence = record.sequence;
   report.state = core::name_of(record.state);
   report.stop_reason = core::name_of(record.stop_reason);
-  report.handed_over = {record.handed_over_realtime_ns};
+  report.delivered = {record.delivered_realtime_ns};
   report.host_id = host_id;
   for (std::size_t i = 0; i < kStageNames.size(); ++i)
     report.stages.push_back({std::string(kStageNames[i]), record.stage_ns[i]});
@@ -51,7 +51,7 @@ ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, cor
   report.lost_packets = record.lost_packets;
   report.missing_firings = record.missing_firings;
   report.superseded = record.superseded;
-  report.budget_rung = core::name_of(record.rung);
+  report.degradation_level = core::name_of(record.degradation_level);
   report.guarded = record.guarded;
   report.overshoot_ns = record.has_deadline ? record.overshoot_ns : 0;
   return report;

@@ -15,12 +15,11 @@ namespace {
 using eprosima::fastcdr::Cdr;
 
 constexpr std::size_t kEncapsulationBytes = 4;
-// What a frame name or a stage name is taken to need when payloads are allocated beforehand; longer ones cost
-// one reallocation.
+// Typical lengths for the preallocation of payloads; longer ones cost one reallocation.
 constexpr std::size_t kTypicalName = 64;
 constexpr std::size_t kTypicalStages = 16;
 constexpr std::size_t kTypicalBuckets = 80;
-// With empty names.
+// Minimum sizes, with empty names.
 constexpr std::size_t kSmallestTransform = 8 + 2 * 4 + 7 * 8;
 constexpr std::size_t kSmallestBucket = 3 * 8;
 constexpr std::size_t kSmallestStage = 4 + 6 * 8 + 4;
@@ -31,7 +30,7 @@ constexpr std::size_t kTypicalStatuses = 2;
 constexpr std::size_t kTypicalValues = 24;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
-// Counts the bytes that the same calls on a Cdr would write, alignment included.
+// Counts the bytes that the same calls on a Cdr would write, including alignment.
 class SizeCounter {
  public:
   SizeCounter& operator<<(bool) { return add(1, 1); }
@@ -99,13 +98,13 @@ void put(Out& out, const ScanReport& message) {
   put(out, message.stamp);
   put(out, message.scan_start);
   out << message.sequence << message.state << message.stop_reason;
-  put(out, message.handed_over);
+  put(out, message.delivered);
   out << message.host_id << static_cast<std::uint32_t>(message.stages.size());
   for (const StageStamp& stage : message.stages) out << stage.name << stage.monotonic_ns;
   out << message.imu_used << message.predicted << message.degenerate_axes << message.coverage_deg
       << message.points << message.points_used << message.correspondences << message.coarse_iterations
       << message.fine_iterations << message.map_voxels << message.lost_packets << message.missing_firings
-      << message.superseded << message.budget_rung << message.guarded << message.overshoot_ns;
+      << message.superseded << message.degradation_level << message.guarded << message.overshoot_ns;
 }
 
 template <class Out>
@@ -127,7 +126,7 @@ void put(Out& out, const DiagnosticArray& message) {
   }
 }
 
-// The reader of a payload: the Cdr, and how many bytes a sequence can at most lie in.
+// Input of a payload: the Cdr, and the maximum number of bytes of a sequence.
 struct Input {
   Cdr& cdr;
   std::size_t payload_bytes;
@@ -140,7 +139,7 @@ void get(Input& in, core::Time& time) {
   time.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + nanoseconds;
 }
 
-// The length of a sequence, refused when its elements could not fit what is left of the payload.
+// Reads a sequence length; throws if the elements cannot fit into the rest of the payload.
 std::uint32_t get_length(Input& in, std::size_t smallest_element) {
   std::uint32_t length = 0;
   in.cdr >> length;
@@ -183,14 +182,14 @@ void get(Input& in, ScanReport& message) {
   get(in, message.stamp);
   get(in, message.scan_start);
   in.cdr >> message.sequence >> message.state >> message.stop_reason;
-  get(in, message.handed_over);
+  get(in, message.delivered);
   in.cdr >> message.host_id;
   message.stages.resize(get_length(in, kSmallestStamp));
   for (StageStamp& stage : message.stages) in.cdr >> stage.name >> stage.monotonic_ns;
   in.cdr >> message.imu_used >> message.predicted >> message.degenerate_axes >> message.coverage_deg >>
       message.points >> message.points_used >> message.correspondences >> message.coarse_iterations >>
       message.fine_iterations >> message.map_voxels >> message.lost_packets >> message.missing_firings >>
-      message.superseded >> message.budget_rung >> message.guarded >> message.overshoot_ns;
+      message.superseded >> message.degradation_level >> message.guarded >> message.overshoot_ns;
 }
 
 void get(Input& in, ImuPoseStatus& message) {
@@ -227,7 +226,7 @@ const char* ros_name(const ScanReport&) { return "nilio::msg::dds_::ScanReport_"
 const char* ros_name(const ImuPoseStatus&) { return "nilio::msg::dds_::ImuPoseStatus_"; }
 const char* ros_name(const DiagnosticArray&) { return "diagnostic_msgs::msg::dds_::DiagnosticArray_"; }
 
-// A message of usual size, for allocating beforehand.
+// Typical message for preallocation.
 void make_typical(Odometry& message) {
   message.frame_id.assign(kTypicalName, 'x');
   message.child_frame_id.assign(kTypicalName, 'x');
@@ -245,7 +244,8 @@ void make_typical(LatencyReport& message) {
   }
 }
 void make_typical(ScanReport& message) {
-  for (std::string* text : {&message.state, &message.stop_reason, &message.host_id, &message.budget_rung})
+  for (std::string* text :
+       {&message.state, &message.stop_reason, &message.host_id, &message.degradation_level})
     text->assign(kTypicalName, 'x');
   message.stages.resize(kTypicalStages);
   for (StageStamp& stage : message.stages) stage.name.assign(kTypicalName, 'x');

@@ -9,15 +9,15 @@
 
 namespace nilio::dds {
 
-/// How a message lies on the wire: plain CDR (XCDR version 1), to ipc/idl/nilio.idl, hence no generator at
-/// build time. deserialize() takes its bytes from the network: whatever they are, it returns false rather
-/// than throw or allocate more than the bytes could fill.
+/// Serialization of a message: plain CDR (XCDR version 1) according to ipc/idl/nilio.idl, written by hand so
+/// that no generator is needed at build time. deserialize() accepts any bytes from the network: it returns
+/// false rather than throw or allocate more than the bytes could fill.
 template <class Message>
 class MessageType : public eprosima::fastdds::dds::TopicDataType {
  public:
   using Payload = eprosima::fastrtps::rtps::SerializedPayload_t;
 
-  /// Registers under the name that ROS 2 gives the type in DDS.
+  /// Registers under the DDS name of the ROS 2 type.
   MessageType();
 
   bool serialize(void* data, Payload* payload) override;

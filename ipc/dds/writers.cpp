@@ -11,7 +11,7 @@ fastdds::DataWriterQos writer_qos(const WriterOptions& options) {
   fastdds::DataWriterQos qos;
   qos.reliability().kind =
       options.reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
-  // What a write may at most wait for Fast DDS's other threads; the default is 100 ms.
+  // Maximum wait of a write for Fast DDS's other threads; the default is 100 ms.
   qos.reliability().max_blocking_time = eprosima::fastrtps::Duration_t(0, 20'000'000);
   qos.durability().kind = fastdds::VOLATILE_DURABILITY_QOS;
   qos.history().kind = fastdds::KEEP_LAST_HISTORY_QOS;
@@ -19,7 +19,7 @@ fastdds::DataWriterQos writer_qos(const WriterOptions& options) {
   qos.publish_mode().kind = fastdds::SYNCHRONOUS_PUBLISH_MODE;
   qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.data_sharing().off();
-  // A lost pose is asked for again within one scan period; the default is 3 s.
+  // A lost pose is requested again within one scan period; the default is 3 s.
   qos.reliable_writer_qos().times.heartbeatPeriod = eprosima::fastrtps::Duration_t(0, 100'000'000);
   if (!options.type_hash.empty()) {
     const std::string user_data = "typehash=" + std::string(options.type_hash) + ";";
@@ -34,7 +34,7 @@ fastdds::DataWriter* create_writer(fastdds::DomainParticipant& participant, fast
                                    const std::string& topic_name, fastdds::TopicDataType* type,
                                    const WriterOptions& options) {
   const fastdds::TypeSupport own(type);
-  // Several topics may be of one type.
+  // Several topics may have the same type.
   const fastdds::TypeSupport known = participant.find_type(own.get_type_name());
   const fastdds::TypeSupport& support = known.empty() ? own : known;
   if (known.empty() && own.register_type(&participant) != ReturnCode_t::RETCODE_OK) return nullptr;

@@ -10,7 +10,7 @@
 
 namespace nilio::dds {
 
-// The type hashes that ROS 2 (Iron and later) publishes for these message definitions (REP 2011).
+// Type hashes that ROS 2 (Iron and later) publishes for these message definitions (REP 2011).
 inline constexpr std::string_view kOdometryHash =
     "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
 inline constexpr std::string_view kTransformHash =
@@ -19,18 +19,18 @@ inline constexpr std::string_view kTransformHash =
 struct WriterOptions {
   int depth = 10;
   bool reliable = true;
-  std::string_view type_hash;  ///< empty: not a type of ROS
+  std::string_view type_hash;  ///< empty: no ROS type
 };
 
-/// A volatile writer that keeps the last `depth` samples and sends from the thread that writes. Takes `type`
-/// over. Null when Fast DDS refuses.
+/// Creates a volatile writer that keeps the last `depth` samples and sends from the writing thread. Takes
+/// ownership of `type`. Null if Fast DDS refuses.
 eprosima::fastdds::dds::DataWriter* create_writer(eprosima::fastdds::dds::DomainParticipant& participant,
                                                   eprosima::fastdds::dds::Publisher& publisher,
                                                   const std::string& topic_name,
                                                   eprosima::fastdds::dds::TopicDataType* type,
                                                   const WriterOptions& options);
 
-/// Subscribers that the writer has found.
+/// Number of matched subscribers of the writer.
 int matched_subscribers(const eprosima::fastdds::dds::DataWriter& writer);
 
 }  // namespace nilio::dds

@@ -72,7 +72,7 @@ struct Outcome {
   std::size_t workers = 0;
   drivers::ScanAssemblerStats stats;
   std::array<std::uint64_t, 4> states{};
-  std::array<std::uint64_t, core::kBudgetRungs> rungs{};
+  std::array<std::uint64_t, core::kBudgetRungs> degradation_levels{};
   std::uint64_t guarded = 0;
   std::uint64_t points_merged = 0;
 };
@@ -89,7 +89,8 @@ std::unique_ptr<ipc::PublisherProcess> make_publisher() {
 void take_outputs(daemon::Pipeline& pipeline, ipc::Ring<ipc::PoseRecord>& published, Outcome& outcome) {
   while (const auto record = pipeline.poses().try_pop()) {
     ++outcome.states[static_cast<std::size_t>(record->state) % outcome.states.size()];
-    ++outcome.rungs[static_cast<std::size_t>(record->rung) % outcome.rungs.size()];
+    ++outcome.degradation_levels[static_cast<std::size_t>(record->degradation_level) %
+                                 outcome.degradation_levels.size()];
     if (record->guarded) ++outcome.guarded;
   }
   while (published.try_pop()) ++outcome.published;
@@ -99,7 +100,7 @@ void take_outputs(daemon::Pipeline& pipeline, ipc::Ring<ipc::PoseRecord>& publis
   }
   while (pipeline.decisions().try_pop()) {
   }
-  while (pipeline.feed_log().take()) {
+  while (pipeline.event_log().take()) {
   }
 }
 
@@ -238,7 +239,7 @@ TEST_CASE("every rung of the budget goes without allocation, lock or throw", "[d
     check_nothing_was_done();
     CHECK(outcome.watched_scans >= 600);
     CHECK(outcome.published == outcome.poses);
-    CHECK(outcome.rungs[static_cast<std::size_t>(core::BudgetRung::kFull)] < 100);
+    CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::BudgetRung::kFull)] < 100);
   }
 }
 
@@ -254,7 +255,7 @@ TEST_CASE("a budget that no registration keeps is kept by the guard without allo
   check_nothing_was_done();
   CHECK(outcome.watched_scans > 300);
   CHECK(outcome.published == outcome.poses);
-  CHECK(outcome.rungs[static_cast<std::size_t>(core::BudgetRung::kPredictionOnly)] > 100);
+  CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::BudgetRung::kPredictionOnly)] > 100);
 }
 
 TEST_CASE("a live LiDAR is found out, falls silent and comes back without allocation, lock or throw",
@@ -276,7 +277,7 @@ TEST_CASE("a live LiDAR is found out, falls silent and comes back without alloca
     std::uint64_t sent = 0;
     // No faster than packets are taken: neither the socket nor the ring loses any, nor is a scan superseded.
     const auto let_them_be_taken = [&] {
-      const daemon::LidarLane& lane = *pipeline.lidars()[0];
+      const daemon::LidarInput& lane = *pipeline.lidars()[0];
       REQUIRE(tests::eventually(
           [&] {
             look_after();

@@ -73,7 +73,7 @@ TEST_CASE("the odometry, its workers and the receive threads have the policy and
   // It names itself after the start.
   std::vector<pid_t> searching;
   tests::eventually([&] {
-    searching = threads_named("self", "nilio-search");
+    searching = threads_named("self", "nilio-identify");
     return !searching.empty();
   });
   REQUIRE(searching.size() == 1);
@@ -123,16 +123,16 @@ TEST_CASE("the supervisor's lack of a processor of its own is warned of", "[plan
   Config config;
   const CpuList cpus = scheduling_of(0).cpus;
   config.odometry.threads = static_cast<int>(cpus.size());
-  CHECK(judge_throttling(make_thread_plan(config, true).value()).warns);
-  CHECK_FALSE(judge_throttling(make_thread_plan(config, false).value()).warns);
+  CHECK(check_throttling(make_thread_plan(config, true).value()).warns);
+  CHECK_FALSE(check_throttling(make_thread_plan(config, false).value()).warns);
   if (cpus.size() < 2) return;
   config.realtime.odometry_cpus = std::to_string(cpus.back());
-  CHECK_FALSE(judge_throttling(make_thread_plan(config, true).value()).warns);
+  CHECK_FALSE(check_throttling(make_thread_plan(config, true).value()).warns);
 }
 
 TEST_CASE("a worker that runs otherwise than the odometry is a refusal that names both", "[plan]") {
   const ThreadPlan plan = make_thread_plan(Config{}, false).value();
-  CHECK(judge_workers(plan, {gettid()}).granted);
+  CHECK(check_workers(plan, {gettid()}).granted);
   if (!may_have_fifo()) {
     WARN("skipped: no permission for FIFO threads");
     return;
@@ -146,7 +146,7 @@ TEST_CASE("a worker that runs otherwise than the odometry is a refusal that name
     while (!over.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   });
   while (other.load() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  const PlanOutcome outcome = judge_workers(plan, {other.load()});
+  const PlanOutcome outcome = check_workers(plan, {other.load()});
   over.store(true);
   thread.join();
   CHECK_FALSE(outcome.granted);

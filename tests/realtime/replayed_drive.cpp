@@ -1,9 +1,9 @@
 #include "tests/realtime/replayed_drive.hpp"
 
+#include "nilio/core/clock.hpp"
 #include "nilio/drivers/can/log/candump.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
-#include "daemon/input/receive.hpp"
 #include "tests/support/read_all.hpp"
 #include "tests/support/room_drive.hpp"
 
@@ -114,15 +114,15 @@ drivers::SourceRead RepeatedPackets::read(std::span<drivers::Packet> slots, Dura
   std::size_t count = 0;
   while (count < slots.size() && next(slots[count])) ++count;
   if (speed_ > 0.0 && count > 0) {
-    if (begun_ns_ == 0) begun_ns_ = daemon::monotonic_ns();
+    if (begun_ns_ == 0) begun_ns_ = monotonic_ns();
     const Duration since_start = slots[0].stamp - recording_.packets.front().stamp;
     const std::int64_t due_ns =
         begun_ns_ + static_cast<std::int64_t>(static_cast<double>(since_start.ns) / speed_);
-    const std::int64_t left_ns = due_ns - daemon::monotonic_ns();
+    const std::int64_t left_ns = due_ns - monotonic_ns();
     const timespec pause{left_ns / 1'000'000'000, left_ns % 1'000'000'000};
     if (left_ns > 0) nanosleep(&pause, nullptr);
   }
-  for (drivers::Packet& packet : slots.first(count)) packet.received_ns = daemon::monotonic_ns();
+  for (drivers::Packet& packet : slots.first(count)) packet.received_ns = monotonic_ns();
   return {count > 0 ? drivers::SourceState::kData : drivers::SourceState::kEnd, count};
 }
 

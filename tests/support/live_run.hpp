@@ -70,7 +70,7 @@ class LiveRun {
   /// Poses and lines of the log so far.
   void collect() {
     while (const auto record = pipeline_->poses().try_pop()) poses.push_back(*record);
-    while (auto line = pipeline_->feed_log().take()) lines.push_back(std::move(*line));
+    while (auto line = pipeline_->event_log().take()) lines.push_back(std::move(*line));
   }
 
   /// Lines of this level that contain `text`.
@@ -82,7 +82,7 @@ class LiveRun {
 
   /// The receive thread of LiDAR number `lidar` has so many packets, and its ring has room for more.
   [[nodiscard]] bool has_delivered(std::size_t lidar, std::uint64_t packets) const {
-    const daemon::LidarLane& lane = *pipeline_->lidars()[lidar];
+    const daemon::LidarInput& lane = *pipeline_->lidars()[lidar];
     return lane.source.stats().delivered >= packets && lane.ring.size() < lane.ring.capacity() - 100;
   }
 
@@ -99,14 +99,14 @@ class LiveRun {
   [[nodiscard]] daemon::Pipeline& pipeline() { return *pipeline_; }
 
   std::vector<ipc::PoseRecord> poses;
-  std::vector<daemon::FeedLog::Line> lines;
+  std::vector<daemon::EventLog::Line> lines;
 
  private:
   static constexpr std::chrono::microseconds kPoll{500};
 
   /// Waits until all that was sent is off the socket and the ring.
   bool settle(std::size_t lidar) {
-    const daemon::LidarLane& lane = *pipeline_->lidars()[lidar];
+    const daemon::LidarInput& lane = *pipeline_->lidars()[lidar];
     return eventually([&] { return lane.source.stats().delivered >= sent_[lidar] && lane.ring.size() == 0; },
                       kPoll);
   }

@@ -17,7 +17,7 @@ struct ReplayRun {
   std::unique_ptr<daemon::Pipeline> pipeline;
   std::vector<std::string> notes;  ///< of the input
   std::vector<ipc::PoseRecord> poses;
-  std::vector<daemon::FeedLog::Line> lines;
+  std::vector<daemon::EventLog::Line> lines;
   std::vector<daemon::ScanDecision> decisions;
   std::uint64_t clouds = 0;
 };
@@ -33,7 +33,7 @@ inline ReplayRun run_input(const daemon::Config& config, daemon::Input input,
   const auto drain = [&run] {
     while (const auto record = run.pipeline->poses().try_pop()) run.poses.push_back(*record);
     while (run.pipeline->clouds().try_pop()) ++run.clouds;
-    while (auto line = run.pipeline->feed_log().take()) run.lines.push_back(std::move(*line));
+    while (auto line = run.pipeline->event_log().take()) run.lines.push_back(std::move(*line));
     while (const auto decision = run.pipeline->decisions().try_pop()) run.decisions.push_back(*decision);
   };
   while (!run.pipeline->finished()) {

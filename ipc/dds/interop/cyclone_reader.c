@@ -90,7 +90,7 @@ static int print_report(const void* sample) {
          (int)report->imu_used, (int)report->predicted, (unsigned)report->degenerate_axes,
          (double)report->coverage_deg, report->points, report->points_used, report->correspondences,
          report->coarse_iterations, report->fine_iterations, report->map_voxels, report->lost_packets,
-         report->missing_firings, report->superseded, report->budget_rung, (int)report->guarded,
+         report->missing_firings, report->superseded, report->degradation_level, (int)report->guarded,
          report->overshoot_ns);
   return 1;
 }

@@ -44,7 +44,7 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
   // takes a thread of its own a while, is as silent.
   drive(70, true);
   for (const auto& lane : run.pipeline().lidars())
-    REQUIRE(eventually([&] { return lane->channel.is_known(); }));
+    REQUIRE(eventually([&] { return lane->channel.is_identified(); }));
   drive(930, true);
   const std::size_t poses_with_both = run.poses.size();
   // Clocks set by the times of arrival may be warned of: a busy computer sends in no sensor's rhythm.
@@ -55,7 +55,7 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
   CHECK(run.poses.size() > poses_with_both + 5);
   drive(1000, true);
   run.stop();
-  for (const FeedLog::Line& line : run.lines) UNSCOPED_INFO(line.text);
+  for (const EventLog::Line& line : run.lines) UNSCOPED_INFO(line.text);
   CHECK(run.count_lines(LogLevel::kWarning, silent) == 1);
   CHECK(run.count_lines(LogLevel::kInfo, "lidar2: its packets come again in time") == 1);
   CHECK(run.count_lines(LogLevel::kInfo, "lidar2: LiDAR VLP-16 (from the packets)") == 1);

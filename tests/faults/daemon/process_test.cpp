@@ -160,8 +160,8 @@ TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies 
   // None before the first scan has its pose, which a busy computer may be late with.
   CHECK(poses > samples / 2);
   CHECK(poses < samples);
-  for (const char* stage : {"receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "hand_over",
-                            "map", "end_to_end"}) {
+  for (const char* stage :
+       {"receive_to_pop", "assemble", "queue", "filter", "coarse", "fine", "deliver", "map", "end_to_end"}) {
     INFO(stage);
     const std::string text = read_file(folder.path() / "run" / "latency" / (std::string(stage) + ".hgrm"));
     CHECK(text.find("       Value     Percentile TotalCount 1/(1-Percentile)") == 0);

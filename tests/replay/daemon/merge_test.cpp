@@ -39,7 +39,7 @@ Config one_lidar() {
 std::size_t count_lines(const ReplayRun& run, const std::string& text) {
   return static_cast<std::size_t>(
       std::count_if(run.lines.begin(), run.lines.end(),
-                    [&](const FeedLog::Line& line) { return line.text.find(text) != std::string::npos; }));
+                    [&](const EventLog::Line& line) { return line.text.find(text) != std::string::npos; }));
 }
 
 /// Root mean square of the positions' errors, of base_link relative to the first pose.
@@ -71,7 +71,7 @@ class Scans {
     partial.min_coverage = 0.0;
     lane_.emplace("lidar", config.lidar, assembler_config(config.lidar), *source_, sensor_, log_);
     other_.emplace("lidar2", second, partial, *other_source_, sensor_, log_);
-    for (LidarLane* lane : {&*lane_, &*other_})
+    for (LidarInput* lane : {&*lane_, &*other_})
       receive_packets(lane->source, lane->ring, event_, {}, lane->state);
     first_.emplace(lane_->channel, event_);
     MergedScanFeed::Other other;
@@ -82,7 +82,7 @@ class Scans {
                   log_);
   }
   MergedScanFeed& feed() { return *feed_; }
-  const LidarLane& other() { return *other_; }
+  const LidarInput& other() { return *other_; }
 
  private:
   static std::unique_ptr<drivers::PacketSource> open(const std::filesystem::path& folder,
@@ -92,12 +92,12 @@ class Scans {
   }
 
   const drivers::VelodyneSensor sensor_ = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
-  FeedLog log_;
+  EventLog log_;
   ipc::WakeEvent event_;
   std::unique_ptr<drivers::PacketSource> source_;
   std::unique_ptr<drivers::PacketSource> other_source_;
-  std::optional<LidarLane> lane_;
-  std::optional<LidarLane> other_;
+  std::optional<LidarInput> lane_;
+  std::optional<LidarInput> other_;
   std::optional<PacketScanFeed> first_;
   std::optional<MergedScanFeed> feed_;
 };

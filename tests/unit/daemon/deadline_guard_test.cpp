@@ -1,6 +1,7 @@
 #include "daemon/odometry/deadline_guard.hpp"
 
-#include "daemon/input/receive.hpp"
+#include "nilio/core/clock.hpp"
+
 #include "daemon/odometry/decision_log.hpp"
 #include "tests/support/room_drive.hpp"
 
@@ -57,7 +58,7 @@ constexpr std::int64_t kMillisecond = 1'000'000;
 TEST_CASE("a pose that is claimed before its deadline is not published by the guard") {
   RunningGuard run;
   for (std::uint64_t i = 0; i < 100; ++i) {
-    const std::int64_t deadline = daemon::monotonic_ns() + 3'600'000 * kMillisecond;
+    const std::int64_t deadline = monotonic_ns() + 3'600'000 * kMillisecond;
     run.guard->arm(record_of(i), deadline, deadline);
     CHECK(run.guard->claim());
   }
@@ -67,7 +68,7 @@ TEST_CASE("a pose that is claimed before its deadline is not published by the gu
 
 TEST_CASE("the guard publishes what is not claimed in time, and says by how much it missed the deadline") {
   RunningGuard run;
-  const std::int64_t now = daemon::monotonic_ns();
+  const std::int64_t now = monotonic_ns();
   run.guard->arm(record_of(7), now - 5 * kMillisecond, now);
   // For as long as it takes: claim() before that would be in time.
   while (run.calls.load() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -86,12 +87,11 @@ TEST_CASE("whoever is faster, each scan is published once and in order") {
     const bool is_claimed = i % 100 == 0;
     const bool is_left = i % 100 == 50;
     const std::int64_t deadline =
-        daemon::monotonic_ns() +
-        (is_claimed ? 3'600'000 * kMillisecond : static_cast<std::int64_t>(i % 40) * 10'000);
+        monotonic_ns() + (is_claimed ? 3'600'000 * kMillisecond : static_cast<std::int64_t>(i % 40) * 10'000);
     const int calls = run.calls.load();
     run.guard->arm(record_of(i), deadline, deadline);
     const std::int64_t claim_at = deadline - 30'000 + static_cast<std::int64_t>(i % 7) * 20'000;
-    while (is_left ? run.calls.load() == calls : !is_claimed && daemon::monotonic_ns() < claim_at) {
+    while (is_left ? run.calls.load() == calls : !is_claimed && monotonic_ns() < claim_at) {
     }
     if (run.guard->claim()) {
       run.published.push_back(i);

@@ -25,7 +25,7 @@ TEST_CASE("what came while the sensor was searched for is neither late nor a bac
   const LidarConfig config;
   auto ring = ipc::Ring<drivers::Packet>::in_private_memory(2048);
   ReceiveState state;
-  FeedLog log;
+  EventLog log;
   LidarChannel channel("lidar", config, {}, std::nullopt, ring, state, log);
   auto data_event = ipc::WakeEvent::create();
   REQUIRE(data_event.ok());
@@ -34,8 +34,8 @@ TEST_CASE("what came while the sensor was searched for is neither late nor a bac
   const std::span<const drivers::Packet> all(packets);
 
   receive(ring, all.first(800));
-  channel.search();
-  REQUIRE(channel.is_known());
+  channel.identify();
+  REQUIRE(channel.is_identified());
   // The one that told the model leaves the others where they are.
   REQUIRE(channel.packets_in_ring() > 600);
   const std::int64_t known_ns = monotonic_ns();

@@ -3,30 +3,30 @@
 #include <catch2/catch.hpp>
 
 using nilio::core::Duration;
-using nilio::daemon::SampleRhythm;
+using nilio::daemon::SamplePeriodEstimator;
 
 TEST_CASE("the next sample is due a period after the last one, and before two samples nothing is known") {
-  SampleRhythm rhythm;
-  CHECK_FALSE(rhythm.due_after({100}, {0}));
-  rhythm.add({0});
-  CHECK_FALSE(rhythm.due_after({100}, {0}));
-  rhythm.add({10'000'000});
-  CHECK(rhythm.due_after({13'000'000}, {10'000'000}) == Duration{7'000'000});
-  CHECK(rhythm.due_after({20'000'000}, {10'000'000}) == Duration{});
-  CHECK(rhythm.due_after({5'000'000}, {10'000'000}) == Duration{});
+  SamplePeriodEstimator estimator;
+  CHECK_FALSE(estimator.due_after({100}, {0}));
+  estimator.add({0});
+  CHECK_FALSE(estimator.due_after({100}, {0}));
+  estimator.add({10'000'000});
+  CHECK(estimator.due_after({13'000'000}, {10'000'000}) == Duration{7'000'000});
+  CHECK(estimator.due_after({20'000'000}, {10'000'000}) == Duration{});
+  CHECK(estimator.due_after({5'000'000}, {10'000'000}) == Duration{});
   // Some that are known to have been sent have not come yet.
-  CHECK(rhythm.due_after({41'000'000}, {10'000'000}) == Duration{9'000'000});
+  CHECK(estimator.due_after({41'000'000}, {10'000'000}) == Duration{9'000'000});
 }
 
 TEST_CASE("gaps, repeated stamps and a clock that is set back are no periods") {
-  SampleRhythm rhythm;
+  SamplePeriodEstimator estimator;
   std::int64_t stamp = 0;
-  for (int i = 0; i < 50; ++i) rhythm.add({stamp += 2'500'000});
-  rhythm.add({stamp});
-  rhythm.add({stamp += 5'000'000'000});
-  rhythm.add({stamp -= 3'000'000'000});
-  CHECK(rhythm.due_after({stamp + 1}, {stamp}) == Duration{2'499'999});
-  // A new rhythm is taken up.
-  for (int i = 0; i < 200; ++i) rhythm.add({stamp += 5'000'000});
-  CHECK(rhythm.due_after({stamp + 1}, {stamp})->ns == Approx(5e6).epsilon(0.01));
+  for (int i = 0; i < 50; ++i) estimator.add({stamp += 2'500'000});
+  estimator.add({stamp});
+  estimator.add({stamp += 5'000'000'000});
+  estimator.add({stamp -= 3'000'000'000});
+  CHECK(estimator.due_after({stamp + 1}, {stamp}) == Duration{2'499'999});
+  // A new estimator is taken up.
+  for (int i = 0; i < 200; ++i) estimator.add({stamp += 5'000'000});
+  CHECK(estimator.due_after({stamp + 1}, {stamp})->ns == Approx(5e6).epsilon(0.01));
 }

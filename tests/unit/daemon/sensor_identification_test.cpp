@@ -1,4 +1,5 @@
 #include "daemon/input/sensor_identification.hpp"
+
 #include "tests/support/hdl64e_packets.hpp"
 
 #include <catch2/catch.hpp>
@@ -11,14 +12,14 @@ using drivers::kHdl64eStatusPackets;
 
 namespace {
 
-using State = SensorFinder::State;
+using State = SensorIdentification::State;
 
 /// Packets needed for a decision; all of them when there was none.
-std::size_t packets_needed(SensorFinder& finder, const std::vector<drivers::Packet>& packets,
+std::size_t packets_needed(SensorIdentification& identification, const std::vector<drivers::Packet>& packets,
                            State expected) {
   for (std::size_t i = 0; i < packets.size(); ++i) {
-    const State state = finder.add(packets[i]);
-    if (state == State::kLooking) continue;
+    const State state = identification.add(packets[i]);
+    if (state == State::kUndecided) continue;
     CHECK(state == expected);
     return i + 1;
   }
@@ -34,36 +35,36 @@ LidarConfig with_model(const std::string& model) {
 }  // namespace
 
 TEST_CASE("64 packets tell the model, and at the end of a recording fewer do") {
-  SensorFinder finder(LidarConfig{}, "lidar");
-  CHECK(packets_needed(finder, vlp16_packets(100), State::kFound) == 64);
-  CHECK(finder.take().model == drivers::VelodyneModel::kVlp16);
-  REQUIRE(finder.notes().size() == 1);
-  CHECK(finder.notes()[0] == "LiDAR VLP-16 (from the packets)");
+  SensorIdentification identification(LidarConfig{}, "lidar");
+  CHECK(packets_needed(identification, vlp16_packets(100), State::kIdentified) == 64);
+  CHECK(identification.take().model == drivers::VelodyneModel::kVlp16);
+  REQUIRE(identification.notes().size() == 1);
+  CHECK(identification.notes()[0] == "LiDAR VLP-16 (from the packets)");
 
-  SensorFinder at_end(LidarConfig{}, "lidar");
-  CHECK(packets_needed(at_end, vlp16_packets(20), State::kFound) == 20);
-  REQUIRE(at_end.finish() == State::kFound);
+  SensorIdentification at_end(LidarConfig{}, "lidar");
+  CHECK(packets_needed(at_end, vlp16_packets(20), State::kIdentified) == 20);
+  REQUIRE(at_end.finish() == State::kIdentified);
   CHECK(at_end.take().model == drivers::VelodyneModel::kVlp16);
 }
 
 TEST_CASE("packets of other lengths do not count for the model") {
-  SensorFinder finder(LidarConfig{}, "lidar");
+  SensorIdentification identification(LidarConfig{}, "lidar");
   drivers::Packet other;
   other.size = 512;
-  for (int i = 0; i < 200; ++i) REQUIRE(finder.add(other) == State::kLooking);
-  CHECK(packets_needed(finder, vlp16_packets(100), State::kFound) == 64);
+  for (int i = 0; i < 200; ++i) REQUIRE(identification.add(other) == State::kUndecided);
+  CHECK(packets_needed(identification, vlp16_packets(100), State::kIdentified) == 64);
 }
 
 TEST_CASE("a model that the packets are not of is refused with both, until packets fit") {
-  SensorFinder finder(with_model("HDL-32E"), "lidar2");
-  CHECK(packets_needed(finder, vlp16_packets(100), State::kRefused) == 64);
-  CHECK_THAT(finder.problem(), Contains("lidar2.model is HDL-32E") && Contains("VLP-16"));
+  SensorIdentification identification(with_model("HDL-32E"), "lidar2");
+  CHECK(packets_needed(identification, vlp16_packets(100), State::kRejected) == 64);
+  CHECK_THAT(identification.problem(), Contains("lidar2.model is HDL-32E") && Contains("VLP-16"));
   TurningSensor turning;
   turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl32e);
   std::vector<drivers::Packet> packets;
   for (std::size_t i = 0; i < 64; ++i) packets.push_back(turning.packet(i));
-  CHECK(packets_needed(finder, packets, State::kFound) == 64);
-  CHECK(finder.take().model == drivers::VelodyneModel::kHdl32e);
+  CHECK(packets_needed(identification, packets, State::kIdentified) == 64);
+  CHECK(identification.take().model == drivers::VelodyneModel::kHdl32e);
 }
 
 TEST_CASE("a model that cannot be told from packets has to be set") {
@@ -71,75 +72,75 @@ TEST_CASE("a model that cannot be told from packets has to be set") {
   turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp32b);
   std::vector<drivers::Packet> packets;
   for (std::size_t i = 0; i < 64; ++i) packets.push_back(turning.packet(i));
-  SensorFinder open(LidarConfig{}, "lidar");
-  packets_needed(open, packets, State::kRefused);
+  SensorIdentification open(LidarConfig{}, "lidar");
+  packets_needed(open, packets, State::kRejected);
   CHECK_THAT(open.problem(), Contains("VLP-32A or VLP-32B") && Contains("lidar.model"));
-  SensorFinder set(with_model("VLP-32B"), "lidar");
-  packets_needed(set, packets, State::kFound);
+  SensorIdentification set(with_model("VLP-32B"), "lidar");
+  packets_needed(set, packets, State::kIdentified);
   CHECK(set.take().model == drivers::VelodyneModel::kVlp32b);
 }
 
 TEST_CASE("a calibration file of another sensor refuses the packets") {
   LidarConfig config;
   config.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
-  SensorFinder finder(config, "lidar");
-  packets_needed(finder, vlp16_packets(64), State::kRefused);
-  CHECK_THAT(finder.problem(), Contains("hdl64e_s2_kitti.yaml"));
+  SensorIdentification identification(config, "lidar");
+  packets_needed(identification, vlp16_packets(64), State::kRejected);
+  CHECK_THAT(identification.problem(), Contains("hdl64e_s2_kitti.yaml"));
 }
 
 TEST_CASE("an HDL-64E's own calibration is used wherever its stream is joined") {
   const drivers::Hdl64eCalibration sent = make_writer().calibration();
   for (const std::size_t first :
        {std::size_t{0}, std::size_t{1}, std::size_t{2000}, kHdl64eStatusPackets - 1}) {
-    SensorFinder finder(LidarConfig{}, "lidar");
+    SensorIdentification identification(LidarConfig{}, "lidar");
     const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets, StatusStream::kWhole, first);
-    const std::size_t needed = packets_needed(finder, packets, State::kFound);
+    const std::size_t needed = packets_needed(identification, packets, State::kIdentified);
     CHECK(needed == (first == 0 ? kHdl64eStatusPackets : 2 * kHdl64eStatusPackets - first));
-    const drivers::VelodyneSensor sensor = finder.take();
+    const drivers::VelodyneSensor sensor = identification.take();
     for (std::size_t i = 0; i < drivers::kHdl64eLasers; ++i) {
       REQUIRE(sensor.lasers[i].elevation_rad == sent.lasers[i].elevation_rad);
       REQUIRE(sensor.lasers[i].distance_correction_m == sent.lasers[i].distance_correction_m);
     }
-    REQUIRE(finder.notes().size() == 1);
-    CHECK_THAT(finder.notes()[0], Contains("its own status stream") && Contains("2023-11-14"));
-    CHECK(finder.warnings().empty());
+    REQUIRE(identification.notes().size() == 1);
+    CHECK_THAT(identification.notes()[0], Contains("its own status stream") && Contains("2023-11-14"));
+    CHECK(identification.warnings().empty());
   }
 }
 
 TEST_CASE("a gap in the first pass leaves the second to be used") {
   auto packets = hdl64e_packets(2 * kHdl64eStatusPackets + 1, StatusStream::kWhole);
   packets.erase(packets.begin() + 1000);
-  SensorFinder finder(LidarConfig{}, "lidar");
-  CHECK(packets_needed(finder, packets, State::kFound) == 2 * kHdl64eStatusPackets - 1);
-  CHECK_THAT(finder.notes().front(), Contains("its own status stream"));
+  SensorIdentification identification(LidarConfig{}, "lidar");
+  CHECK(packets_needed(identification, packets, State::kIdentified) == 2 * kHdl64eStatusPackets - 1);
+  CHECK_THAT(identification.notes().front(), Contains("its own status stream"));
 }
 
 TEST_CASE("a stream without a table is looked at for one pass and no longer") {
-  SensorFinder finder(LidarConfig{}, "lidar");
+  SensorIdentification identification(LidarConfig{}, "lidar");
   const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets, StatusStream::kWithoutTable, 5);
-  CHECK(packets_needed(finder, packets, State::kFound) == kHdl64eStatusPackets);
+  CHECK(packets_needed(identification, packets, State::kIdentified) == kHdl64eStatusPackets);
   const drivers::VelodyneSensor built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2);
-  CHECK(finder.take().lasers == built_in.lasers);
-  REQUIRE(finder.warnings().size() == 1);
-  CHECK_THAT(finder.warnings()[0],
+  CHECK(identification.take().lasers == built_in.lasers);
+  REQUIRE(identification.warnings().size() == 1);
+  CHECK_THAT(identification.warnings()[0],
              Contains("lidar.calibration") && Contains("db.xml") && Contains("--write-calibration"));
 }
 
 TEST_CASE("a calibration with a wrong checksum is not used, and it is said") {
-  SensorFinder finder(LidarConfig{}, "lidar");
+  SensorIdentification identification(LidarConfig{}, "lidar");
   const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets + 100, StatusStream::kWrongChecksum);
-  CHECK(packets_needed(finder, packets, State::kFound) == 2 * kHdl64eStatusPackets);
+  CHECK(packets_needed(identification, packets, State::kIdentified) == 2 * kHdl64eStatusPackets);
   const drivers::VelodyneSensor built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2);
-  CHECK(finder.take().lasers == built_in.lasers);
-  REQUIRE(finder.warnings().size() == 1);
-  CHECK_THAT(finder.warnings()[0], Contains("checksum"));
+  CHECK(identification.take().lasers == built_in.lasers);
+  REQUIRE(identification.warnings().size() == 1);
+  CHECK_THAT(identification.warnings()[0], Contains("checksum"));
 }
 
 TEST_CASE("a calibration file goes before the status stream, and needs no wait") {
   LidarConfig config;
   config.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
-  SensorFinder finder(config, "lidar");
+  SensorIdentification identification(config, "lidar");
   const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets, StatusStream::kWhole);
-  CHECK(packets_needed(finder, packets, State::kFound) == 64);
-  CHECK(finder.warnings().empty());
+  CHECK(packets_needed(identification, packets, State::kIdentified) == 64);
+  CHECK(identification.warnings().empty());
 }

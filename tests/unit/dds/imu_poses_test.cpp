@@ -41,7 +41,7 @@ ipc::PoseRecord moving_record(std::uint64_t sequence, std::int64_t stamp_ns, dou
   record.imu_used = true;
   record.state = core::TrackingState::kTracking;
   record.stage_ns[static_cast<std::size_t>(ipc::Stage::kReceived)] = monotonic_ns() - 20'000'000;
-  record.stage_ns[static_cast<std::size_t>(ipc::Stage::kHandedOver)] = monotonic_ns();
+  record.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)] = monotonic_ns();
   return record;
 }
 
@@ -298,7 +298,7 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
     record.stop_reason = core::StopReason::kMaxIterations;
     record.lost_packets = 7;
     record.superseded = 3;
-    record.rung = core::BudgetRung::kIcpOnly;
+    record.degradation_level = core::BudgetRung::kIcpOnly;
     record.guarded = true;
     record.has_deadline = true;
     record.overshoot_ns = -12;
@@ -317,7 +317,7 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
     CHECK(report.stop_reason == core::name_of(core::StopReason::kMaxIterations));
     CHECK(report.lost_packets == 7);
     CHECK(report.superseded == 3);
-    CHECK(report.budget_rung == core::name_of(core::BudgetRung::kIcpOnly));
+    CHECK(report.degradation_level == core::name_of(core::BudgetRung::kIcpOnly));
     CHECK(report.guarded);
     CHECK(report.overshoot_ns == -12);
     CHECK(report.host_id == dds::read_host_id());

@@ -76,7 +76,7 @@ ScanReport sample_scan_report() {
   report.sequence = 1ULL << 40;
   report.state = "tracking";
   report.stop_reason = "converged";
-  report.handed_over = {1'700'000'000'120'000'000};
+  report.delivered = {1'700'000'000'120'000'000};
   report.host_id = "5c2e";
   report.stages = {{"received", 1}, {"", -2}, {"written", 1LL << 50}};
   report.imu_used = true;
@@ -91,7 +91,7 @@ ScanReport sample_scan_report() {
   report.lost_packets = 7;
   report.missing_firings = 8;
   report.superseded = 9;
-  report.budget_rung = "icp_only";
+  report.degradation_level = "icp_only";
   report.guarded = true;
   report.overshoot_ns = -10;
   return report;

@@ -163,7 +163,7 @@ TEST_CASE("clocks that are set back by hours are followed from the second scan o
 
 TEST_CASE("of a pose and a sample that wait, the one that was there first is taken first") {
   PoseRecord pose;
-  pose.stage_ns[static_cast<std::size_t>(Stage::kHandedOver)] = 5 * kMs;
+  pose.stage_ns[static_cast<std::size_t>(Stage::kDelivered)] = 5 * kMs;
   CHECK(pose_comes_first(pose, sample_record(6)));
   CHECK_FALSE(pose_comes_first(pose, sample_record(4)));
 }
