@@ -94,7 +94,7 @@ bool same_poses(const BudgetRun& a, const BudgetRun& b) {
 
 }  // namespace
 
-TEST_CASE("counted work keeps every budget: one pose a scan, none late, and the rungs go down in order") {
+TEST_CASE("counted work keeps every budget: one pose a scan, none late, and the degradation_levels go down in order") {
   for (const double budget_ms : {50.0, 2.0, 1.0, 0.5, 0.3, 0.15}) {
     INFO("budget " << budget_ms << " ms");
     const BudgetRun run = drive(ops(budget_ms), 30);

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Builds the examples against an installed tree and runs them.
+#   test_installed.sh BUILD_FOLDER NILIO_PROGRAM
+set -euo pipefail
+source_dir=$(cd "$(dirname "$0")/../.." && pwd)
+build=$1
+nilio=$2
+work=$build/installed
+rm -rf "$work"
+mkdir -p "$work"
+cmake --install "$build" --prefix "$work/prefix" >"$work/install.txt"
+
+for file in bin/niliod bin/nilio-publisher bin/nilio include/nilio/core/odometry.hpp include/nilio/drivers/velodyne/decoder.hpp \
+            share/nilio/nilio.yaml share/nilio/dbc/xsens_mti.dbc share/doc/nilio/LICENSE; do
+  [[ -e $work/prefix/$file ]] || { echo "installed tree: $file is missing" >&2; exit 1; }
+done
+cmake -S "$source_dir/core/examples" -B "$work/examples" -DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_BUILD_TYPE=Release >"$work/configure.txt"
+cmake --build "$work/examples" >"$work/build.txt"
+
+# A simulated capture through the second example, evaluated against its truth.
+"$nilio" simulate "$work/drive" --sensor vlp16 --imu none --duration 6 >"$work/simulate.txt"
+"$work/examples/odometry_from_pcap" "$work/drive/lidar.pcap" >"$work/trajectory.tum"
+poses=$(wc -l <"$work/trajectory.tum")
+((poses >= 50)) || { echo "odometry_from_pcap: $poses poses of a drive of 6 s" >&2; exit 1; }
+"$nilio" evaluate "$work/drive/truth.tum" "$work/trajectory.tum" --json "$work/evaluation.json"
+
+data=${NILIO_DATA:-$source_dir/../shared/data}
+archive=$data/kitti/odometry_04_frames_000-050.tar.xz
+if [[ ! -e $archive ]]; then
+  echo "skipped: odometry_from_kitti: no data"
+  exit 0
+fi
+tar -xJf "$archive" -C "$work"
+sequence=$(dirname "$(find "$work" -type d -name velodyne | head -n 1)")
+"$work/examples/odometry_from_kitti" "$sequence" >"$work/kitti.txt"
+[[ $(wc -l <"$work/kitti.txt") == 51 ]] || { echo "odometry_from_kitti: not 51 poses" >&2; exit 1; }
+# 69.13 m of true path; end-point distance of the estimate.
+awk 'END { d = sqrt($4^2 + $8^2 + $12^2); if (d < 67 || d > 71) { print "odometry_from_kitti: end after " d " m"; exit 1 } }' "$work/kitti.txt"
