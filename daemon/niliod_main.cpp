@@ -45,33 +45,36 @@ struct Arguments {
   bool as_live = false;
   bool check_config = false;
   bool help_config = false;
+  bool config_reference = false;
 };
 
 void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option("--config", arguments.config_file, "configuration file (YAML)");
   app.add_option(
          "--replay", arguments.replay,
-         "folder or files to replay instead of live sensors: capture, CAN log, or a KITTI sequence folder")
+         "replay a folder or files instead of live sensors: capture, CAN log, or KITTI sequence folder")
       ->expected(1, -1);
   app.add_option("--speed", arguments.speed, "pace of a replay: as recorded, or as fast as possible")
       ->check(CLI::IsMember({"real", "max"}))
       ->capture_default_str();
   app.add_flag(
       "--as-live", arguments.as_live,
-      "replay at its own pace and under the rules of a live run: what is late is dropped, the newest "
-      "scan wins, the budget is kept by the clock");
+      "paced replay under live rules: full rings drop packets, the newest scan wins, the clock limits the "
+      "computing time");
   app.add_option("--decisions", arguments.decisions,
-                 "replay a run under live rules to the bit: the decisions.jsonl that it wrote");
+                 "decision log (decisions.jsonl) of a run under live rules to repeat bit by bit");
   app.add_option("--output", arguments.output,
-                 "folder for trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and under "
-                 "live rules decisions.jsonl");
+                 "output folder: trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and "
+                 "under live rules decisions.jsonl");
   app.add_option("--set", arguments.overrides,
                  "override one key, such as odometry.threads=2; may be repeated")
       ->take_all()
       ->expected(1);
   app.add_flag("--check-config", arguments.check_config,
-               "check the configuration, print the effective one, and end");
-  app.add_flag("--help-config", arguments.help_config, "list all configuration keys and end");
+               "check the configuration, print the effective one and exit");
+  app.add_flag("--help-config", arguments.help_config, "list all configuration keys and exit");
+  app.add_flag("--print-config-reference", arguments.config_reference,
+               "print all configuration keys as Markdown tables and exit");
   app.set_version_flag("--version", NILIO_VERSION);
 }
 
@@ -101,9 +104,9 @@ int run(const Arguments& arguments) {
     files = *found;
   }
   if (arguments.replay.empty() && (arguments.as_live || !arguments.decisions.empty()))
-    return fail("--as-live and --decisions are about a recording: name it with --replay");
+    return fail("--as-live and --decisions: no recording given - name it with --replay");
   if (arguments.as_live && !arguments.decisions.empty())
-    return fail("--as-live decides anew what --decisions repeats: give one of them");
+    return fail("--as-live and --decisions: both given - choose one of them");
   const auto config = effective_config(arguments, files);
   if (!config) return fail(config.error().message);
   const auto plan = nilio::daemon::make_thread_plan(*config, arguments.replay.empty() || arguments.as_live);
@@ -143,19 +146,18 @@ int main(int argc, char** argv) {
   Arguments arguments;
   add_options(app, arguments);
   CLI11_PARSE(app, argc, argv);
-  if (arguments.help_config) {
-    std::cout << nilio::daemon::describe_keys();
+  if (arguments.help_config || arguments.config_reference) {
+    std::cout << (arguments.help_config ? nilio::daemon::describe_keys() : nilio::daemon::config_reference());
     return 0;
   }
   if (arguments.replay.empty() && arguments.config_file.empty() && arguments.overrides.empty()) {
     return fail(
-        "nothing to do: give --replay FOLDER for a recording or --config FILE for live sensors (--help tells "
-        "more)");
+        "no input: give --replay FOLDER for a recording or --config FILE for live sensors (see --help)");
   }
   install_signal_handlers();
   try {
     return run(arguments);
   } catch (const std::exception& exception) {
-    return fail(std::string("ended by an unexpected error: ") + exception.what());
+    return fail(std::string("unexpected error: ") + exception.what());
   }
 }

@@ -2,7 +2,7 @@
 
 #include "nilio/core/time.hpp"
 
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 
 #include <array>
 #include <atomic>

@@ -5,8 +5,7 @@
 
 #include "core/src/estimation/imu_rate_odometry.hpp"
 #include "core/src/estimation/pose_slew_limiter.hpp"
-#include "ipc/imu_record.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 #include "ipc/ring.hpp"
 
 #include <array>

@@ -1,7 +1,12 @@
 #pragma once
 
+#include <cerrno>
 #include <cstddef>
+#include <cstring>
+#include <pthread.h>
+#include <sched.h>
 #include <string>
+#include <sys/mman.h>
 
 namespace nilio::ipc {
 
@@ -9,10 +14,20 @@ namespace nilio::ipc {
 // remedy.
 
 /// Sets the calling thread to SCHED_FIFO with this priority.
-std::string request_fifo(int priority);
+inline std::string request_fifo(int priority) {
+  const sched_param parameters{priority};
+  const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
+  if (error == 0) return {};
+  return "FIFO " + std::to_string(priority) + " refused (" + std::strerror(error) +
+         "): grant CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
+}
 
 /// Locks all present and future memory of the process, which avoids page faults.
-std::string request_memory_lock();
+inline std::string request_memory_lock() {
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return {};
+  return std::string("locking refused (") + std::strerror(errno) +
+         "): page faults may delay poses; grant CAP_IPC_LOCK or LimitMEMLOCK=infinity";
+}
 
 /// Stack size of niliod's real-time threads and the odometry's workers, and of nilio-publisher's threads if
 /// memory is locked. Larger than any measured use and small enough to lock.

@@ -4,8 +4,7 @@
 #include "nilio/core/time.hpp"
 
 #include "ipc/imu_pose_stream.hpp"
-#include "ipc/imu_record.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 #include "ipc/ring.hpp"
 #include "ipc/wake_event.hpp"
 

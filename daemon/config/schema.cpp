@@ -4,494 +4,217 @@
 #include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include <utility>
+
 namespace nilio::daemon {
 
 namespace {
 
-void add_extrinsic(std::vector<ConfigKey>& keys, const std::string& sensor, ExtrinsicConfig& extrinsic) {
-  keys.push_back({sensor + ".extrinsic.translation",
-                  &extrinsic.translation,
-                  "position of the sensor in base_link: [x, y, z]",
-                  "m",
-                  -50.0,
-                  50.0,
-                  {}});
-  keys.push_back({sensor + ".extrinsic.rotation_rpy_deg",
-                  &extrinsic.rotation_rpy_deg,
-                  "rotation sensor to base_link about fixed axes: [roll, pitch, yaw]",
-                  "deg",
-                  -360.0,
-                  360.0,
-                  {}});
+using Names = std::vector<std::string>;
+
+/// Adds the keys below one section path to the table.
+class Section {
+ public:
+  Section(std::vector<ConfigKey>& keys, std::string path) : keys_(keys), path_(std::move(path)) {}
+
+  [[nodiscard]] Section below(const std::string& name) const { return {keys_, path_ + "." + name}; }
+
+  /// Flag, list of texts, or free text.
+  void add(const char* name, ConfigKey::Target target, const std::string& help) {
+    keys_.push_back({.path = path_ + "." + name, .target = target, .help = help});
+  }
+  void choice(const char* name, std::string& target, Names allowed, const char* help) {
+    add(name, &target, help);
+    keys_.back().allowed = std::move(allowed);
+  }
+  /// Number (or three) from `min` to `max`; equal limits allow any finite number.
+  void number(const char* name, ConfigKey::Target target, const char* unit, double min, double max,
+              const std::string& help) {
+    add(name, target, help);
+    keys_.back().unit = unit;
+    keys_.back().minimum = min;
+    keys_.back().maximum = max;
+  }
+
+ private:
+  std::vector<ConfigKey>& keys_;
+  std::string path_;
+};
+
+void add_extrinsic(Section sensor, ExtrinsicConfig& c) {
+  Section s = sensor.below("extrinsic");
+  s.number("translation", &c.translation, "m", -50, 50, "position of the sensor in base_link: [x, y, z]");
+  s.number("rotation_rpy_deg", &c.rotation_rpy_deg, "deg", -360, 360,
+           "rotation from the sensor frame to base_link about fixed axes: [roll, pitch, yaw]");
 }
 
-std::vector<std::string> lidar_models() {
-  std::vector<std::string> names{"auto"};
+/// Keys of every LiDAR.
+void add_lidar(Section s, LidarConfig& c) {
+  Names models{"auto"};
   for (const drivers::VelodyneModel model : drivers::velodyne_models())
-    names.emplace_back(drivers::velodyne_model_name(model));
-  return names;
+    models.emplace_back(drivers::velodyne_model_name(model));
+  s.choice("model", c.model, models, "sensor model; auto = identified from the packets");
+  s.add("calibration", &c.calibration, "calibration file; empty = transmitted or built-in calibration");
+  s.add("bind_address", &c.bind_address, "local IPv4 address to receive on");
+  s.number("port", &c.port, "", 1, 65535, "UDP port of data packets");
+  s.number("position_port", &c.position_port, "", 0, 65535, "UDP port of position packets; 0 = none");
+  s.add("sender_address", &c.sender_address, "accept packets of this sender only; empty = any");
+  s.add("multicast_group", &c.multicast_group, "multicast group the sensor sends to; empty = none");
+  s.add("multicast_interface", &c.multicast_interface,
+        "address or name of the interface that joins the group; empty = that of bind_address");
+  s.number("receive_buffer_bytes", &c.receive_buffer_bytes, "byte", 65536, 1 << 30,
+           "requested receive buffer of the socket");
+  s.choice("time_source", c.time_source, {"auto", "sensor", "host"},
+           "clock of the firing times; auto = sensor clock, mapped to host time if the two disagree");
+  s.number("stamp_offset_us", &c.stamp_offset_us, "us", -100000, 100000,
+           "offset added to all firing times; -553 for HDL-32E firmware that stamps the packet's end");
+  s.choice("return_mode", c.return_mode, {"auto", "single", "dual", "dual_confidence"},
+           "return mode of the sensor; auto = identified from the packets");
+  s.choice("returns", c.returns, {"all", "strongest", "last"}, "returns used as points in dual return mode");
+  s.choice("azimuth_interpolation", c.azimuth_interpolation, {"auto", "on", "off"},
+           "interpolate the azimuth between the firings of a block; auto = on, HDL-64E: off");
+  s.number("min_range_m", &c.min_range_m, "m", 0.1, 50, "minimum range of points");
+  s.number("max_range_m", &c.max_range_m, "m", 5, 300, "maximum range of points");
+  s.number("elevation_correction_deg", &c.elevation_correction_deg, "deg", -2, 2,
+           "correction added to the elevation of all beams (0.205 for the HDL-64E of KITTI)");
+  add_extrinsic(s, c.extrinsic);
 }
 
-/// Keys that every LiDAR has.
-void add_lidar(std::vector<ConfigKey>& keys, const std::string& section, LidarConfig& c) {
-  keys.push_back(
-      {section + ".model", &c.model, "sensor model; auto = from the packets", "", 0, 0, lidar_models()});
-  keys.push_back({section + ".calibration",
-                  &c.calibration,
-                  "calibration file in place of the built-in geometry",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back(
-      {section + ".bind_address", &c.bind_address, "local IPv4 address to receive on", "", 0, 0, {}});
-  keys.push_back({section + ".port", &c.port, "UDP port of data packets", "", 1, 65535, {}});
-  keys.push_back({section + ".position_port",
-                  &c.position_port,
-                  "UDP port of position packets; 0 = none",
-                  "",
-                  0,
-                  65535,
-                  {}});
-  keys.push_back({section + ".sender_address",
-                  &c.sender_address,
-                  "only packets of this sender; empty = any",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({section + ".multicast_group",
-                  &c.multicast_group,
-                  "group that the sensor sends to; empty = none",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({section + ".multicast_interface",
-                  &c.multicast_interface,
-                  "address or name of the interface to join the group on; empty = the one of bind_address",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({section + ".receive_buffer_bytes",
-                  &c.receive_buffer_bytes,
-                  "socket receive buffer to ask for",
-                  "byte",
-                  65536,
-                  1 << 30,
-                  {}});
-  keys.push_back({section + ".time_source",
-                  &c.time_source,
-                  "whose clock stamps the firings",
-                  "",
-                  0,
-                  0,
-                  {"auto", "sensor", "host"}});
-  keys.push_back({section + ".stamp_offset_us",
-                  &c.stamp_offset_us,
-                  "added to every firing's time; -553 for HDL-32E firmware that stamps a packet's end",
-                  "us",
-                  -100000,
-                  100000,
-                  {}});
-  keys.push_back({section + ".return_mode",
-                  &c.return_mode,
-                  "returns in each packet as set at the sensor; auto = from the packets",
-                  "",
-                  0,
-                  0,
-                  {"auto", "single", "dual", "dual_confidence"}});
-  keys.push_back({section + ".returns",
-                  &c.returns,
-                  "which of two returns become points",
-                  "",
-                  0,
-                  0,
-                  {"all", "strongest", "last"}});
-  keys.push_back(
-      {section + ".azimuth_interpolation",
-       &c.azimuth_interpolation,
-       "whether the azimuth moves on from firing to firing in a block; auto = on, but off for HDL-64E",
-       "",
-       0,
-       0,
-       {"auto", "on", "off"}});
-  keys.push_back({section + ".min_range_m", &c.min_range_m, "nearer returns are left out", "m", 0.1, 50, {}});
-  keys.push_back({section + ".max_range_m", &c.max_range_m, "farther returns are left out", "m", 5, 300, {}});
-  keys.push_back({section + ".elevation_correction_deg",
-                  &c.elevation_correction_deg,
-                  "raises every beam: bias of a factory calibration (0.205 for KITTI's HDL-64E)",
-                  "deg",
-                  -2,
-                  2,
-                  {}});
-  add_extrinsic(keys, section, c.extrinsic);
+/// Keys of the LiDAR that triggers the poses.
+void add_first_lidar(Section s, LidarConfig& c) {
+  add_lidar(s, c);
+  s.number("cut_azimuth_deg", &c.cut_azimuth_deg, "deg", 0, 359.99,
+           "azimuth at which scans are cut; 0 = forward, clockwise");
+  s.number("min_coverage", &c.min_coverage, "", 0.05, 1.0,
+           "minimum covered share of the field of view; other scans are dropped and counted");
 }
 
-/// Keys of the LiDAR whose scans decide when a pose is computed.
-void add_first_lidar(std::vector<ConfigKey>& keys, LidarConfig& c) {
-  add_lidar(keys, "lidar", c);
-  keys.push_back({"lidar.cut_azimuth_deg",
-                  &c.cut_azimuth_deg,
-                  "azimuth at which scans are cut; 0 = forward, clockwise",
-                  "deg",
-                  0,
-                  359.99,
-                  {}});
-  keys.push_back({"lidar.min_coverage",
-                  &c.min_coverage,
-                  "scans that cover a smaller share of the sensor's field of view are dropped and counted",
-                  "",
-                  0.05,
-                  1.0,
-                  {}});
+/// Keys of a LiDAR whose points are merged into the scans of the first.
+void add_extra_lidar(Section s, ExtraLidarConfig& c) {
+  s.add("enabled", &c.enabled, "merge the points of this LiDAR into the scans of the first one");
+  s.number("wait_ms", &c.wait_ms, "ms", 0, 1000,
+           "live: maximum wait of a complete scan for packets of this LiDAR");
+  add_lidar(s, c);
 }
 
-/// Keys of a LiDAR whose points are added to the scans of the first.
-void add_extra_lidar(std::vector<ConfigKey>& keys, const std::string& section, ExtraLidarConfig& c) {
-  keys.push_back({section + ".enabled", &c.enabled, "use this LiDAR, too", "", 0, 0, {}});
-  keys.push_back({section + ".wait_ms",
-                  &c.wait_ms,
-                  "live: how long a complete scan waits for this LiDAR's packets",
-                  "ms",
-                  0,
-                  1000,
-                  {}});
-  add_lidar(keys, section, c);
-}
-
-/// What a mapping may have beside the six axes.
-void add_imu_signals(std::vector<ConfigKey>& keys, ImuConfig& c) {
-  const auto add_signal = [&](const std::string& name, const std::string& what, std::string& message,
-                              std::string& signal) {
-    keys.push_back({"imu." + name + ".message", &message, "DBC message of " + what, "", 0, 0, {}});
-    keys.push_back({"imu." + name + ".signal", &signal, "DBC signal of " + what, "", 0, 0, {}});
-  };
-  keys.push_back({"imu.angular_velocity_range_deg_s",
-                  &c.angular_velocity_range_deg_s,
-                  "rates from here on are saturated; 0 = only those at the end of their bits",
-                  "deg/s",
-                  0,
-                  10000,
-                  {}});
-  keys.push_back({"imu.linear_acceleration_range",
-                  &c.linear_acceleration_range,
-                  "accelerations from here on are saturated; 0 = only those at the end of their bits",
-                  "m/s^2",
-                  0,
-                  10000,
-                  {}});
-  add_signal("counter", "the sample's number", c.counter.message, c.counter.signal);
-  add_signal("status", "the status, without which samples are dropped", c.status.message, c.status.signal);
-  keys.push_back({"imu.status.mask", &c.status.mask, "bits of the status that count", "", 0, 0x7FFFFFFF, {}});
-  keys.push_back({"imu.status.good", &c.status.good, "their value in a good sample", "", 0, 0x7FFFFFFF, {}});
-  add_signal("sample_time", "the device's time", c.sample_time.message, c.sample_time.signal);
-  keys.push_back({"imu.sample_time.tick_us", &c.sample_time.tick_us, "its tick", "us", 0.001, 1e6, {}});
-  keys.push_back({"imu.sample_time.wrap",
-                  &c.sample_time.wrap,
-                  "ticks after which it begins again; 0 = when its bits are used up",
-                  "",
-                  0,
-                  0x7FFFFFFF,
-                  {}});
-  add_signal("temperature", "the temperature", c.temperature.message, c.temperature.signal);
-}
-
-/// The signals of a DBC file in place of a preset.
-void add_imu_mapping(std::vector<ConfigKey>& keys, ImuConfig& c) {
+void add_imu(Section s, ImuConfig& c) {
+  s.add("enabled", &c.enabled, "use an IMU; without one, constant velocity is predicted");
+  s.choice("preset", c.preset, drivers::imu_preset_names(), "built-in DBC file and signal mapping");
+  s.add("dbc", &c.dbc, "DBC file instead of the preset; requires a mapping of all six axes");
+  s.add("interface", &c.interface_name,
+        "CAN interface of the IMU, such as can0; empty = no IMU live, all interfaces of a log");
+  s.number("bitrate", &c.bitrate, "bit/s", 0, 1'000'000,
+           "live: bit rate set on the interface; 0 = unchanged");
+  s.number("restart_ms", &c.restart_ms, "ms", 0, 60'000,
+           "with bitrate: restart delay of the controller after bus-off; 0 = restart by niliod");
+  s.number("source_address", &c.source_address, "", -1, 253,
+           "SAE J1939: address of the IMU; -1 = first sender of its messages");
+  s.number("time_offset_ms", &c.time_offset_ms, "ms", -1000, 1000,
+           "time offset subtracted from IMU stamps; positive = stamps later than those of the LiDAR");
   const std::array<std::string, 3> axes = {"x", "y", "z"};
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < axes.size(); ++i) {
     const auto add_axis = [&](const std::string& quantity, const std::string& unit, ImuAxisConfig& axis) {
-      const std::string path = "imu." + quantity + "_" + axes[i];
-      keys.push_back({path + ".message", &axis.message, "DBC message that carries it", "", 0, 0, {}});
-      keys.push_back({path + ".signal", &axis.signal, "DBC signal that carries it", "", 0, 0, {}});
-      keys.push_back({path + ".scale",
-                      &axis.scale,
-                      "from the signal's unit and axis to " + unit +
-                          ", x forward, y left, z up; multiplies the preset's",
-                      "",
-                      0,
-                      0,
-                      {}});
+      Section a = s.below(quantity + "_" + axes[i]);
+      a.add("message", &axis.message, "DBC message of this axis");
+      a.add("signal", &axis.signal, "DBC signal of this axis");
+      a.number("scale", &axis.scale, "", 0, 0,
+               "factor from the signal to " + unit +
+                   " (x forward, y left, z up); with a preset, multiplied by the preset's factor");
     };
     add_axis("angular_velocity", "rad/s", c.angular_velocity[i]);
     add_axis("linear_acceleration", "m/s^2", c.linear_acceleration[i]);
   }
-  add_imu_signals(keys, c);
+  s.number("angular_velocity_range_deg_s", &c.angular_velocity_range_deg_s, "deg/s", 0, 10000,
+           "full scale of the gyro for saturation; 0 = limits of the signal");
+  s.number("linear_acceleration_range", &c.linear_acceleration_range, "m/s^2", 0, 10000,
+           "full scale of the accelerometer for saturation; 0 = limits of the signal");
+  const auto add_signal = [&](const char* name, const std::string& content, auto& signal) {
+    Section a = s.below(name);
+    a.add("message", &signal.message, "DBC message of " + content);
+    a.add("signal", &signal.signal, "DBC signal of " + content);
+    return a;
+  };
+  add_signal("counter", "the sample counter", c.counter);
+  Section status = add_signal("status", "the status word; samples without it are dropped", c.status);
+  status.number("mask", &c.status.mask, "", 0, 0x7FFFFFFF, "evaluated bits of the status word");
+  status.number("good", &c.status.good, "", 0, 0x7FFFFFFF, "value of these bits in a valid sample");
+  Section time = add_signal("sample_time", "the device time", c.sample_time);
+  time.number("tick_us", &c.sample_time.tick_us, "us", 0.001, 1e6, "period of the device time's tick");
+  time.number("wrap", &c.sample_time.wrap, "", 0, 0x7FFFFFFF,
+              "ticks after which the device time wraps to 0; 0 = full range of the signal");
+  add_signal("temperature", "the temperature", c.temperature);
+  add_extrinsic(s, c.extrinsic);
 }
 
-void add_imu(std::vector<ConfigKey>& keys, ImuConfig& c) {
-  keys.push_back({"imu.enabled",
-                  &c.enabled,
-                  "use an IMU; without one the motion is taken to be constant",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back(
-      {"imu.preset", &c.preset, "built-in DBC and signal mapping", "", 0, 0, drivers::imu_preset_names()});
-  keys.push_back(
-      {"imu.dbc", &c.dbc, "DBC file in place of the preset; then map all six signals", "", 0, 0, {}});
-  keys.push_back({"imu.interface",
-                  &c.interface_name,
-                  "CAN interface of the IMU, such as can0; empty = none live, all of a log",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({"imu.bitrate",
-                  &c.bitrate,
-                  "bit rate to set the interface to, live; 0 = leave it as it is",
-                  "bit/s",
-                  0,
-                  1'000'000,
-                  {}});
-  keys.push_back(
-      {"imu.restart_ms",
-       &c.restart_ms,
-       "set with the bit rate: the controller restarts itself so long after bus-off; 0 = niliod does",
-       "ms",
-       0,
-       60'000,
-       {}});
-  keys.push_back({"imu.source_address",
-                  &c.source_address,
-                  "SAE J1939 only: address of the IMU; -1 = the first that sends its messages",
-                  "",
-                  -1,
-                  253,
-                  {}});
-  keys.push_back({"imu.time_offset_ms",
-                  &c.time_offset_ms,
-                  "subtracted from the IMU's stamps; positive = they are later than the LiDAR's",
-                  "ms",
-                  -1000,
-                  1000,
-                  {}});
-  add_imu_mapping(keys, c);
-  add_extrinsic(keys, "imu", c.extrinsic);
-}
-
-void add_odometry(std::vector<ConfigKey>& keys, OdometrySection& c) {
-  keys.push_back(
-      {"odometry.threads", &c.threads, "threads of registration; does not change the result", "", 1, 64, {}});
-  std::vector<std::string> methods;
+void add_odometry(Section s, OdometrySection& c) {
+  Names methods;
   for (const core::RegistrationMethod method : core::kRegistrationMethods)
     methods.emplace_back(core::name_of(method));
-  keys.push_back({"odometry.registration", &c.registration,
-                  "how scans are registered: NDT coarse and point-to-plane ICP fine, or one metric alone", "",
-                  0, 0, methods});
-  keys.push_back({"odometry.coarse",
-                  &c.coarse,
-                  "when NDT runs before ICP: when needed, or before every ICP as in the paper",
-                  "",
-                  0,
-                  0,
-                  {"auto", "always"}});
-  keys.push_back(
-      {"odometry.scan_points",
-       &c.scan_points,
-       "points of a scan that are looked at, spread evenly over it; icp_line and icp_point look at all",
-       "",
-       2000,
-       10000000,
-       {}});
-  keys.push_back({"odometry.registration_points",
-                  &c.registration_points,
-                  "points that registration uses",
-                  "",
-                  100,
-                  20000,
-                  {}});
-  keys.push_back({"odometry.filter_voxel_m",
-                  &c.filter_voxel_m,
-                  "voxel of the points that feed the map",
-                  "m",
-                  0.1,
-                  5,
-                  {}});
-  keys.push_back({"odometry.plane_voxel_m",
-                  &c.plane_voxel_m,
-                  "voxel of the planes; 0 = from the sensor's beam spacing",
-                  "m",
-                  0,
-                  10,
-                  {}});
-  keys.push_back({"odometry.coarse_voxel_m", &c.coarse_voxel_m, "voxel of the NDT", "m", 0.5, 20, {}});
-  keys.push_back(
-      {"odometry.map_radius_m", &c.map_radius_m, "the map is kept to this distance", "m", 20, 500, {}});
-  keys.push_back(
-      {"odometry.map_capacity", &c.map_capacity, "plane voxels the map can hold", "", 1000, 10000000, {}});
-  keys.push_back(
-      {"odometry.max_passes", &c.max_passes, "deskew, register, repeat: at most so often", "", 1, 10, {}});
-  keys.push_back(
-      {"odometry.max_fine_iterations", &c.max_fine_iterations, "ICP iterations a pass", "", 1, 100, {}});
-  keys.push_back({"odometry.max_coarse_iterations",
-                  &c.max_coarse_iterations,
-                  "NDT iterations a kernel scale",
-                  "",
-                  1,
-                  100,
-                  {}});
-  keys.push_back({"odometry.max_imu_gap_ms",
-                  &c.max_imu_gap_ms,
-                  "a longer gap between samples is not bridged",
-                  "ms",
-                  1,
-                  1000,
-                  {}});
-  keys.push_back({"odometry.imu_wait_ms",
-                  &c.imu_wait_ms,
-                  "live: how long a complete scan waits for its IMU samples",
-                  "ms",
-                  0,
-                  1000,
-                  {}});
-  keys.push_back({"odometry.budget",
-                  &c.budget,
-                  "what limits the time of a scan: the clock, counted work (the same result everywhere), "
-                  "nothing; auto = wall when live, off in a replay",
-                  "",
-                  0,
-                  0,
-                  {"auto", "wall", "ops", "off"}});
-  keys.push_back({"odometry.budget_ms",
-                  &c.budget_ms,
-                  "from the arrival of a scan's last packet to its pose",
-                  "ms",
-                  0.2,
-                  1000,
-                  {}});
+  s.number("threads", &c.threads, "", 1, 64, "threads of the registration; does not change the result");
+  s.choice("registration", c.registration, methods,
+           "registration method: NDT followed by point-to-plane ICP, or a single metric");
+  s.choice("coarse", c.coarse, {"auto", "always"},
+           "use of NDT before ICP: on demand, or before every ICP as in the paper");
+  s.number("scan_points", &c.scan_points, "", 2000, 10000000,
+           "maximum points of a scan to process, evenly distributed; icp_line and icp_point use all");
+  s.number("registration_points", &c.registration_points, "", 100, 20000, "points used by registration");
+  s.number("filter_voxel_m", &c.filter_voxel_m, "m", 0.1, 5, "voxel size of the points for the map");
+  s.number("plane_voxel_m", &c.plane_voxel_m, "m", 0, 10,
+           "voxel size of the plane map; 0 = from the sensor's beam spacing");
+  s.number("coarse_voxel_m", &c.coarse_voxel_m, "m", 0.5, 20, "voxel size of the NDT map");
+  s.number("map_radius_m", &c.map_radius_m, "m", 20, 500, "radius of the local map");
+  s.number("map_capacity", &c.map_capacity, "", 1000, 10000000, "maximum voxels of the plane map");
+  s.number("max_passes", &c.max_passes, "", 1, 10, "maximum passes of deskewing and registration");
+  s.number("max_fine_iterations", &c.max_fine_iterations, "", 1, 100, "maximum ICP iterations per pass");
+  s.number("max_coarse_iterations", &c.max_coarse_iterations, "", 1, 100,
+           "maximum NDT iterations per kernel scale");
+  s.number("max_imu_gap_ms", &c.max_imu_gap_ms, "ms", 1, 1000,
+           "maximum gap between IMU samples that is interpolated");
+  s.number("imu_wait_ms", &c.imu_wait_ms, "ms", 0, 1000,
+           "live: maximum wait of a complete scan for its IMU samples");
+  s.choice("budget", c.budget, {"auto", "wall", "ops", "off"},
+           "limit of a scan's computing time: by the clock (wall), by counted work with the same result on "
+           "every computer (ops), none (off); auto = wall when live, off in a replay");
+  s.number("budget_ms", &c.budget_ms, "ms", 0.2, 1000, "deadline of a pose after the scan's last packet");
 }
 
-void add_imu_rate(std::vector<ConfigKey>& keys, Config& c) {
-  PublisherSection& publisher = c.publisher;
-  ImuPoseSection& pose = publisher.imu_pose;
-  const auto add = [&](const char* name, auto* value, const char* text, const char* unit, double min,
-                       double max) {
-    keys.push_back({name, value, text, unit, min, max, {}});
-  };
-  add("publisher.imu_rate", &publisher.imu_rate,
-      "publish a pose for every IMU sample, too; not in a replay as fast as possible", "", 0, 0);
-  add("publisher.imu_rate_max_hz", &publisher.imu_rate_max_hz, "leave samples out above it; 0 = none", "Hz",
-      0, 10000);
-  add("publisher.imu_pose.max_slew_m_s", &pose.max_slew_m_s,
-      "speed with which a correction of the position is worked off", "m/s", 0.01, 100);
-  add("publisher.imu_pose.max_slew_deg_s", &pose.max_slew_deg_s, "the same of the orientation", "deg/s", 0.1,
-      1000);
-  add("publisher.imu_pose.settle_ms", &pose.settle_ms, "time constant of a correction below these limits",
-      "ms", 0, 10000);
-  add("publisher.imu_pose.jump_m", &pose.jump_m, "a larger correction is made at once, and said to be", "m",
-      0, 1000);
-  add("publisher.imu_pose.jump_deg", &pose.jump_deg, "the same of the orientation", "deg", 0, 180);
-  add("publisher.imu_pose.max_age_s", &pose.max_age_s, "no such poses so long after the last scan's", "s",
-      0.1, 60);
+void add_publisher(Section s, PublisherSection& c) {
+  s.add("enabled", &c.enabled, "publish over DDS");
+  s.number("domain", &c.domain, "", 0, 232, "DDS domain (ROS_DOMAIN_ID)");
+  s.add("interfaces", &c.interfaces, "IPv4 addresses that DDS uses; empty = all");
+  s.add("odom_frame", &c.odom_frame, "reference frame of the poses");
+  s.add("base_frame", &c.base_frame, "vehicle frame of the poses");
+  s.add("topic_prefix", &c.topic_prefix, "prefix of the topic names");
+  s.number("wait_for_subscribers_s", &c.wait_for_subscribers_s, "s", 0, 60,
+           "maximum time the first poses wait for a subscriber");
+  s.add("imu_rate", &c.imu_rate, "also publish a pose for every IMU sample; not in an unpaced replay");
+  s.number("imu_rate_max_hz", &c.imu_rate_max_hz, "Hz", 0, 10000,
+           "maximum rate of these poses; 0 = one per sample");
+  Section pose = s.below("imu_pose");
+  ImuPoseSection& p = c.imu_pose;
+  pose.number("max_slew_m_s", &p.max_slew_m_s, "m/s", 0.01, 100, "maximum slew rate of position corrections");
+  pose.number("max_slew_deg_s", &p.max_slew_deg_s, "deg/s", 0.1, 1000,
+              "maximum slew rate of orientation corrections");
+  pose.number("settle_ms", &p.settle_ms, "ms", 0, 10000, "time constant of corrections below these limits");
+  pose.number("jump_m", &p.jump_m, "m", 0, 1000,
+              "larger position corrections are applied at once and reported as a jump");
+  pose.number("jump_deg", &p.jump_deg, "deg", 0, 180, "larger orientation corrections are applied at once");
+  pose.number("max_age_s", &p.max_age_s, "s", 0.1, 60, "maximum propagation time after the last scan");
 }
 
-void add_rest(std::vector<ConfigKey>& keys, Config& c) {
-  keys.push_back({"publisher.enabled", &c.publisher.enabled, "publish over DDS", "", 0, 0, {}});
-  keys.push_back({"publisher.domain", &c.publisher.domain, "DDS domain (ROS_DOMAIN_ID)", "", 0, 232, {}});
-  keys.push_back({"publisher.interfaces",
-                  &c.publisher.interfaces,
-                  "IPv4 addresses DDS may use; empty = all",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({"publisher.odom_frame", &c.publisher.odom_frame, "frame of the poses", "", 0, 0, {}});
-  keys.push_back(
-      {"publisher.base_frame", &c.publisher.base_frame, "frame that the poses are of", "", 0, 0, {}});
-  keys.push_back(
-      {"publisher.topic_prefix", &c.publisher.topic_prefix, "put before the topic names", "", 0, 0, {}});
-  keys.push_back({"publisher.wait_for_subscribers_s",
-                  &c.publisher.wait_for_subscribers_s,
-                  "hold the first poses until somebody listens, at most so long",
-                  "s",
-                  0,
-                  60,
-                  {}});
-  add_imu_rate(keys, c);
-  keys.push_back({"realtime.policy",
-                  &c.realtime.policy,
-                  "scheduling of the threads; auto = fifo when live, other in a replay",
-                  "",
-                  0,
-                  0,
-                  {"auto", "fifo", "other"}});
-  keys.push_back({"realtime.lidar_priority",
-                  &c.realtime.lidar_priority,
-                  "FIFO priority of the LiDAR receive thread",
-                  "",
-                  1,
-                  99,
-                  {}});
-  keys.push_back({"realtime.imu_priority",
-                  &c.realtime.imu_priority,
-                  "FIFO priority of the IMU receive thread",
-                  "",
-                  1,
-                  99,
-                  {}});
-  keys.push_back({"realtime.odometry_priority",
-                  &c.realtime.odometry_priority,
-                  "FIFO priority of the odometry thread",
-                  "",
-                  1,
-                  99,
-                  {}});
-  keys.push_back({"realtime.imu_pose_priority",
-                  &c.realtime.imu_pose_priority,
-                  "FIFO priority of nilio-publisher's thread of poses at IMU rate",
-                  "",
-                  1,
-                  99,
-                  {}});
-  keys.push_back({"realtime.lidar_cpus",
-                  &c.realtime.lidar_cpus,
-                  "processors of the LiDAR receive threads, such as 0 or 1-2,4; empty = any",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({"realtime.imu_cpus",
-                  &c.realtime.imu_cpus,
-                  "processors of the IMU receive thread; empty = any",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({"realtime.odometry_cpus",
-                  &c.realtime.odometry_cpus,
-                  "processors of the odometry thread and its workers; empty = any",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back(
-      {"realtime.lock_memory", &c.realtime.lock_memory, "lock all memory when live", "", 0, 0, {}});
-  keys.push_back({"realtime.strict",
-                  &c.realtime.strict,
-                  "end when a wanted privilege or processor is missing",
-                  "",
-                  0,
-                  0,
-                  {}});
-  keys.push_back({"output.map", &c.output.map, "write map.ply into the output folder", "", 0, 0, {}});
-  keys.push_back({"output.map_voxel_m",
-                  &c.output.map_voxel_m,
-                  "one point of map.ply in so large a voxel",
-                  "m",
-                  0.05,
-                  10,
-                  {}});
-  keys.push_back({"log.level",
-                  &c.log.level,
-                  "least severe message to print",
-                  "",
-                  0,
-                  0,
-                  {"debug", "info", "warn", "error"}});
+void add_realtime(Section s, RealtimeSection& c) {
+  s.choice("policy", c.policy, {"auto", "fifo", "other"},
+           "scheduling of the threads; auto = fifo when live, other in a replay");
+  s.number("lidar_priority", &c.lidar_priority, "", 1, 99, "FIFO priority of the LiDAR receive threads");
+  s.number("imu_priority", &c.imu_priority, "", 1, 99, "FIFO priority of the IMU receive thread");
+  s.number("odometry_priority", &c.odometry_priority, "", 1, 99, "FIFO priority of the odometry thread");
+  s.number("imu_pose_priority", &c.imu_pose_priority, "", 1, 99,
+           "FIFO priority of nilio-publisher's IMU-rate pose thread");
+  s.add("lidar_cpus", &c.lidar_cpus, "CPUs of the LiDAR receive threads, such as 0 or 1-2,4; empty = any");
+  s.add("imu_cpus", &c.imu_cpus, "CPUs of the IMU receive thread; empty = any");
+  s.add("odometry_cpus", &c.odometry_cpus, "CPUs of the odometry thread and its workers; empty = any");
+  s.add("lock_memory", &c.lock_memory, "lock all memory when live");
+  s.add("strict", &c.strict, "exit if a required privilege or CPU is missing");
 }
 
 }  // namespace
@@ -500,12 +223,19 @@ std::string extra_lidar_section(std::size_t index) { return "lidar" + std::to_st
 
 std::vector<ConfigKey> config_keys(Config& config) {
   std::vector<ConfigKey> keys;
-  add_first_lidar(keys, config.lidar);
+  add_first_lidar({keys, "lidar"}, config.lidar);
   for (std::size_t i = 0; i < kMaxExtraLidars; ++i)
-    add_extra_lidar(keys, extra_lidar_section(i), config.more_lidars[i]);
-  add_imu(keys, config.imu);
-  add_odometry(keys, config.odometry);
-  add_rest(keys, config);
+    add_extra_lidar({keys, extra_lidar_section(i)}, config.more_lidars[i]);
+  add_imu({keys, "imu"}, config.imu);
+  add_odometry({keys, "odometry"}, config.odometry);
+  add_publisher({keys, "publisher"}, config.publisher);
+  add_realtime({keys, "realtime"}, config.realtime);
+  Section output(keys, "output");
+  output.add("map", &config.output.map, "write map.ply into the output folder");
+  output.number("map_voxel_m", &config.output.map_voxel_m, "m", 0.05, 10, "voxel size of map.ply");
+  Section(keys, "log")
+      .choice("level", config.log.level, {"debug", "info", "warn", "error"},
+              "minimum severity of printed messages");
   return keys;
 }
 

@@ -19,10 +19,10 @@ struct ConfigKey {
   std::string path;  ///< "odometry.threads"
   Target target;
   std::string help;
-  std::string unit;  ///< empty = dimensionless
+  std::string unit{};  ///< empty = dimensionless
   double minimum = 0.0;
-  double maximum = 0.0;              ///< numbers only; minimum == maximum: any finite number
-  std::vector<std::string> allowed;  ///< choices of a text key; empty = any text
+  double maximum = 0.0;                ///< numbers only; minimum == maximum: any finite number
+  std::vector<std::string> allowed{};  ///< choices of a text key; empty = any text
 };
 
 /// Section name of Config::more_lidars[index]: "lidar2" for index 0.
@@ -49,5 +49,7 @@ core::Result<std::monostate> apply_overrides(Config& config, const std::vector<s
 std::string to_yaml(Config config);
 /// All keys with type, default, unit, range and meaning, for `niliod --help-config`.
 std::string describe_keys();
+/// All keys as Markdown tables, for `niliod --print-config-reference`; docs/configuration.md is this text.
+std::string config_reference();
 
 }  // namespace nilio::daemon

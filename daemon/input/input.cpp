@@ -1,7 +1,6 @@
 #include "daemon/input/input.hpp"
 
-#include "nilio/drivers/can/can_capture.hpp"
-#include "nilio/drivers/capture/chained_source.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/network/udp.hpp"
 

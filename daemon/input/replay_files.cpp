@@ -1,6 +1,6 @@
 #include "daemon/input/replay_files.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
 #include "daemon/input/kitti_sequence.hpp"
 

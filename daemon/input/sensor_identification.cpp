@@ -1,6 +1,6 @@
 #include "daemon/input/sensor_identification.hpp"
 
-#include "nilio/drivers/velodyne/calibration/calibration.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
 
 #include <chrono>
 #include <cstdio>

@@ -3,7 +3,7 @@
 #include "nilio/core/result.hpp"
 
 #include "daemon/realtime/thread_plan.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 
 #include <atomic>
 #include <cstdint>

@@ -8,8 +8,8 @@
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/sample_period.hpp"
 #include "daemon/realtime/thread_plan.hpp"
-#include "ipc/pose_record.hpp"
 #include "ipc/publisher_process.hpp"
+#include "ipc/records.hpp"
 #include "ipc/ring.hpp"
 #include "ipc/wake_event.hpp"
 

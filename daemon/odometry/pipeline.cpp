@@ -1,6 +1,6 @@
 #include "daemon/odometry/pipeline.hpp"
 
-#include "daemon/config/terms.hpp"
+#include "daemon/config/convert.hpp"
 #include "daemon/realtime/memory_plan.hpp"
 #include "ipc/kernel_requests.hpp"
 

@@ -9,7 +9,6 @@
 #include "daemon/input/receive.hpp"
 #include "daemon/odometry/odometry_loop.hpp"
 #include "daemon/output/event_log.hpp"
-#include "daemon/realtime/plan_thread.hpp"
 #include "daemon/realtime/thread_plan.hpp"
 #include "ipc/publisher_process.hpp"
 

@@ -5,7 +5,7 @@
 
 #include "daemon/odometry/odometry_loop.hpp"
 #include "ipc/histogram.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 
 #include <cstdint>
 #include <fstream>

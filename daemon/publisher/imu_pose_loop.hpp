@@ -5,8 +5,7 @@
 #include "ipc/dds/imu_pose_publisher.hpp"
 #include "ipc/histogram.hpp"
 #include "ipc/imu_pose_stream.hpp"
-#include "ipc/imu_record.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 #include "ipc/ring.hpp"
 #include "ipc/wake_event.hpp"
 

@@ -2,7 +2,7 @@
 
 #include "nilio/core/clock.hpp"
 
-#include "ipc/dds/diagnostics.hpp"
+#include "ipc/dds/reports.hpp"
 
 #include <algorithm>
 #include <array>

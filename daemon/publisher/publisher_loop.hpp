@@ -6,7 +6,7 @@
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/reports.hpp"
 #include "ipc/histogram.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 #include "ipc/ring.hpp"
 #include "ipc/wake_event.hpp"
 

@@ -7,11 +7,9 @@
 
 #include "daemon/publisher/imu_pose_loop.hpp"
 #include "daemon/publisher/publisher_loop.hpp"
-#include "daemon/publisher/publisher_options.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
-#include "ipc/imu_record.hpp"
 #include "ipc/kernel_requests.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 #include "ipc/ring.hpp"
 #include "ipc/wake_event.hpp"
 
@@ -26,8 +24,10 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/signalfd.h>
+#include <sys/types.h>
 #include <unistd.h>
 #include <utility>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <spdlog/sinks/stdout_sinks.h>
@@ -37,6 +37,79 @@ namespace nilio::daemon {
 namespace {
 
 using core::Duration;
+
+/// Command line of nilio-publisher, written by ipc::PublisherProcess.
+struct PublisherOptions {
+  int ring_descriptor = -1;
+  int wake_descriptor = -1;
+  pid_t parent = 0;
+  int nice = 0;
+  bool lock_memory = false;
+  double wait_for_subscribers_s = 0.0;
+  dds::OdometryPublisherConfig publisher;
+
+  bool imu_rate = false;
+  int imu_priority = 0;
+  int imu_pose_ring_descriptor = -1;
+  int imu_ring_descriptor = -1;
+  int imu_wake_descriptor = -1;
+  std::vector<double> imu_orientation_xyzw{0.0, 0.0, 0.0, 1.0};
+  std::vector<double> imu_position{0.0, 0.0, 0.0};
+  double imu_max_gap_s = 0.0;
+  double imu_max_age_s = 0.0;
+  double imu_settle_s = 0.0;
+  ipc::ImuPoseConfig imu_poses;
+};
+
+void add_publisher_options(CLI::App& app, PublisherOptions& options) {
+  dds::OdometryPublisherConfig& publisher = options.publisher;
+  app.add_option("--ring-fd", options.ring_descriptor, "Inherited memfd of the pose ring")->required();
+  app.add_option("--wake-fd", options.wake_descriptor, "Inherited eventfd, signalled when there are poses")
+      ->required();
+  app.add_option("--parent-pid", options.parent, "End when this process, the parent, does");
+  app.add_option("--domain", publisher.participant.domain, "DDS domain id")->check(CLI::Range(0, 232));
+  app.add_option("--interface", publisher.participant.interface_whitelist,
+                 "IPv4 address of an interface DDS may use (repeatable; default: all)");
+  app.add_option("--odom-frame", publisher.odom_frame, "Frame of the poses");
+  app.add_option("--base-frame", publisher.base_frame, "Frame of the vehicle");
+  app.add_option("--topic-prefix", publisher.topic_prefix, "Put before the topic names");
+  app.add_option("--nice", options.nice, "Scheduling priority of this process")->check(CLI::Range(-20, 19));
+  app.add_flag("--lock-memory", options.lock_memory, "Keep all memory of this process resident");
+  app.add_option("--wait-for-subscribers", options.wait_for_subscribers_s,
+                 "Seconds to wait for a first subscriber before reading the ring")
+      ->check(CLI::Range(0.0, 3600.0));
+}
+
+void add_imu_options(CLI::App& app, PublisherOptions& options) {
+  app.add_flag("--imu-rate", options.imu_rate, "Publish a pose for every IMU sample, too");
+  app.add_option("--imu-priority", options.imu_priority,
+                 "SCHED_FIFO priority of the thread that does; 0: none")
+      ->check(CLI::Range(0, 99));
+  app.add_option("--imu-pose-ring-fd", options.imu_pose_ring_descriptor,
+                 "Inherited memfd of the poses' second ring");
+  app.add_option("--imu-ring-fd", options.imu_ring_descriptor, "Inherited memfd of the ring of samples");
+  app.add_option("--imu-wake-fd", options.imu_wake_descriptor,
+                 "Inherited eventfd, signalled when either of these has something");
+  app.add_option("--imu-orientation", options.imu_orientation_xyzw,
+                 "Mounting of the IMU on the vehicle, quaternion x,y,z,w")
+      ->delimiter(',')
+      ->expected(4);
+  app.add_option("--imu-position", options.imu_position, "The same, place x,y,z in m")
+      ->delimiter(',')
+      ->expected(3);
+  ipc::ImuPoseConfig& poses = options.imu_poses;
+  const auto add = [&](const char* name, double& value, const char* text) {
+    app.add_option(name, value, text)->check(CLI::NonNegativeNumber);
+  };
+  add("--imu-max-gap", options.imu_max_gap_s, "Seconds between samples that the gyro is used across");
+  add("--imu-max-age", options.imu_max_age_s, "Seconds after a scan up to which poses are propagated");
+  add("--imu-rate-max-hz", poses.max_rate_hz, "Poses per second; 0: one for every sample");
+  add("--imu-max-slew", poses.slew.max_slew_m_s, "Speed with which corrections are worked off, m/s");
+  add("--imu-max-turn-slew", poses.slew.max_slew_rad_s, "The same for the rotation, rad/s");
+  add("--imu-settle", options.imu_settle_s, "Time constant of corrections, seconds");
+  add("--imu-jump", poses.slew.jump_m, "A larger correction is made at once, m");
+  add("--imu-turn-jump", poses.slew.jump_rad, "The same for the rotation, rad");
+}
 
 constexpr int kExitFailed = 1;
 // Nice offset of the IMU-rate pose thread relative to the rest of the process.
@@ -169,6 +242,7 @@ int main(int argc, char** argv) {
   nilio::daemon::PublisherOptions options;
   options.publisher.participant.name = "nilio";
   nilio::daemon::add_publisher_options(app, options);
+  nilio::daemon::add_imu_options(app, options);
   CLI11_PARSE(app, argc, argv);
   spdlog::set_default_logger(spdlog::stderr_logger_mt("nilio-publisher"));
   spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e %l %n: %v");

@@ -5,11 +5,15 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <cstring>
 #include <fstream>
+#include <functional>
 #include <optional>
 #include <pthread.h>
 #include <sched.h>
+#include <system_error>
+#include <utility>
 
 namespace nilio::daemon {
 
@@ -77,7 +81,50 @@ std::optional<long> read_number(const char* path) {
   return std::nullopt;
 }
 
+std::optional<int> parse_number(std::string_view text) {
+  int number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc{} || end != text.data() + text.size() || number < 0) return std::nullopt;
+  return number;
+}
+
+Error invalid_item(std::string_view item, const std::string& what) {
+  return Error{"'" + std::string(item) + "' " + what + ": expected numbers and ranges, such as 0 or 1-2,4"};
+}
+
 }  // namespace
+
+Result<CpuList> parse_cpu_list(std::string_view text) {
+  CpuList cpus;
+  while (!text.empty()) {
+    const std::string_view item = text.substr(0, text.find(','));
+    const auto dash = item.find('-');
+    const std::optional<int> first = parse_number(item.substr(0, dash));
+    const std::optional<int> last =
+        dash == std::string_view::npos ? first : parse_number(item.substr(dash + 1));
+    if (!first || !last) return invalid_item(item, "is no processor");
+    if (*last < *first) return invalid_item(item, "ends before it begins");
+    if (*last >= CPU_SETSIZE) return invalid_item(item, "is beyond " + std::to_string(CPU_SETSIZE - 1));
+    for (int cpu = *first; cpu <= *last; ++cpu) cpus.push_back(cpu);
+    if (item.size() + 1 == text.size()) return invalid_item(text, "ends with a comma");
+    text.remove_prefix(std::min(text.size(), item.size() + 1));
+  }
+  std::sort(cpus.begin(), cpus.end());
+  cpus.erase(std::unique(cpus.begin(), cpus.end()), cpus.end());
+  return cpus;
+}
+
+std::string cpu_list_text(const CpuList& cpus) {
+  std::string text;
+  for (std::size_t i = 0; i < cpus.size();) {
+    std::size_t last = i;
+    while (last + 1 < cpus.size() && cpus[last + 1] == cpus[last] + 1) ++last;
+    text += (text.empty() ? "" : ",") + std::to_string(cpus[i]);
+    if (last > i) text += "-" + std::to_string(cpus[last]);
+    i = last + 1;
+  }
+  return text;
+}
 
 Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
   const RealtimeSection& section = config.realtime;
@@ -190,5 +237,21 @@ PlanOutcome check_throttling(const ThreadPlan& plan) {
               ": leave a processor out of realtime.odometry_cpus, or lower odometry.threads",
           true};
 }
+
+PlanThread::PlanThread(std::function<void()> body)
+    : body_(std::make_unique<std::function<void()>>(std::move(body))) {
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, ipc::kThreadStackBytes);
+  const auto run = [](void* data) -> void* {
+    (*static_cast<std::function<void()>*>(data))();
+    return nullptr;
+  };
+  const int error = pthread_create(&thread_, &attributes, run, body_.get());
+  pthread_attr_destroy(&attributes);
+  if (error != 0) throw std::system_error(error, std::generic_category(), "a thread cannot be started");
+}
+
+void PlanThread::join() { pthread_join(thread_, nullptr); }
 
 }  // namespace nilio::daemon

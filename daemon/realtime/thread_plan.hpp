@@ -3,16 +3,28 @@
 #include "nilio/core/result.hpp"
 
 #include "daemon/config/config.hpp"
-#include "daemon/realtime/cpu_list.hpp"
 #include "daemon/realtime/thread_hook.hpp"
 
 #include <array>
 #include <cstddef>
+#include <functional>
+#include <memory>
+#include <pthread.h>
 #include <string>
+#include <string_view>
 #include <sys/types.h>
 #include <vector>
 
 namespace nilio::daemon {
+
+/// Kernel numbers of CPUs, ascending; empty = any.
+using CpuList = std::vector<int>;
+
+/// Parses a list in the format of taskset and systemd: "0", "1-2,4" or "". The error names the invalid item;
+/// numbers above 1023 are invalid.
+core::Result<CpuList> parse_cpu_list(std::string_view text);
+/// Inverse of parse_cpu_list(): "1-2,4".
+std::string cpu_list_text(const CpuList& cpus);
 
 /// Scheduling and memory settings of a run, derived from the configuration and the kind of run.
 struct ThreadPlan {
@@ -65,5 +77,24 @@ PlanOutcome check_workers(const ThreadPlan& plan, const std::vector<pid_t>& work
 /// Checks the CPU time left for threads that are not FIFO: kernel throttling, and whether the odometry may
 /// use all CPUs of the calling thread (the supervisor).
 PlanOutcome check_throttling(const ThreadPlan& plan);
+
+/// Thread with a stack of kThreadStackBytes. std::thread's default of 8 MiB would be locked completely in a
+/// locked process. Throws std::system_error if no thread can be started.
+class PlanThread {
+ public:
+  explicit PlanThread(std::function<void()> body);
+  PlanThread(PlanThread&& other) noexcept = default;
+  PlanThread& operator=(PlanThread&&) = delete;
+  PlanThread(const PlanThread&) = delete;
+  PlanThread& operator=(const PlanThread&) = delete;
+  ~PlanThread() = default;
+
+  /// Call exactly once.
+  void join();
+
+ private:
+  pthread_t thread_{};
+  std::unique_ptr<std::function<void()>> body_;
+};
 
 }  // namespace nilio::daemon

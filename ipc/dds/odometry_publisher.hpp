@@ -5,7 +5,7 @@
 
 #include "ipc/dds/messages.hpp"
 #include "ipc/dds/participant.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 
 #include <memory>
 #include <string>

@@ -1,7 +1,7 @@
 #include "tests/realtime/replayed_drive.hpp"
 
 #include "nilio/core/clock.hpp"
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "tests/support/read_all.hpp"

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "daemon/config/config.hpp"
-#include "daemon/config/terms.hpp"
+#include "daemon/config/convert.hpp"
 #include "tests/support/capture_bytes.hpp"
 #include "tests/support/room_drive.hpp"
 

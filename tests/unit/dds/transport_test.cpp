@@ -1,6 +1,6 @@
-#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
+#include "ipc/dds/reports.hpp"
 #include "ipc/dds/types.hpp"
 #include "ipc/histogram.hpp"
 #include "ipc/publisher_process.hpp"

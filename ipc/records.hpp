@@ -2,10 +2,12 @@
 
 #include "nilio/core/compute_budget.hpp"
 #include "nilio/core/imu_health.hpp"
+#include "nilio/core/scan.hpp"
 #include "nilio/core/tracking.hpp"
 
 #include <array>
 #include <cstdint>
+#include <type_traits>
 
 namespace nilio::ipc {
 
@@ -77,5 +79,13 @@ struct PoseRecord {
   bool has_imu = false;
   core::ImuHealth imu_health{};
 };
+
+/// IMU sample for the publisher process; passed by value.
+struct ImuRecord {
+  core::ImuSample sample;
+  std::int64_t received_ns = 0;  ///< receive time of its last CAN frame, CLOCK_MONOTONIC
+};
+
+static_assert(std::is_trivially_copyable_v<PoseRecord> && std::is_trivially_copyable_v<ImuRecord>);
 
 }  // namespace nilio::ipc

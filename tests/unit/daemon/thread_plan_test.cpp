@@ -1,4 +1,4 @@
-#include "daemon/realtime/cpu_list.hpp"
+#include "daemon/realtime/thread_plan.hpp"
 
 #include <string>
 

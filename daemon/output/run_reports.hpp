@@ -1,18 +1,39 @@
 #pragma once
 
 #include "nilio/core/compute_budget.hpp"
+#include "nilio/core/imu_health.hpp"
 #include "nilio/core/tracking.hpp"
 
 #include "ipc/histogram.hpp"
-#include "ipc/pose_record.hpp"
+#include "ipc/records.hpp"
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include <nlohmann/json_fwd.hpp>
 
 namespace nilio::daemon {
+
+/// JSON of all IMU checks with units and hints.
+nlohmann::json imu_health_json(const core::ImuHealth& health);
+
+/// Logs changes of the IMU's state, each once, and summarizes the final state. One thread.
+class ImuReport {
+ public:
+  void update(const core::ImuHealth& health);
+  /// Gyro and registration could be compared.
+  [[nodiscard]] bool is_compared() const;
+  /// Null before the first update.
+  [[nodiscard]] nlohmann::json json() const;
+
+ private:
+  void report_row(core::ImuCheck check, const core::ImuHealth& health) const;
+  void report_use(const core::ImuHealth& health) const;
+
+  std::optional<core::ImuHealth> last_;
+};
 
 /// Statistics of deadlines and degradation levels of a run. One thread.
 class BudgetReport {

@@ -1,4 +1,4 @@
-#include "daemon/config/terms.hpp"
+#include "daemon/config/convert.hpp"
 
 #include "nilio/core/units.hpp"
 
@@ -33,29 +33,28 @@ float elevation_correction_rad(const LidarConfig& lidar) {
 }
 
 core::OdometryConfig odometry_config(const Config& config) {
+  const OdometrySection& c = config.odometry;
   core::OdometryConfig result;
   result.T_base_lidar = to_transform(config.lidar.extrinsic);
   result.T_base_imu = to_transform(config.imu.extrinsic);
-  result.threads = config.odometry.threads;
+  result.threads = c.threads;
   result.elevation_correction_rad = elevation_correction_rad(config.lidar);
   result.min_range_m = static_cast<float>(config.lidar.min_range_m);
   result.max_range_m = static_cast<float>(config.lidar.max_range_m);
-  result.filter_voxel_m = static_cast<float>(config.odometry.filter_voxel_m);
-  result.scan_points = static_cast<std::size_t>(config.odometry.scan_points);
-  result.registration_points = static_cast<std::size_t>(config.odometry.registration_points);
-  result.plane_voxel_m = config.odometry.plane_voxel_m;
-  result.coarse_voxel_m = config.odometry.coarse_voxel_m;
-  result.map_radius_m = config.odometry.map_radius_m;
-  result.map_capacity = static_cast<std::size_t>(config.odometry.map_capacity);
+  result.filter_voxel_m = static_cast<float>(c.filter_voxel_m);
+  result.scan_points = static_cast<std::size_t>(c.scan_points);
+  result.registration_points = static_cast<std::size_t>(c.registration_points);
+  result.plane_voxel_m = c.plane_voxel_m;
+  result.coarse_voxel_m = c.coarse_voxel_m;
+  result.map_radius_m = c.map_radius_m;
+  result.map_capacity = static_cast<std::size_t>(c.map_capacity);
   // The schema accepts registered method names only.
-  if (const auto method = core::registration_method_of(config.odometry.registration))
-    result.registration = *method;
-  result.coarse =
-      config.odometry.coarse == "always" ? core::CoarsePolicy::kAlways : core::CoarsePolicy::kAuto;
-  result.max_passes = config.odometry.max_passes;
-  result.max_fine_iterations = config.odometry.max_fine_iterations;
-  result.max_coarse_iterations = config.odometry.max_coarse_iterations;
-  result.max_imu_gap = core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms);
+  if (const auto method = core::registration_method_of(c.registration)) result.registration = *method;
+  result.coarse = c.coarse == "always" ? core::CoarsePolicy::kAlways : core::CoarsePolicy::kAuto;
+  result.max_passes = c.max_passes;
+  result.max_fine_iterations = c.max_fine_iterations;
+  result.max_coarse_iterations = c.max_coarse_iterations;
+  result.max_imu_gap = core::Duration::from_milliseconds(c.max_imu_gap_ms);
   return result;
 }
 

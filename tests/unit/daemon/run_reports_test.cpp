@@ -1,4 +1,4 @@
-#include "daemon/output/imu_report.hpp"
+#include "daemon/output/run_reports.hpp"
 
 #include <string>
 
