@@ -1,10 +1,14 @@
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/commands/help_formatter.hpp"
+
+#include <memory>
 
 #include <CLI/CLI.hpp>
 
 int main(int argc, char** argv) {
   CLI::App app{
       "nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
+  app.formatter(std::make_shared<nilio::tools::HelpFormatter>());
   app.require_subcommand(1);
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;

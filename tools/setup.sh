@@ -7,7 +7,7 @@ packages=(
   build-essential cmake ninja-build pkg-config git ca-certificates
   libeigen3-dev libtbb-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
   libpcap-dev libpugixml-dev libsocketcan-dev libfastrtps-dev libfastcdr-dev
-  libembree-dev libcairo2-dev
+  libembree-dev libcairo2-dev libssl-dev
 )
 if [[ ${1:-} == --tests ]]; then
   packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy xz-utils procps clang-format-14 clang-tidy-14

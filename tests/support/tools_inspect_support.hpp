@@ -2,7 +2,7 @@
 
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/tools_run_command.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 #include "tools/inspect/recording.hpp"
 
 #include <cstdint>
@@ -66,9 +66,9 @@ inline std::span<const std::uint8_t> payload_of(const drivers::Packet& packet) {
 }
 
 /// What is in a file of these bytes.
-inline tools::RecordingFindings inspect_bytes(const std::string& bytes, const std::string& suffix) {
+inline tools::inspect::RecordingFindings inspect_bytes(const std::string& bytes, const std::string& suffix) {
   const TemporaryFile file(bytes, suffix);
-  return tools::inspect_recording({file.path()});
+  return tools::inspect::inspect_recording({file.path()});
 }
 
 /// "nilio inspect <arguments>".

@@ -1,7 +1,6 @@
 #pragma once
 
-#include "nilio/drivers/capture/chained_source.hpp"
-#include "nilio/drivers/capture/pcap_format.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
 #include "daemon/input/input.hpp"
 #include "tests/support/drivers_support.hpp"

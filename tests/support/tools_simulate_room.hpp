@@ -19,10 +19,10 @@ namespace nilio::tests {
 inline constexpr core::Time kRoomStart{1'767'268'800'000'000'000};  // 2026-01-01 12:00
 
 /// The hall of synthetic_room.hpp as triangles.
-inline tools::simulation::TriangleMesh room_mesh(const Room& room) {
+inline tools::simulate::TriangleMesh room_mesh(const Room& room) {
   using core::Vector3;
-  constexpr auto kMaterial = tools::simulation::Material::kPlaster;
-  tools::simulation::TriangleMesh mesh;
+  constexpr auto kMaterial = tools::simulate::Material::kPlaster;
+  tools::simulate::TriangleMesh mesh;
   const auto box = [&](const Vector3& low, const Vector3& high) { mesh.add_box({}, low, high, kMaterial); };
   box(room.low, room.high);
   for (const Room::Pillar& pillar : room.pillars) {
@@ -36,9 +36,9 @@ inline tools::simulation::TriangleMesh room_mesh(const Room& room) {
 /// A bend and some wobble through the hall at 8 m/s; base_link is on the floor.
 inline std::vector<core::SE3> room_drive(double duration_s) {
   std::vector<core::SE3> poses;
-  const long last = std::lround(duration_s / tools::simulation::kControlIntervalS);
+  const long last = std::lround(duration_s / tools::simulate::kControlIntervalS);
   for (long i = 0; i <= last; ++i) {
-    const double t = static_cast<double>(i) * tools::simulation::kControlIntervalS;
+    const double t = static_cast<double>(i) * tools::simulate::kControlIntervalS;
     const core::Vector3 turn(0.02 * std::sin(5.0 * t), 0.02 * std::cos(7.0 * t), 0.3 * t);
     poses.push_back({core::so3_exp(turn), {8.0 * t, 0.5 * t, -1.75}});
   }
@@ -47,21 +47,21 @@ inline std::vector<core::SE3> room_drive(double duration_s) {
 
 struct RoomWorld {
   Room room = Room::with_pillars();
-  tools::simulation::VehicleTrajectory trajectory;
-  tools::simulation::RayScene scene;
+  tools::simulate::VehicleTrajectory trajectory;
+  tools::simulate::RayScene scene;
 };
 
 inline RoomWorld make_room_world(const std::vector<core::SE3>& poses) {
-  using namespace tools::simulation;
+  using namespace tools::simulate;
   const Room room = Room::with_pillars();
   auto scene = RayScene::create(room_mesh(room), {});
   REQUIRE(scene.ok());
   return {room, VehicleTrajectory(poses, kControlIntervalS), std::move(scene).value()};
 }
 
-inline tools::simulation::LidarModelConfig room_config(
+inline tools::simulate::LidarModelConfig room_config(
     drivers::ReturnMode mode = drivers::ReturnMode::kSingle) {
-  tools::simulation::LidarModelConfig config;
+  tools::simulate::LidarModelConfig config;
   config.start = kRoomStart;
   config.T_base_lidar = {core::so3_exp({0.0, 0.01, 0.02}), {0.3, 0.0, 1.73}};
   config.range_noise_m = 0.0;

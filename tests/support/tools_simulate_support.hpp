@@ -48,14 +48,14 @@ inline std::string read_whole(const std::filesystem::path& path) {
 
 /// A drive, the town around it and the moving cars, ready for casting.
 struct SimulatedWorld {
-  tools::simulation::VehicleTrajectory trajectory;
-  tools::simulation::Town town;
-  tools::simulation::RayScene scene;
+  tools::simulate::VehicleTrajectory trajectory;
+  tools::simulate::Town town;
+  tools::simulate::RayScene scene;
 };
 
 inline SimulatedWorld make_world(const std::vector<core::SE3>& poses, std::uint64_t seed,
                                  std::size_t moving_cars) {
-  using namespace tools::simulation;
+  using namespace tools::simulate;
   VehicleTrajectory trajectory(poses, kControlIntervalS);
   auto town = build_town(trajectory, {seed, 1.0});
   REQUIRE(town.ok());
@@ -66,10 +66,10 @@ inline SimulatedWorld make_world(const std::vector<core::SE3>& poses, std::uint6
 }
 
 /// Distance to the first surface on each ray; 0 where there is none.
-inline std::vector<float> cast_rays(const tools::simulation::RayScene& scene,
+inline std::vector<float> cast_rays(const tools::simulate::RayScene& scene,
                                     const std::vector<std::pair<core::Vector3, core::Vector3>>& rays,
                                     double time_s, float max_distance_m) {
-  using namespace tools::simulation;
+  using namespace tools::simulate;
   std::vector<float> distances;
   for (std::size_t first = 0; first < rays.size(); first += kRayGroup) {
     RayGroup group;

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "tests/support/tools_trajectory_support.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <string>
 

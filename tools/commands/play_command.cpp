@@ -1,7 +1,7 @@
 #include "daemon/input/input.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 #include "tools/commands/number_between.hpp"
-#include "tools/common/stop_signals.hpp"
+#include "tools/common/system.hpp"
 #include "tools/play/session.hpp"
 
 #include <array>
@@ -19,7 +19,7 @@ namespace nilio::tools {
 namespace {
 
 struct PlayArguments {
-  PlayConfig config;
+  play::PlayConfig config;
   std::vector<std::string> recordings;
   double longest_gap_s = 10.0;
 };
@@ -32,10 +32,10 @@ double monotonic_s() {
 
 void say(const std::string& line) { std::fprintf(stderr, "nilio play: %s\n", line.c_str()); }
 
-core::Result<std::unique_ptr<PlaySession>> open_session(PlayArguments& arguments) {
+core::Result<std::unique_ptr<play::PlaySession>> open_session(PlayArguments& arguments) {
   const auto files = daemon::sort_replay_files(arguments.recordings);
   if (!files) return files.error();
-  PlayConfig& config = arguments.config;
+  play::PlayConfig& config = arguments.config;
   if (!files->kitti_sequence.empty())
     return core::Error{
         files->kitti_sequence +
@@ -44,10 +44,10 @@ core::Result<std::unique_ptr<PlaySession>> open_session(PlayArguments& arguments
   config.captures = files->captures;
   config.can_logs = files->can_logs;
   config.longest_gap = core::Duration::from_seconds(arguments.longest_gap_s);
-  return PlaySession::open(config, say);
+  return play::PlaySession::open(config, say);
 }
 
-void announce(const PlayConfig& config) {
+void announce(const play::PlayConfig& config) {
   std::string text = "playing " + std::to_string(config.captures.size()) + " captures";
   if (!config.captures.empty()) text += " to " + config.sender.destination_address;
   if (!config.can_interface.empty())
@@ -60,7 +60,7 @@ void announce(const PlayConfig& config) {
 }
 
 /// 0, or 1 when something was not sent.
-int print_report(const PlayReport& report, bool fast, double seconds) {
+int print_report(const play::PlayReport& report, bool fast, double seconds) {
   const auto number = [](std::uint64_t value) { return static_cast<unsigned long long>(value); };
   std::printf("played     %llu packets, %llu frames in %.3f s, %llu times to the end\n",
               number(report.packets), number(report.frames), seconds, number(report.loops));
@@ -85,11 +85,11 @@ int run_play(PlayArguments& arguments) {
   prctl(PR_SET_TIMERSLACK, 1UL);
   announce(arguments.config);
   const double begin_s = monotonic_s();
-  const PlayReport report = (*session)->run([&signals] { return signals.wait(core::Duration{}); });
+  const play::PlayReport report = (*session)->run([&signals] { return signals.wait(core::Duration{}); });
   return print_report(report, arguments.config.fast, monotonic_s() - begin_s);
 }
 
-void add_destination_options(CLI::App& command, PlayConfig& config) {
+void add_destination_options(CLI::App& command, play::PlayConfig& config) {
   command
       .add_option("--to", config.sender.destination_address,
                   "IPv4 address to send packets to: a host, broadcast or multicast")
@@ -137,16 +137,12 @@ void add_play_command(CLI::App& app, int& status) {
       app.add_subcommand("play", "send a recording's packets and CAN frames as the sensors do");
   command->footer(
       "RECORDING is a folder of 'nilio record', or captures and candump logs. Packets and frames are sent "
-      "by\n"
-      "their recorded stamps, at times that do not drift; what was recorded as a burst is sent as a burst. "
-      "Stamps\n"
-      "that jump back by more than a second, and gaps, are named and played on from.\n"
+      "by their recorded stamps, on absolute times without drift; a recorded burst is sent as a burst. "
+      "Gaps, and stamps that jump back by more than a second, are reported; playing continues after them.\n"
       "--restamp is for live tests: the first packet's time becomes the host's present time, and all others "
-      "move\n"
-      "by the same amount, modulo one hour; again after each gap that is skipped and each loop. NMEA "
-      "sentences in\n"
-      "position packets stay as recorded. It needs the recording's own pace.\n"
-      "Exit status: 0, or 1 when something could not be sent.");
+      "move by the same amount, modulo one hour; again after each skipped gap and each loop. NMEA sentences "
+      "in position packets stay as recorded. It needs the recording's own pace.\n"
+      "Exit status: 0, or 1 when a packet or frame could not be sent.");
   command->add_option("RECORDING", arguments->recordings, "folder or files to play")->required();
   add_destination_options(*command, arguments->config);
   add_pace_options(*command, *arguments);

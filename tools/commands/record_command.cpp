@@ -1,6 +1,6 @@
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 #include "tools/commands/number_between.hpp"
-#include "tools/common/stop_signals.hpp"
+#include "tools/common/system.hpp"
 #include "tools/record/session.hpp"
 
 #include <array>
@@ -22,7 +22,7 @@ constexpr std::uint64_t kLinesPerSilenceReport = 12;
 constexpr double kMega = 1e6;
 
 struct RecordArguments {
-  RecordConfig config;
+  record::RecordConfig config;
   std::string folder;
   double rotate_mb = 1000.0;
   double rotate_s = 0.0;
@@ -41,7 +41,7 @@ void say(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", l
 
 unsigned long long printable(std::uint64_t number) { return number; }
 
-std::string losses(const RecordProgress& progress) {
+std::string losses(const record::RecordProgress& progress) {
   std::array<char, 160> text{};
   std::snprintf(text.data(), text.size(), "lost %llu in the kernel, %llu in the ring, %llu at the disk",
                 printable(progress.kernel_dropped), printable(progress.ring_dropped),
@@ -61,15 +61,15 @@ std::string free_space(const std::filesystem::path& folder) {
 /// A line every few seconds with the rates since the last.
 class RecordStatus {
  public:
-  void show(const RecordSession& session, const std::filesystem::path& folder, double now_s) {
+  void show(const record::RecordSession& session, const std::filesystem::path& folder, double now_s) {
     if (now_s - shown_s_ < kStatusPeriodS) return;
-    const RecordProgress progress = session.progress();
+    const record::RecordProgress progress = session.progress();
     const double span = now_s - shown_s_;
     std::array<char, 400> text{};
     std::snprintf(
         text.data(), text.size(),
         "%.0f s, %s: %llu packets, %llu frames, %.1f MB, %.0f packets and frames/s, %.2f MB/s; %s%s%s",
-        now_s - begin_s_, record_file_name(RecordStream::kLidar, progress.part).c_str(),
+        now_s - begin_s_, record::record_file_name(record::RecordStream::kLidar, progress.part).c_str(),
         printable(progress.packets), printable(progress.frames), static_cast<double>(progress.bytes) / kMega,
         static_cast<double>(progress.received - last_.received) / span,
         static_cast<double>(progress.bytes - last_.bytes) / kMega / span, losses(progress).c_str(),
@@ -87,13 +87,13 @@ class RecordStatus {
  private:
   double begin_s_ = monotonic_s();
   double shown_s_ = begin_s_;
-  RecordProgress last_;
+  record::RecordProgress last_;
   std::uint64_t lines_shown_ = 0;
 };
 
 /// 0, or 1 when nothing was recorded or the disk did not take everything.
-int print_summary(const RecordSession& session, double seconds) {
-  const RecordProgress progress = session.progress();
+int print_summary(const record::RecordSession& session, double seconds) {
+  const record::RecordProgress progress = session.progress();
   std::printf("recorded   %llu packets, %llu frames, %.3f MB in %.1f s\n", printable(progress.packets),
               printable(progress.frames), static_cast<double>(progress.bytes) / kMega, seconds);
   std::printf("lost       %llu by the kernel, %llu by full rings, %llu by the disk\n",
@@ -108,14 +108,14 @@ int print_summary(const RecordSession& session, double seconds) {
 }
 
 int run_record(RecordArguments& arguments) {
-  RecordConfig& config = arguments.config;
+  record::RecordConfig& config = arguments.config;
   config.folder = arguments.folder;
   config.limits.rotate_bytes = static_cast<std::uint64_t>(arguments.rotate_mb * kMega);
   config.limits.rotate_after = core::Duration::from_seconds(arguments.rotate_s);
   config.ring_bytes = static_cast<std::size_t>(arguments.buffer_mb * kMega);
   config.receive_buffer_bytes = static_cast<int>(arguments.receive_buffer_mb * 1024.0 * 1024.0);
   StopSignals signals;
-  auto session = RecordSession::open(config, say);
+  auto session = record::RecordSession::open(config, say);
   if (!session) {
     say(session.error().message);
     return 1;
@@ -140,9 +140,9 @@ void add_source_options(CLI::App& command, RecordArguments& a) {
   command.add_option("--bind", a.config.bind_address, "own IPv4 address to receive on; 0.0.0.0 = all")
       ->capture_default_str();
   command.add_option("--multicast-group", a.config.multicast_group,
-                     "multicast group to join; none by default");
+                     "multicast group to join (default: none)");
   command.add_option("--multicast-interface", a.config.multicast_interface,
-                     "address or name of the interface to join on; by default as routes say");
+                     "address or name of the interface to join on (default: by the routing table)");
   command.add_option("--sender", a.config.sender_address,
                      "record only packets of this IPv4 address (default: of all)");
   command
@@ -195,18 +195,15 @@ void add_record_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<RecordArguments>();
   CLI::App* command = app.add_subcommand("record", "record LiDAR packets and CAN frames to files");
   command->footer(
-      "Writes lidar_0001.pcap (UDP packets with nanosecond stamps, sender and ports; the destination address "
-      "is\n"
-      "written as broadcast) and can_0001.log (as 'candump -L') to OUTPUT_FOLDER, in parts with numbers that "
-      "go on\n"
-      "after those in the folder: nothing is overwritten. 'niliod --replay OUTPUT_FOLDER' and 'nilio play\n"
-      "OUTPUT_FOLDER' take all parts as one recording, so give each drive a folder.\n"
-      "What was received more than half a second ago survives 'kill -9', more than 1.5 s ago the loss of "
-      "power.\n"
-      "When the disk is full, what does not fit is lost and counted, and recording goes on when there is "
-      "room.\n"
-      "Exit status: 0, or 1 when nothing was recorded or the disk did not take everything.");
-  command->add_option("OUTPUT_FOLDER", arguments->folder, "folder for the recording, made if missing")
+      "Writes lidar_0001.pcap (UDP packets with nanosecond stamps, sender and ports; the destination "
+      "address is written as broadcast) and can_0001.log (as 'candump -L') to OUTPUT_FOLDER, in parts "
+      "numbered after those in the folder: no file is overwritten. 'niliod --replay OUTPUT_FOLDER' and "
+      "'nilio play OUTPUT_FOLDER' take all parts as one recording, so give each drive a folder.\n"
+      "Data survive 'kill -9' half a second after they were received, and a loss of power after 1.5 s. When "
+      "the disk is full, data that do not fit are dropped and counted, and recording continues when there "
+      "is space.\n"
+      "Exit status: 0, or 1 when no data were recorded or the disk did not take all of them.");
+  command->add_option("OUTPUT_FOLDER", arguments->folder, "folder for the recording, created if missing")
       ->required();
   add_source_options(*command, *arguments);
   add_file_options(*command, *arguments);

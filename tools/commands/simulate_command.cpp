@@ -1,238 +1,317 @@
-#include "nilio/core/units.hpp"
-#include "nilio/drivers/velodyne/calibration/calibration.hpp"
+#include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/commands/number_between.hpp"
 #include "tools/simulate/faults/imu_faults.hpp"
-#include "tools/simulate/geometry/ray_scene.hpp"
-#include "tools/simulate/options.hpp"
-#include "tools/simulate/scene.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
-#include "tools/simulate/sensors/imu_model.hpp"
-#include "tools/simulate/sensors/lidar_model.hpp"
-#include "tools/simulate/sensors/position_model.hpp"
-#include "tools/simulate/sensors/recording.hpp"
+#include "tools/simulate/simulate.hpp"
 
-#include <cstdio>
-#include <filesystem>
+#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <utility>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
 namespace nilio::tools {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 using core::Error;
-using core::Result;
-using namespace simulation;
+using namespace simulate;
 
-/// 2026-01-01T12:00:00Z: recordings of the same seed are the same, stamps included.
-constexpr core::Time kStart{1'767'268'800'000'000'000};
-const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
-const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
-
-Result<fs::path> prepare_folder(const std::string& output) {
-  std::error_code error;
-  fs::create_directories(output, error);
-  if (error)
-    return Error{output + ": cannot be made (" + error.message() +
-                 "); choose a folder that you may write to"};
-  return fs::path(output);
-}
-
-ImuModelConfig imu_config(const SimulateArguments& arguments) {
-  constexpr double micro_g = 1e-6 * 9.80665;
-  ImuModelConfig config;
-  config.seed = arguments.seed;
-  config.start = kStart;
-  config.T_base_imu = kImuMounting.T_base_sensor();
-  config.rate_hz = arguments.imu_rate_hz;
-  config.gyroscope = {
-      arguments.gyro_noise_deg_s * kRadiansPerDegree, arguments.gyro_bias_deg_s * kRadiansPerDegree,
-      arguments.gyro_drift_deg_h * kRadiansPerDegree / 3600.0, 0.01 * arguments.gyro_scale_percent};
-  config.accelerometer = {arguments.accel_noise_ug * micro_g, arguments.accel_bias_m_s2,
-                          arguments.accel_drift_ug * micro_g, 0.01 * arguments.accel_scale_percent};
-  return config;
-}
-
-void print_drive(double length_m, const VehicleTrajectory& trajectory) {
-  std::printf("drive: %.1f m in %.1f s\n", length_m, trajectory.duration_s());
-}
-
-void print_scene(const Scene& scene) {
-  std::printf("scene: %s, %zu moving cars; %.2f million triangles\n", scene.contents.c_str(),
-              scene.cars.size(), static_cast<double>(scene.mesh.triangles.size()) * 1e-6);
-  std::fflush(stdout);
-}
-
-void print_lidar(const LidarRecordingSummary& lidar, const fs::path& path) {
-  std::printf(
-      "%s: %llu packets, %llu position packets, %.2f million firings, %.1f %% returned, "
-      "%.2f million firings/s\n",
-      path.c_str(), static_cast<unsigned long long>(lidar.packets),
-      static_cast<unsigned long long>(lidar.position_packets), static_cast<double>(lidar.firings) * 1e-6,
-      100.0 * static_cast<double>(lidar.returns) / static_cast<double>(lidar.firings),
-      static_cast<double>(lidar.firings) * 1e-6 / lidar.elapsed_s);
-}
-
-/// The sensor, and for an HDL-64E what it says of itself.
-struct LidarSetup {
-  drivers::VelodyneSensor sensor;
-  std::optional<Hdl64eStream> stream;
+/// The options, and as text those that are names.
+struct Arguments {
+  simulate::Options options;
+  std::string sensor = "vlp16";
+  std::string return_mode = "single";
+  std::string gps = "locked";
+  std::string stream_calibration;
+  std::string scene = "town";
 };
 
-/// An HDL-64E that sends its calibration has lasers rounded to what can be sent. KITTI's S2 keeps its own:
-/// they are known to less than a millimetre.
-Result<LidarSetup> make_lidar(const SimulateArguments& arguments) {
-  LidarSetup setup;
-  setup.sensor =
-      drivers::make_velodyne_sensor(parse_sensor(arguments.sensor).value_or(drivers::VelodyneModel::kVlp16));
-  const drivers::VelodyneModel model = setup.sensor.model;
-  if (!has_status_stream(model)) return setup;
-  const bool by_itself = arguments.stream_calibration.empty() && model != drivers::VelodyneModel::kHdl64eS2;
-  if (!by_itself && arguments.stream_calibration != "on") {
-    setup.stream = Hdl64eStream(gps_of(arguments));
-    return setup;
+// In the order of help texts and messages.
+const std::vector<std::pair<std::string, drivers::ReturnMode>> kReturnModes{
+    {"single", drivers::ReturnMode::kSingle},
+    {"dual", drivers::ReturnMode::kDual},
+    {"dual_confidence", drivers::ReturnMode::kDualConfidence}};
+const std::vector<std::pair<std::string, GpsReception>> kGpsReceptions{
+    {"locked", GpsReception::kLocked}, {"nmea", GpsReception::kNmeaOnly}, {"none", GpsReception::kNone}};
+
+template <class Value>
+std::vector<std::string> names_of(const std::vector<std::pair<std::string, Value>>& values) {
+  std::vector<std::string> names;
+  names.reserve(values.size());
+  for (const auto& [name, value] : values) names.push_back(name);
+  return names;
+}
+
+/// Value of a name that the parser has accepted.
+template <class Value>
+Value value_of(const std::vector<std::pair<std::string, Value>>& values, const std::string& wanted) {
+  return std::find_if(values.begin(), values.end(), [&](const auto& value) { return value.first == wanted; })
+      ->second;
+}
+
+std::vector<std::string> scene_names() {
+  std::vector<std::string> names;
+  for (const SceneInfo& info : scene_infos()) names.emplace_back(info.name);
+  return names;
+}
+
+std::string describe_scenes() {
+  std::string text = "where to drive:";
+  for (const SceneInfo& info : scene_infos())
+    text += std::string("\n") + info.name + ": " + info.summary;
+  return text + "\n";
+}
+
+/// Unset for the name of no sensor.
+std::optional<drivers::VelodyneModel> parse_sensor(const std::string& name) {
+  // The model of KITTI.
+  if (name == "hdl64e") return drivers::VelodyneModel::kHdl64eS2;
+  return drivers::parse_velodyne_model(name);
+}
+
+std::string sensor_names() {
+  std::string names;
+  for (const drivers::VelodyneModel model : drivers::velodyne_models())
+    names += std::string(drivers::velodyne_model_name(model)) + ", ";
+  return names + "or 'hdl64e' for HDL-64E-S2";
+}
+
+CLI::Validator sensor_name() {
+  const auto check = [](std::string& given) {
+    return parse_sensor(given) ? std::string() : "'" + given + "' is not one of " + sensor_names();
+  };
+  return {check, ""};
+}
+
+/// Fills the options of names that the parser has accepted.
+void parse_names(Arguments& a) {
+  a.options.sensor = *parse_sensor(a.sensor);
+  a.options.return_mode = value_of(kReturnModes, a.return_mode);
+  a.options.gps = value_of(kGpsReceptions, a.gps);
+  if (!a.stream_calibration.empty()) a.options.stream_calibration = a.stream_calibration == "on";
+  const auto& scenes = scene_infos();
+  a.options.scene = std::find_if(scenes.begin(), scenes.end(), [&](const SceneInfo& info) {
+                      return a.scene == info.name;
+                    })->kind;
+}
+
+void add_drive_options(CLI::App& command, Arguments& a) {
+  command.add_option("--scene", a.scene, describe_scenes())
+      ->check(CLI::IsMember(scene_names()))
+      ->capture_default_str();
+  command.add_flag("--tunnel-lamps", a.options.tunnel_lamps, "lamps and niches in the tunnel; by default it is bare");
+  command
+      .add_option("--trajectory", a.options.trajectory,
+                  "'town', or a KITTI pose file (camera poses, 12 numbers a line) to drive along")
+      ->capture_default_str();
+  command.add_option("--calib", a.options.calibration,
+                     "KITTI calib.txt with Tr for the pose file; default: that of sequences 00-02");
+  command.add_option("--pose-interval", a.options.pose_interval_s, "seconds from pose to pose in the pose file")
+      ->check(number_between(0.001, 10.0))
+      ->capture_default_str();
+  command.add_option("--length", a.options.extent.length_m, "metres to drive; default: the whole drive")
+      ->check(number_between(1.0, 100000.0));
+  command.add_option("--duration", a.options.extent.duration_s, "seconds to drive; default: the whole drive")
+      ->check(number_between(0.5, 7200.0));
+  command
+      .add_option(
+          "--speed", a.options.speed_m_s,
+          "cruising speed, m/s; default: town 10, highway 30, tunnel 20, ramps 5, forest 6, manoeuvres 14")
+      ->check(number_between(0.5, 40.0));
+  command.add_flag("--moving-start", a.options.moving_start,
+                   "begin at speed instead of standing still for 2 s; always so in the tunnel");
+}
+
+void add_lidar_options(CLI::App& command, Arguments& a) {
+  command.add_option("--sensor", a.sensor, "LiDAR: " + sensor_names())
+      ->check(sensor_name())
+      ->capture_default_str();
+  command.add_option("--return-mode", a.return_mode, "returns in each packet")
+      ->check(CLI::IsMember(names_of(kReturnModes)))
+      ->capture_default_str();
+  command.add_option("--rpm", a.options.revolutions_per_minute, "revolutions per minute")
+      ->check(number_between(300.0, 1200.0))
+      ->capture_default_str();
+  command.add_option("--range-noise", a.options.range_noise_m, "standard deviation of a range, m")
+      ->check(number_between(0.0, 1.0))
+      ->capture_default_str();
+  command
+      .add_option("--scene-density", a.options.scene_density,
+                  "scales the number of buildings, trees, parked cars and posts")
+      ->check(number_between(0.0, 3.0))
+      ->capture_default_str();
+  command
+      .add_option("--moving-cars", a.options.moving_cars,
+                  "maximum number; default: one per 30 m in the town, elsewhere the scene's own")
+      ->check(number_between(0.0, 5000.0));
+}
+
+void add_clock_options(CLI::App& command, Arguments& a) {
+  command
+      .add_option("--gps", a.gps, "GPS receiver of the LiDAR: pulse and time, time only, none")
+      ->check(CLI::IsMember(names_of(kGpsReceptions)))
+      ->capture_default_str();
+  command.add_option("--sensor-clock-offset-s", a.options.clock_offset_s, "LiDAR's clock less the host's, s")
+      ->check(number_between(-1e6, 1e6))
+      ->capture_default_str();
+  command
+      .add_option("--sensor-clock-drift-ppm", a.options.clock_drift_ppm, "rate error of the LiDAR's clock, parts per million")
+      ->check(number_between(-1000.0, 1000.0))
+      ->capture_default_str();
+  command
+      .add_option("--network-jitter-us", a.options.network_jitter_us, "maximum additional delay of a packet, us")
+      ->check(number_between(0.0, 20000.0))
+      ->capture_default_str();
+  command
+      .add_option("--stream-calibration", a.stream_calibration,
+                  "whether an HDL-64E sends its calibration (rounded to the stream's steps, and written to "
+                  "calibration.yaml); default: S2.1 and S3 do")
+      ->check(CLI::IsMember({"on", "off"}));
+}
+
+/// The presets that have all six axes, and "none".
+std::vector<std::string> imu_names() {
+  std::vector<std::string> names;
+  for (const std::string& name : drivers::imu_preset_names()) {
+    const core::Result<drivers::ImuPreset> preset = drivers::imu_preset(name);
+    if (preset && drivers::missing_axes(preset->mapping).empty()) names.push_back(name);
   }
-  auto stream = Hdl64eStream::with_calibration(setup.sensor, return_mode_of(arguments),
-                                               arguments.revolutions_per_minute, gps_of(arguments));
-  if (!stream) return stream.error();
-  auto rounded = drivers::with_stream_calibration(std::move(setup.sensor), *stream->calibration());
-  if (!rounded) return rounded.error();
-  return LidarSetup{std::move(rounded).value(), std::move(stream).value()};
+  names.emplace_back("none");
+  return names;
 }
 
-Result<bool> write_inertial_data(const SimulateArguments& arguments, const VehicleTrajectory& trajectory,
-                                 const fs::path& path) {
-  const Result<drivers::ImuPreset> preset = drivers::imu_preset(arguments.imu);
-  if (!preset) return preset.error();
-  const Result<ImuFaultConfig> faults = parse_imu_faults(arguments.imu_faults);
-  if (!faults) return faults.error();
-  const auto samples = write_imu_recording(
-      ImuModel(imu_config(arguments), trajectory),
-      ImuFaults(*faults, kStart, trajectory.duration_s(), arguments.seed), *preset, path.string());
-  if (!samples) return samples.error();
-  std::printf("%s: %llu samples\n", path.c_str(), static_cast<unsigned long long>(*samples));
-  return true;
+void add_imu_options(CLI::App& command, Arguments& a) {
+  command.add_option("--imu", a.options.imu, "IMU and its CAN frames")
+      ->check(CLI::IsMember(imu_names()))
+      ->capture_default_str();
+  command.add_option("--imu-rate", a.options.imu_rate_hz, "samples per second")
+      ->check(number_between(10.0, 1000.0))
+      ->capture_default_str();
+  const auto add_error = [&](const char* name, double& value, const char* help) {
+    command.add_option(name, value, help)->check(number_between(0.0, 1e6))->capture_default_str();
+  };
+  add_error("--gyro-noise", a.options.gyro_noise_deg_s, "deg/s/sqrt(Hz)");
+  add_error("--gyro-bias", a.options.gyro_bias_deg_s, "constant bias of each axis, deg/s");
+  add_error("--gyro-drift", a.options.gyro_drift_deg_h, "in-run bias, deg/h");
+  add_error("--gyro-scale", a.options.gyro_scale_percent, "error of each axis's scale, %");
+  add_error("--accel-noise", a.options.accel_noise_ug, "micro-g/sqrt(Hz)");
+  add_error("--accel-bias", a.options.accel_bias_m_s2, "constant bias of each axis, m/s^2");
+  add_error("--accel-drift", a.options.accel_drift_ug, "in-run bias, micro-g");
+  add_error("--accel-scale", a.options.accel_scale_percent, "error of each axis's scale, %");
+  command
+      .add_option(
+          "--imu-fault", a.options.imu_faults,
+          "fault of the IMU; may be given several times:\n" + describe_imu_faults())
+      ->allow_extra_args(false)
+      ->type_name("NAME[=VALUE]");
 }
 
-/// `arguments.imu` "none" writes no inertial data, and removes what an earlier run left in the folder.
-Result<bool> write_small_files(const SimulateArguments& arguments, const VehicleTrajectory& trajectory,
-                               const LidarSetup& lidar, const fs::path& folder) {
-  const bool with_imu = arguments.imu != "none";
-  const fs::path imu_path = folder / "imu.candump.log";
-  const fs::path calibration_path = folder / "calibration.yaml";
-  std::error_code ignored;
-  fs::remove(imu_path, ignored);
-  fs::remove(calibration_path, ignored);
-  if (with_imu) {
-    const auto imu = write_inertial_data(arguments, trajectory, imu_path);
-    if (!imu) return imu.error();
+/// Error for an option that the chosen LiDAR does not support.
+std::optional<Error> find_impossible_option(const CLI::App& command, const Arguments& a) {
+  const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(a.options.sensor);
+  if (sensor.layout(a.options.return_mode) == nullptr) {
+    std::string modes;
+    for (const auto& [name, mode] : kReturnModes) {
+      if (sensor.layout(mode) != nullptr) modes += (modes.empty() ? "" : ", ") + name;
+    }
+    return Error{"--return-mode: " + sensor.name + " has only " + modes};
   }
-  const auto truth = write_truth(trajectory, kStart, (folder / "truth.tum").string());
-  if (!truth) return truth.error();
-  std::printf("%s: %llu poses\n", (folder / "truth.tum").c_str(), static_cast<unsigned long long>(*truth));
-  RecordedSensors sensors;
-  sensors.lidar_model = drivers::velodyne_model_name(lidar.sensor.model);
-  sensors.lidar = kLidarMounting;
-  sensors.imu_preset = with_imu ? arguments.imu : std::string();
-  sensors.imu = kImuMounting;
-  if (lidar.stream && lidar.stream->calibration()) {
-    const auto written = drivers::write_calibration_yaml(lidar.sensor, calibration_path.string());
-    if (!written) return written.error();
-    sensors.calibration_file = calibration_path.filename().string();
+  if (!a.stream_calibration.empty() && !has_status_stream(a.options.sensor))
+    return Error{"--stream-calibration: " + sensor.name +
+                 " sends no calibration; an HDL-64E-S2 or later does"};
+  for (const char* name : {"--gps", "--sensor-clock-offset-s", "--sensor-clock-drift-ppm"}) {
+    if (!sensor.has_clock && command.count(name) > 0)
+      return Error{std::string(name) + ": " + sensor.name + " sends no time"};
   }
-  return write_configuration(sensors, (folder / "nilio.yaml").string());
+  return std::nullopt;
 }
 
-Result<LidarRecordingSummary> write_lidar(const SimulateArguments& arguments, const LidarSetup& setup,
-                                          const VehicleTrajectory& trajectory, const RayScene& scene,
-                                          const fs::path& path) {
-  LidarModelConfig config;
-  config.seed = arguments.seed;
-  config.start = kStart;
-  config.T_base_lidar = kLidarMounting.T_base_sensor();
-  config.revolutions_per_minute = arguments.revolutions_per_minute;
-  config.range_noise_m = arguments.range_noise_m;
-  config.return_mode = return_mode_of(arguments);
-  config.gps = gps_of(arguments);
-  config.clock_offset = core::Duration::from_seconds(arguments.clock_offset_s);
-  config.clock_drift_ppm = arguments.clock_drift_ppm;
-  config.network_jitter = core::Duration::from_seconds(arguments.network_jitter_us * 1e-6);
-  config.stream = setup.stream;
-  const LidarModel model(setup.sensor, config, trajectory, scene);
-  const PositionModel positions(setup.sensor.model, gps_of(arguments), config.T_base_lidar, model.timing(),
-                                trajectory);
-  return write_lidar_recording(model, sends_position_packets(setup.sensor.model) ? &positions : nullptr,
-                               path.string());
+/// Error for an option that the chosen scene does not use.
+std::optional<Error> find_unused_in_scene(const CLI::App& command, const Arguments& a) {
+  const SceneInfo& scene = info_of(a.options.scene);
+  const auto unused = [&](const char* option, const char* reason) -> std::optional<Error> {
+    if (command.count(option) == 0) return std::nullopt;
+    return Error{std::string(option) + ": in the scene '" + scene.name + "' " + reason};
+  };
+  const bool in_town = scene.kind == SceneKind::kTown || scene.kind == SceneKind::kManoeuvres;
+  std::optional<Error> error;
+  if (scene.kind != SceneKind::kTunnel && command.count("--tunnel-lamps") > 0)
+    return Error{"--tunnel-lamps is for --scene tunnel"};
+  if (scene.kind != SceneKind::kTown && a.options.trajectory != "town")
+    return Error{"--trajectory: a pose file is driven through the town; leave --scene out"};
+  if (!scene.standing_start) error = unused("--moving-start", "the vehicle always begins at speed");
+  if (!error && scene.speed_m_s <= 0.0) {
+    for (const char* option : {"--speed", "--length", "--moving-start"}) {
+      if (!error) error = unused(option, "the vehicle does not move; --duration says for how long");
+    }
+  }
+  const bool without_traffic = scene.kind == SceneKind::kForest || scene.kind == SceneKind::kRamps;
+  if (!error && !in_town && without_traffic) error = unused("--moving-cars", "nothing else moves");
+  return error;
 }
 
-Result<bool> simulate(const SimulateArguments& arguments) {
-  const Result<LidarSetup> setup = make_lidar(arguments);
-  if (!setup) return setup.error();
-  const Result<fs::path> folder = prepare_folder(arguments.output);
-  if (!folder) return folder.error();
-  Result<Scene> made = make_scene(arguments, kLidarMounting.T_base_sensor());
-  if (!made) return made.error();
-  const VehicleTrajectory trajectory(made->poses, kControlIntervalS);
-  print_drive(path_length(made->poses), trajectory);
-  print_scene(*made);
-  const Result<RayScene> scene = RayScene::create(made->mesh, std::move(made->cars));
-  if (!scene) return scene.error();
-
-  // The small files first: they show at once whether the folder can be written.
-  const Result<bool> small_files = write_small_files(arguments, trajectory, *setup, *folder);
-  if (!small_files) return small_files.error();
-  const Result<LidarRecordingSummary> lidar =
-      write_lidar(arguments, *setup, trajectory, *scene, *folder / "lidar.pcap");
-  if (!lidar) return lidar.error();
-  print_lidar(*lidar, *folder / "lidar.pcap");
-  return true;
+/// Error for an option that the chosen scene, trajectory or LiDAR does not use.
+std::optional<Error> find_unused_option(const CLI::App& command, const Arguments& a) {
+  const bool town = a.options.trajectory == "town";
+  if (auto error = find_unused_in_scene(command, a)) return error;
+  if (!town && command.count("--speed") > 0)
+    return Error{"--speed is for the town; a pose file has its own speed"};
+  if (a.options.imu == "none" && !a.options.imu_faults.empty())
+    return Error{"--imu-fault is for an IMU; --imu none records without one"};
+  if (const auto faults = parse_imu_faults(a.options.imu_faults); !faults) return faults.error();
+  for (const char* name : {"--calib", "--pose-interval"}) {
+    if (town && command.count(name) > 0)
+      return Error{std::string(name) + " is for a pose file given by --trajectory"};
+  }
+  return find_impossible_option(command, a);
 }
 
-int run_simulate(const SimulateArguments& arguments) {
-  const Result<bool> done = simulate(arguments);
-  if (done) return 0;
-  std::cerr << "nilio simulate: " << done.error().message << '\n';
+int run_simulate(const CLI::App& command, Arguments& arguments) {
+  parse_names(arguments);
+  std::optional<Error> error = find_unused_option(command, arguments);
+  if (!error) {
+    const core::Result<bool> written = simulate::write_recording(arguments.options);
+    if (written) return 0;
+    error = written.error();
+  }
+  std::cerr << "nilio simulate: " << error->message << '\n';
   return 1;
 }
 
 }  // namespace
 
 void add_simulate_command(CLI::App& app, int& status) {
-  auto arguments = std::make_shared<SimulateArguments>();
-  CLI::App* command =
-      app.add_subcommand("simulate", "drive a simulated vehicle through a made-up scene and record it");
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* command = app.add_subcommand("simulate", "record a simulated drive through a synthetic scene");
   command->footer(
-      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 "
-      "ms),\n"
-      "nilio.yaml, and calibration.yaml if the LiDAR sends its calibration, to OUTPUT_DIR; files there are\n"
+      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 ms), "
+      "nilio.yaml, and calibration.yaml if the LiDAR sends its calibration, to OUTPUT_DIR; files there are "
       "replaced. The same options give the same bytes.\n\n"
       "Examples:\n"
       "  nilio simulate OUT                                        a tour of 640 m through the town\n"
       "  nilio simulate OUT --scene highway --sensor hdl64e        among trucks at 30 m/s\n"
-      "  nilio simulate OUT --scene tunnel --imu none              300 m without anything to see\n"
+      "  nilio simulate OUT --scene tunnel --imu none              300 m of bare tunnel\n"
       "  nilio simulate OUT --scene ramps                          up a car park\n"
       "  nilio simulate OUT --scene forest --speed 4               slowly over humps\n"
       "  nilio simulate OUT --scene standstill --duration 2700     45 minutes beside a road\n"
       "  nilio simulate OUT --scene manoeuvres --duration 90       1 g, 90 deg/s");
-  add_simulate_options(*command, *arguments);
-  command->callback([arguments, command, &status] {
-    if (const std::optional<Error> useless = find_useless_option(*command, *arguments)) {
-      std::cerr << "nilio simulate: " << useless->message << '\n';
-      status = 1;
-      return;
-    }
-    status = run_simulate(*arguments);
-  });
+  command->add_option("OUTPUT_DIR", arguments->options.output, "folder for the recording, created if missing")
+      ->required();
+  add_drive_options(*command, *arguments);
+  add_lidar_options(*command, *arguments);
+  add_clock_options(*command, *arguments);
+  add_imu_options(*command, *arguments);
+  command->add_option("--seed", arguments->options.seed, "seed of scene, traffic and noise")
+      ->capture_default_str();
+  command->callback([arguments, command, &status] { status = run_simulate(*command, *arguments); });
 }
 
 }  // namespace nilio::tools

@@ -1,6 +1,6 @@
 #include "tools/common/child_process.hpp"
 
-#include "tools/common/monotonic_sleep.hpp"
+#include "tools/common/system.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -124,8 +124,8 @@ void ChildProcess::send_signal(int signal) const {
 
 int ChildProcess::stop(core::Duration patience) {
   send_signal(SIGTERM);
-  const std::int64_t deadline = daemon::monotonic_ns() + patience.ns;
-  while (!poll() && daemon::monotonic_ns() < deadline) sleep_for(kPoll);
+  const std::int64_t deadline = monotonic_ns() + patience.ns;
+  while (!poll() && monotonic_ns() < deadline) sleep_for(kPoll);
   if (!ended_) {
     kill_and_reap();
     ended_ = -SIGKILL;

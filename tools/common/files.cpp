@@ -1,25 +1,31 @@
-#include "tools/common/work_folder.hpp"
+#include "tools/common/files.hpp"
 
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
-#include <string>
-#include <utility>
+#include <fstream>
+#include <sstream>
 
 namespace nilio::tools {
 
 namespace fs = std::filesystem;
 
+std::optional<std::string> file_text(const fs::path& path) {
+  const std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::ostringstream text;
+  text << file.rdbuf();
+  return std::move(text).str();
+}
+
 core::Result<WorkFolder> WorkFolder::create() {
   std::error_code error;
   std::string pattern = (fs::temp_directory_path(error) / "nilio_bench_XXXXXX").string();
   if (error || mkdtemp(pattern.data()) == nullptr)
-    return core::Error{pattern + ": a temporary folder cannot be made (" + std::strerror(errno) +
-                       "): set TMPDIR to one that is writable"};
+    return core::Error{pattern + ": temporary folder could not be created (" + std::strerror(errno) +
+                       ") - set TMPDIR to a writable folder"};
   return WorkFolder(pattern);
 }
-
-WorkFolder::WorkFolder(WorkFolder&& other) noexcept : path_(std::exchange(other.path_, {})) {}
 
 WorkFolder::~WorkFolder() {
   std::error_code ignored;

@@ -1,4 +1,4 @@
-#include "tools/evaluate/trajectory.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include <algorithm>
 #include <charconv>

@@ -9,7 +9,7 @@
 #include <span>
 #include <string>
 
-namespace nilio::tools {
+namespace nilio::tools::convert {
 
 /// What a capture contains compared with the scans it was made of.
 struct ConversionCheck {
@@ -29,4 +29,18 @@ core::Result<ConversionCheck> check_conversion(const std::string& pcap_path,
                                                std::span<const KittiRawScan> scans,
                                                const drivers::VelodyneSensor& sensor);
 
-}  // namespace nilio::tools
+/// Options of "nilio convert kitti-raw".
+struct Options {
+  /// Folder of the unpacked drive.
+  std::string drive;
+  /// Folder for the recording, created if missing.
+  std::string output;
+  /// Drive to take the OXTS records from; empty = `drive`.
+  std::string oxts_drive;
+};
+
+/// Converts a drive to lidar.pcap, imu.candump.log, truth.tum and nilio.yaml, prints a summary, and reads the
+/// capture back. Returns the exit status: 1 when the capture does not give the scans back.
+core::Result<int> convert_kitti_raw(const Options& options);
+
+}  // namespace nilio::tools::convert

@@ -9,7 +9,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::convert {
 
 namespace fs = std::filesystem;
 
@@ -262,4 +262,4 @@ Trajectory oxts_trajectory(const std::vector<OxtsRecord>& records, const core::S
   return trajectory;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::convert

@@ -5,7 +5,7 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 
-#include "tools/evaluate/trajectory.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include <array>
 #include <cstddef>
@@ -15,7 +15,7 @@
 #include <string_view>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::convert {
 
 /// One return of a KITTI scan: LiDAR frame (x forward, y left, z up), metres; reflectance 0..1.
 struct KittiPoint {
@@ -77,4 +77,4 @@ core::Result<std::vector<std::optional<core::Time>>> read_kitti_stamps(const std
 /// the first latitude, as the KITTI raw development kit does.
 Trajectory oxts_trajectory(const std::vector<OxtsRecord>& records, const core::SE3& T_lidar_imu);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::convert

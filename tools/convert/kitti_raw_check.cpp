@@ -1,4 +1,4 @@
-#include "tools/convert/kitti_raw_check.hpp"
+#include "tools/convert/convert.hpp"
 
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/velodyne/decoder.hpp"
@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::convert {
 
 namespace {
 
@@ -207,4 +207,4 @@ core::Result<ConversionCheck> check_conversion(const std::string& pcap_path,
   return comparison.finish();
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::convert

@@ -9,7 +9,7 @@
 #include <string_view>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::convert {
 
 namespace {
 
@@ -276,4 +276,4 @@ bool HdlPacketStream::write_packet() {
   return writer_.write(sent, 2368, drivers::encode(packet));
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::convert

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::convert {
 
 inline constexpr std::size_t kHdlLasers = 64;
 /// The encoder of the HDL-64E S2 counts 4000 steps of 0.09 degrees per revolution.
@@ -75,4 +75,4 @@ class HdlPacketStream {
   std::uint64_t packets_ = 0;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::convert

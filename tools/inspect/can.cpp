@@ -1,8 +1,8 @@
 #include "tools/inspect/can.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <array>
@@ -12,7 +12,7 @@
 #include <tuple>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -223,4 +223,4 @@ std::string why_unusable(const CanFindings& can) {
       can.path.c_str(), count(can.broken_lines), count(can.first_broken_line));
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -5,14 +5,14 @@
 #include "nilio/drivers/can/dbc/dbc.hpp"
 
 #include "tools/inspect/imu.hpp"
-#include "tools/inspect/statistics.hpp"
+#include "tools/common/statistics.hpp"
 
 #include <cstdint>
 #include <map>
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// One signal of a DBC, decoded from every frame that has it.
 struct CanSignalFindings {
@@ -78,4 +78,4 @@ core::Result<CanFindings> inspect_can_log(const std::string& path, const drivers
 /// For a log that is not usable: what was found instead and what to do, one line.
 std::string why_unusable(const CanFindings& can);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

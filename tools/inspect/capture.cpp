@@ -1,15 +1,123 @@
 #include "tools/inspect/capture.hpp"
 
-#include "tools/inspect/report/report_text.hpp"
+#include "nilio/drivers/capture/capture_reader.hpp"
+#include "nilio/drivers/packet.hpp"
+
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
+#include <memory>
 #include <string_view>
 #include <tuple>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
+
+/// What a record of a capture is, as far as its headers tell.
+enum class RecordKind : std::uint8_t {
+  kUdp,       ///< a whole IPv4 UDP datagram
+  kUdpCut,    ///< one of which bytes were not recorded (snap length)
+  kFragment,  ///< a piece of a larger IPv4 packet
+  kOtherIp,   ///< IPv4, but not UDP
+  kNotIpv4,   ///< ARP, IPv6 ...
+  kMalformed,
+};
+
+struct CaptureRecord {
+  RecordKind kind = RecordKind::kMalformed;
+  /// Bytes of the UDP payload by the UDP header; `packet` holds at most its capacity of them.
+  std::uint16_t payload_size = 0;
+  /// Addresses and ports are set for UDP only, the stamp for all but malformed records.
+  drivers::Packet packet;
+};
+
+/// Every record of a capture. drivers::open_pcap() gives those of two ports and counts the rest; what is in
+/// an unknown capture takes all ports, and why the others are of no use. One thread.
+class CaptureFile {
+ public:
+  /// Takes what drivers::open_pcap() takes, and fails as it does.
+  static core::Result<CaptureFile> open(const std::string& path);
+  /// False at the end.
+  bool next(CaptureRecord& record);
+  /// Why the end came before that of the recording, for people; empty where it did not.
+  [[nodiscard]] const std::string& early_end() const { return early_end_; }
+
+ private:
+  CaptureFile() = default;
+
+  /// Null after the end.
+  std::unique_ptr<drivers::CaptureReader> reader_;
+  std::string early_end_;
+};
+
+using drivers::CapturedDatagram;
+using drivers::CaptureRead;
+
+/// The year 2100: pcapng can hold stamps that make no sense as nanoseconds.
+constexpr std::int64_t kLatestStampNs = 4'102'444'800'000'000'000;
+
+RecordKind take_datagram(const CapturedDatagram& datagram, CaptureRecord& record) {
+  drivers::Packet& packet = record.packet;
+  packet.sender_address = datagram.source_address;
+  packet.sender_port = datagram.source_port;
+  packet.destination_port = datagram.destination_port;
+  packet.truncated = datagram.payload.size() > packet.data.size();
+  packet.size = static_cast<std::uint16_t>(std::min(datagram.payload.size(), packet.data.size()));
+  std::copy_n(datagram.payload.begin(), packet.size, packet.data.begin());
+  record.payload_size = datagram.payload_size;
+  return datagram.payload_is_cut ? RecordKind::kUdpCut : RecordKind::kUdp;
+}
+
+RecordKind read_frame(const drivers::CapturedFrame& frame, CaptureRecord& record) {
+  if (frame.stamp_ns < 0 || frame.stamp_ns > kLatestStampNs) return RecordKind::kMalformed;
+  record.packet.stamp.ns = frame.stamp_ns;
+  const CapturedDatagram datagram = drivers::find_datagram(frame.link_type, frame.bytes);
+  switch (datagram.kind) {
+    case CapturedDatagram::Kind::kUdp:
+      // A payload that ends early although the whole frame was kept contradicts its own header.
+      return datagram.payload_is_cut && !frame.is_cut ? RecordKind::kMalformed
+                                                      : take_datagram(datagram, record);
+    case CapturedDatagram::Kind::kFragment:
+      return RecordKind::kFragment;
+    case CapturedDatagram::Kind::kOther:
+      return RecordKind::kOtherIp;
+    case CapturedDatagram::Kind::kNotIpv4:
+      return RecordKind::kNotIpv4;
+    case CapturedDatagram::Kind::kMalformed:
+      break;
+  }
+  return RecordKind::kMalformed;
+}
+
+core::Result<CaptureFile> CaptureFile::open(const std::string& path) {
+  auto reader = drivers::open_capture(path);
+  if (!reader) return reader.error();
+  CaptureFile file;
+  file.reader_ = std::move(reader).value();
+  return file;
+}
+
+bool CaptureFile::next(CaptureRecord& record) {
+  if (!reader_) return false;
+  drivers::CapturedFrame frame;
+  const CaptureRead read = reader_->next(frame);
+  if (read == CaptureRead::kFrame || read == CaptureRead::kSkipped) {
+    record.kind = read == CaptureRead::kFrame ? read_frame(frame, record) : RecordKind::kMalformed;
+    return true;
+  }
+  if (read == CaptureRead::kTruncated) {
+    early_end_ =
+        "the file ends in the middle of a record (recording not closed properly, or copied in part); "
+        "everything "
+        "before was read";
+  } else if (read == CaptureRead::kDamaged) {
+    early_end_ = "the file is damaged (" + reader_->problem() + "); everything before was read";
+  }
+  reader_.reset();
+  return false;
+}
 
 constexpr std::size_t kMostSensors = 32;
 constexpr std::size_t kMostStreams = 256;
@@ -201,4 +309,4 @@ std::string why_unusable(const CaptureFindings& capture) {
                 ports_text(capture).c_str(), advice.c_str());
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

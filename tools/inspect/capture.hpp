@@ -3,7 +3,6 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
 
-#include "tools/inspect/capture_file.hpp"
 #include "tools/inspect/sensor.hpp"
 
 #include <array>
@@ -13,7 +12,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 enum class StreamContent : std::uint8_t { kOther, kData, kTelemetry };
 
@@ -64,4 +63,4 @@ core::Result<CaptureFindings> inspect_capture(const std::string& path);
 /// For a capture that is not usable: what was found instead and what to do, one line.
 std::string why_unusable(const CaptureFindings& capture);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

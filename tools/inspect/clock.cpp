@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -75,4 +75,4 @@ std::optional<ClockFindings> ClockComparison::findings() const {
   return result;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <optional>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// A sensor's clock (microseconds past the hour) against the stamps of the capture.
 struct ClockFindings {
@@ -45,4 +45,4 @@ class ClockComparison {
   double sum_td_ = 0.0;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -2,9 +2,8 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/config/schema.hpp"
-#include "tools/inspect/report/imu_calibration_report.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -13,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -246,4 +245,4 @@ std::string make_recording_config(const ConfigSubject& subject, const std::strin
          text;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

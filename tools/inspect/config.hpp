@@ -6,7 +6,7 @@
 
 #include <string>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// What a configuration is made from.
 struct ConfigSubject {
@@ -28,4 +28,4 @@ core::Result<ConfigSubject> choose_config_subject(const RecordingFindings& findi
 std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path,
                                   const DriveFindings* drive = nullptr);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

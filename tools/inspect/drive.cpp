@@ -1,8 +1,8 @@
 #include "tools/inspect/drive.hpp"
 
-#include "daemon/config/terms.hpp"
+#include "daemon/config/convert.hpp"
 #include "daemon/odometry/pipeline.hpp"
-#include "tools/inspect/report/imu_calibration_report.hpp"
+#include "tools/inspect/report/report.hpp"
 
 #include <algorithm>
 #include <array>
@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -22,7 +22,7 @@ using core::Result;
 
 constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
 /// Samples that the largest correctable offset may move into the drive.
-constexpr core::Duration kMargin = core::Duration::from_seconds(2.0 * core::kLargestCorrectableOffset);
+constexpr core::Duration kMargin = core::Duration::from_seconds(2.0 * kLargestCorrectableOffset);
 
 /// All samples of the CAN logs, as the odometry gets them.
 Result<std::vector<core::ImuSample>> read_samples(const daemon::ReplayFiles& files,
@@ -168,8 +168,8 @@ Result<DriveFindings> drive_once(const daemon::ReplayFiles& files, const daemon:
   recorder.drain();
   findings.cut_short = source != nullptr && source->was_shortened();
   if (findings.poses == 0) return Error{"no whole scan is in " + files.captures.front()};
-  findings.correction =
-      core::find_imu_correction(recorder.motions(), samples_around(*samples, recorder.motions()),
+  findings.calibration =
+      calibrate_imu(recorder.motions(), samples_around(*samples, recorder.motions()),
                                 {daemon::to_transform(config.imu.extrinsic),
                                  core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms)});
   return findings;
@@ -180,12 +180,12 @@ Result<DriveFindings> drive_once(const daemon::ReplayFiles& files, const daemon:
 Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
                                     const DriveOptions& options) {
   Result<DriveFindings> first = drive_once(files, config, options);
-  if (!first || !first->correction.any()) return first;
+  if (!first || !first->calibration.any()) return first;
   const Result<DriveFindings> second = drive_once(files, corrected_config(*first), options);
   if (!second) return second.error();
   first->with_gyro_corrected = second->with_gyro;
-  first->correction = core::refine(first->correction, second->correction);
+  first->calibration = refine(first->calibration, second->calibration);
   return first;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -12,7 +12,7 @@
 #include <optional>
 #include <string>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// What the odometry says about the IMU of a recording with LiDAR.
 struct DriveFindings {
@@ -29,7 +29,7 @@ struct DriveFindings {
   /// It ended before the recording did.
   bool cut_short = false;
   core::ImuHealth health;
-  core::ImuCorrection correction;
+  ImuCalibration calibration;
   /// Poses for which the gyroscope was used once it was corrected; nothing without a correction.
   std::optional<std::uint64_t> with_gyro_corrected;
 };
@@ -47,4 +47,4 @@ struct DriveOptions {
 core::Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
                                           const DriveOptions& options);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

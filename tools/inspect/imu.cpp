@@ -4,7 +4,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -93,4 +93,4 @@ ImuFindings ImuInspector::finish() {
   return std::move(findings_);
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

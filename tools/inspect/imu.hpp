@@ -4,7 +4,7 @@
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/packet.hpp"
 
-#include "tools/inspect/statistics.hpp"
+#include "tools/common/statistics.hpp"
 
 #include <array>
 #include <cstdint>
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// What the messages of one IMU preset on one CAN interface say.
 struct ImuFindings {
@@ -65,4 +65,4 @@ class ImuInspector {
   Window window_;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -1,6 +1,6 @@
 #include "tools/inspect/recording.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
 #include <algorithm>
 #include <array>
@@ -9,7 +9,7 @@
 #include <set>
 #include <string_view>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -160,4 +160,4 @@ RecordingFindings inspect_recording(const std::vector<std::string>& paths, const
   return findings;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// How a CAN log lies to a capture in time.
 struct TimeRelation {
@@ -44,4 +44,4 @@ struct RecordingFindings {
 RecordingFindings inspect_recording(const std::vector<std::string>& paths,
                                     const drivers::DbcDatabase* dbc = nullptr);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

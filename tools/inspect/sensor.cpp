@@ -1,13 +1,13 @@
 #include "tools/inspect/sensor.hpp"
 
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <span>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -225,4 +225,4 @@ std::string address_text(std::uint32_t address) {
   return format("%u.%u.%u.%u", address >> 24, address >> 16 & 0xFFU, address >> 8 & 0xFFU, address & 0xFFU);
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

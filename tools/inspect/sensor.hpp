@@ -6,7 +6,7 @@
 #include "nilio/drivers/velodyne/detect.hpp"
 
 #include "tools/inspect/clock.hpp"
-#include "tools/inspect/statistics.hpp"
+#include "tools/common/statistics.hpp"
 #include "tools/inspect/telemetry.hpp"
 
 #include <array>
@@ -17,7 +17,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 struct FactoryBytes {
   std::uint8_t mode = 0;
@@ -105,4 +105,4 @@ class SensorInspector {
 /// "192.168.1.201".
 std::string address_text(std::uint32_t address);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

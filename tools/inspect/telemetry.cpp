@@ -2,12 +2,12 @@
 
 #include "nilio/core/units.hpp"
 
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <span>
 #include <string_view>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -97,4 +97,4 @@ const char* gps_name(drivers::Hdl64eGps gps) {
   return "unknown";
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -6,7 +6,7 @@
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 
-#include "tools/inspect/statistics.hpp"
+#include "tools/common/statistics.hpp"
 
 #include <array>
 #include <cstdint>
@@ -14,7 +14,7 @@
 #include <optional>
 #include <string>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// One board of an HDL-32E.
 struct BoardMotion {
@@ -77,4 +77,4 @@ struct Hdl64eFindings {
 const char* pps_name(drivers::PpsState state);
 const char* gps_name(drivers::Hdl64eGps gps);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -1,4 +1,4 @@
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <array>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <ctime>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 std::string format(const char* pattern, ...) {
   va_list arguments;
@@ -56,4 +56,4 @@ std::string span_text(double seconds) {
   return format("%.1f days", seconds / 86400.0);
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 /// printf into a string.
 [[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
@@ -22,4 +22,4 @@ std::string without_trailing_space(std::string line);
 /// A span of time in the unit that suits it: "12.3 ms", "1.500 s", "2.5 h".
 std::string span_text(double seconds);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -8,7 +8,7 @@
 #include <unistd.h>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::play {
 
 namespace {
 
@@ -88,4 +88,4 @@ PacketSender::Sent PacketSender::send(std::span<const drivers::Packet> packets) 
   return result;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::play

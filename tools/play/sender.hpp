@@ -10,7 +10,7 @@
 #include <string>
 #include <sys/socket.h>
 
-namespace nilio::tools {
+namespace nilio::tools::play {
 
 struct PacketSenderConfig {
   /// Unicast, broadcast or multicast.
@@ -48,4 +48,4 @@ class PacketSender {
   in_addr destination_;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::play

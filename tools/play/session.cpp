@@ -1,8 +1,9 @@
 #include "tools/play/session.hpp"
 
-#include "nilio/drivers/capture/chained_source.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
-#include "tools/common/monotonic_sleep.hpp"
+#include "tools/common/system.hpp"
 
 #include <algorithm>
 #include <array>
@@ -13,7 +14,7 @@
 #include <ctime>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::play {
 
 namespace {
 
@@ -266,4 +267,4 @@ void PlaySession::note_late(std::int64_t due_ns, std::int64_t now_ns) {
   late_max_ns_ = std::max(late_max_ns_, late);
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::play

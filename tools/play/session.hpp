@@ -7,9 +7,8 @@
 #include "nilio/drivers/source.hpp"
 
 #include "ipc/histogram.hpp"
-#include "tools/play/restamp.hpp"
-#include "tools/play/sender.hpp"
 #include "tools/play/timeline.hpp"
+#include "tools/play/sender.hpp"
 
 #include <cstdint>
 #include <functional>
@@ -18,7 +17,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::play {
 
 struct PlayConfig {
   /// In order; several are parts of one recording.
@@ -112,4 +111,4 @@ class PlaySession {
   bool stopped_ = false;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::play

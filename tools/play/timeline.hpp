@@ -1,10 +1,12 @@
 #pragma once
 
 #include "nilio/core/time.hpp"
+#include "nilio/drivers/packet.hpp"
 
 #include <cstdint>
+#include <optional>
 
-namespace nilio::tools {
+namespace nilio::tools::play {
 
 /// Says when each stamp of a recording is due. Due times are reckoned from one origin, so that no error adds
 /// up; where the recording jumps there is a new origin. One thread.
@@ -43,4 +45,18 @@ class PlayTimeline {
   std::int64_t last_due_ns_ = 0;
 };
 
-}  // namespace nilio::tools
+/// Moves the sensor's clock in data packets (1206 bytes) and position packets (512 bytes) to the present: the
+/// microseconds past the hour of the first packet become those of the host, and all others move by as much,
+/// modulo one hour. Other payloads stay as they are. One thread.
+class Restamper {
+ public:
+  /// `host_now`: UTC, used for the first packet only.
+  void apply(drivers::Packet& packet, core::Time host_now);
+  /// The next packet is a first one again.
+  void begin_again() { offset_us_.reset(); }
+
+ private:
+  std::optional<std::uint64_t> offset_us_;
+};
+
+}  // namespace nilio::tools::play

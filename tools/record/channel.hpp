@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 /// A source with the ring that its receive thread fills and the writer empties.
 template <class Slot>
@@ -112,4 +112,4 @@ class RingMerger {
   std::vector<Input> inputs_;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

@@ -5,7 +5,7 @@
 #include <unistd.h>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 RecordFile::RecordFile(std::filesystem::path path, std::vector<std::uint8_t> header)
     : path_(std::move(path)), header_(std::move(header)) {}
@@ -118,4 +118,4 @@ std::uint64_t RecordFile::drop_pending() {
   return records;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

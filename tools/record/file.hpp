@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 /// A file that grows by whole records: what cannot be written in full is taken back, so that a reader never
 /// meets half a record with others behind it. It comes into being with its first record. One thread.
@@ -61,4 +61,4 @@ class RecordFile {
   bool spoiled_ = false;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

@@ -1,6 +1,6 @@
 #include "tools/record/parts.hpp"
 
-#include "nilio/drivers/capture/pcap_format.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -12,7 +12,7 @@
 #include <string_view>
 #include <unistd.h>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 namespace {
 
@@ -231,4 +231,4 @@ void RecordParts::close(std::int64_t now_ns) {
   }
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

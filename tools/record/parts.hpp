@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 /// A recording is a series of parts; part 12 is lidar_0012.pcap and can_0012.log.
 enum class RecordStream : std::uint8_t { kLidar, kCan };
@@ -88,4 +88,4 @@ class RecordParts {
   std::uint64_t lost_before_ = 0;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

@@ -1,8 +1,8 @@
 #include "tools/record/session.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/can/socketcan/socketcan.hpp"
-#include "nilio/drivers/capture/pcap_format.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/network/udp.hpp"
 
 #include <bit>
@@ -11,7 +11,7 @@
 #include <limits>
 #include <pthread.h>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 namespace {
 
@@ -222,4 +222,4 @@ std::vector<std::string> RecordSession::source_lines(bool silent_only) const {
   return lines;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::record {
 
 struct RecordConfig {
   std::filesystem::path folder;
@@ -95,4 +95,4 @@ class RecordSession {
   std::thread writer_;
 };
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::record

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <numbers>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Finaliser of SplitMix64 (Steele, Lea, Flood 2014): a bijection that spreads every input bit over the whole
 /// word.
@@ -47,4 +47,4 @@ class RandomStream {
   std::uint64_t counter_ = 0;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

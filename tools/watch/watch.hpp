@@ -1,14 +1,31 @@
 #pragma once
 
 #include "ipc/dds/messages.hpp"
+#include "ipc/dds/odometry_subscriber.hpp"
 
 #include <cstddef>
-#include <optional>
+#include <cstdint>
 #include <string>
 
 #include <nlohmann/json_fwd.hpp>
 
-namespace nilio::tools {
+namespace nilio::tools::watch {
+
+/// Options of "nilio watch".
+struct Options {
+  dds::OdometrySubscriberConfig subscriber;
+  /// Poses after which it ends; 0 = never.
+  std::uint64_t count = 0;
+  /// Ends after this long without a pose; 0 = never.
+  double timeout_s = 0.0;
+  /// Files to write; empty = none.
+  std::string tum_path;
+  std::string json_path;
+};
+
+/// Shows the published poses until SIGINT, SIGTERM, `count` or `timeout_s`, then prints a summary. Returns the
+/// exit status: 1 without any pose and when a file could not be written, with a message on standard error.
+int run(const Options& options);
 
 /// Text from the network: nothing of it may steer the terminal.
 std::string printable(const std::string& text, std::size_t longest = 32);
@@ -23,4 +40,4 @@ void print_diagnostics(const dds::DiagnosticArray& diagnostics);
 nlohmann::json report_json(const dds::LatencyReport& report);
 nlohmann::json imu_status_json(const dds::ImuPoseStatus& status);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::watch

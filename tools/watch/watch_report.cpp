@@ -1,4 +1,4 @@
-#include "tools/watch/watch_report.hpp"
+#include "tools/watch/watch.hpp"
 
 #include "nilio/core/units.hpp"
 
@@ -8,7 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace nilio::tools {
+namespace nilio::tools::watch {
 namespace {
 
 constexpr std::size_t kLongestMessage = 240;
@@ -92,4 +92,4 @@ nlohmann::json imu_status_json(const dds::ImuPoseStatus& status) {
           {"withheld", status.withheld}};
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::watch

@@ -3,7 +3,7 @@
 #include "tests/support/tools_inspect_support.hpp"
 #include "tools/inspect/config.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,6 +14,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::inspect;
 using Catch::Matchers::Contains;
 using drivers::ReturnMode;
 using drivers::VelodyneModel;
@@ -73,13 +74,13 @@ TEST_CASE("what is told of every real capture is what is known of it") {
     CHECK(sensor.status.mode == fact.mode);
     CHECK(sensor.hints.empty() != fact.early_firmware);
     CHECK(sensor.revolutions_per_minute.mean() == Approx(fact.revolutions_per_minute).epsilon(0.003));
-    CHECK(sensor.revolutions_per_minute.largest() < 1.01 * sensor.revolutions_per_minute.least());
+    CHECK(sensor.revolutions_per_minute.maximum() < 1.01 * sensor.revolutions_per_minute.minimum());
     CHECK(sensor.complete_scans >= fact.least_scans);
     CHECK(sensor.partial_scans <= 2);
     CHECK(sensor.clock_source == fact.clock_source);
     CHECK(sensor.stats.points > 0);
-    CHECK(sensor.range_m.least() > 0.1);
-    CHECK(sensor.range_m.largest() < 250.0);
+    CHECK(sensor.range_m.minimum() > 0.1);
+    CHECK(sensor.range_m.maximum() < 250.0);
     CHECK(sensor.stats.lost_packets + sensor.stats.duplicate_packets + sensor.stats.late_packets == 0);
     CHECK(sensor.stats.time_jumps + sensor.stats.host_clock_jumps + sensor.stats.firings_bad == 0);
     CHECK(sensor.gaps == 0);

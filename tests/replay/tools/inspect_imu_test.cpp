@@ -45,10 +45,10 @@ const std::filesystem::path& drive_folder() {
 }
 
 void write_imu_log(const std::vector<std::string>& faults) {
-  const auto config = simulation::parse_imu_faults(faults);
+  const auto config = simulate::parse_imu_faults(faults);
   REQUIRE(config.ok());
   const drivers::ImuPreset preset = drivers::imu_preset("xsens_mti").value();
-  simulation::ImuFaults planted(*config, core::Time{tests::kDriveStartNs}, kSeconds, 1);
+  simulate::ImuFaults planted(*config, core::Time{tests::kDriveStartNs}, kSeconds, 1);
   std::ofstream log(drive_folder() / "imu.log");
   for (int i = 0; i * 0.005 < kSeconds + 0.5; ++i) {
     core::ImuSample sample = tests::imu_sample(winding, i * 0.005, core::Vector3(0.002, 0.001, 0.0035));

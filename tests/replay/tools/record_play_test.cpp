@@ -8,6 +8,8 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::play;
+using namespace nilio::tools::record;
 using tests::TemporaryFolder;
 
 namespace {

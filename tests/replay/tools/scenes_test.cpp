@@ -2,7 +2,7 @@
 #include "tools/bench/odometry/measure.hpp"
 #include "tools/bench/odometry/odometry.hpp"
 #include "tools/bench/odometry/run.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -74,16 +74,16 @@ struct Case {
   std::function<void(ImuSample&)> fault{};
 };
 
-ImuCorrection correct(const Case& c, double seconds = 40.0) {
+ImuCalibration correct(const Case& c, double seconds = 40.0) {
   std::vector<ImuSample> samples;
   for (double t = 0.0; t < seconds + 2.0; t += kSamplePeriod) {
     samples.push_back(sample_at(c.drive, t, c.actual));
     if (c.fault) c.fault(samples.back());
   }
-  return find_imu_correction(motions_of(c.drive, seconds), samples, {.T_base_imu = c.configured});
+  return calibrate_imu(motions_of(c.drive, seconds), samples, {.T_base_imu = c.configured});
 }
 
-Vector3 degrees_of(const ImuCorrection& correction) {
+Vector3 degrees_of(const ImuCalibration& correction) {
   return roll_pitch_yaw(correction.R_base_imu.toRotationMatrix()) / nilio::kRadiansPerDegree;
 }
 
@@ -105,7 +105,7 @@ void send_as(std::array<double, 3>& values, const Permutation& axes) {
 
 TEST_CASE("an IMU that is right needs no correction, with a crooked but known mounting, too") {
   for (const SE3& mounting : {SE3::identity(), rotated(3.0, -7.0, 40.0), rotated(180.0, 0.0, 90.0)}) {
-    const ImuCorrection correction = correct({.actual = mounting, .configured = mounting});
+    const ImuCalibration correction = correct({.actual = mounting, .configured = mounting});
     CHECK_FALSE(correction.any());
     CHECK(correction.mirror_known);
     CHECK(correction.time_offset_known);
@@ -116,7 +116,7 @@ TEST_CASE("an IMU that is right needs no correction, with a crooked but known mo
 TEST_CASE("a mounting that the configuration does not have is found about every axis") {
   for (const SE3& actual : {rotated(0.0, 0.0, 10.0), rotated(0.0, 10.0, 0.0), rotated(10.0, 0.0, 0.0),
                             rotated(-5.0, 8.0, 130.0)}) {
-    const ImuCorrection correction = correct({.actual = actual});
+    const ImuCalibration correction = correct({.actual = actual});
     CHECK(correction.orientation_changed);
     CHECK_FALSE(correction.along_axes);
     CHECK(correction.R_base_imu.angularDistance(actual.rotation) / nilio::kRadiansPerDegree < 1.0);
@@ -125,7 +125,7 @@ TEST_CASE("a mounting that the configuration does not have is found about every 
 }
 
 TEST_CASE("whole axes are meant where the fit is near them") {
-  const ImuCorrection correction = correct({.actual = rotated(180.0, 0.0, 89.0)});
+  const ImuCalibration correction = correct({.actual = rotated(180.0, 0.0, 89.0)});
   CHECK(correction.along_axes);
   const Matrix3 whole = rotated(180.0, 0.0, 90.0).rotation.toRotationMatrix();
   CHECK((correction.R_base_imu.toRotationMatrix() - whole).norm() < 1e-6);
@@ -140,7 +140,7 @@ TEST_CASE("axes sent as a mirror image are put right by signs and a rotation") {
       send_as(s.angular_velocity, axes);
       send_as(s.linear_acceleration, axes);
     };
-    const ImuCorrection correction = correct({.actual = mounting, .configured = mounting, .fault = fault});
+    const ImuCalibration correction = correct({.actual = mounting, .configured = mounting, .fault = fault});
     REQUIRE(correction.orientation_changed);
     CHECK(correction.along_axes);
     CHECK(correction.negate_gyro == correction.negate_accel);
@@ -171,7 +171,7 @@ TEST_CASE("of several ways to undo a mirror image the plainest is chosen") {
 }
 
 TEST_CASE("a gyroscope whose sign alone is wrong is told from a mounting") {
-  const ImuCorrection correction = correct({.fault = [](ImuSample& s) { s.angular_velocity[2] *= -1.0; }});
+  const ImuCalibration correction = correct({.fault = [](ImuSample& s) { s.angular_velocity[2] *= -1.0; }});
   CHECK(correction.orientation_changed);
   CHECK(correction.negate_gyro == std::array<bool, 3>{false, false, true});
   CHECK(correction.negate_accel == std::array<bool, 3>{});
@@ -179,7 +179,7 @@ TEST_CASE("a gyroscope whose sign alone is wrong is told from a mounting") {
 }
 
 TEST_CASE("a gyroscope with other axes than its accelerometer cannot be put right by a rotation") {
-  const ImuCorrection correction =
+  const ImuCalibration correction =
       correct({.fault = [](ImuSample& s) { std::swap(s.angular_velocity[0], s.angular_velocity[2]); }});
   CHECK(correction.axes_disagree);
   CHECK_FALSE(correction.orientation_changed);
@@ -205,7 +205,7 @@ TEST_CASE("a time offset is found to a few milliseconds, beyond what one fit loo
     const auto late = [offset_ms](ImuSample& s) {
       s.stamp = s.stamp + Duration::from_milliseconds(offset_ms);
     };
-    const ImuCorrection correction = correct({.fault = late});
+    const ImuCalibration correction = correct({.fault = late});
     INFO(offset_ms);
     REQUIRE(correction.time_offset_known);
     CHECK(1e3 * correction.time_offset_s == Approx(offset_ms).margin(3.0));
@@ -214,20 +214,20 @@ TEST_CASE("a time offset is found to a few milliseconds, beyond what one fit loo
 }
 
 TEST_CASE("what is left of a correction is added to it") {
-  const ImuCorrection first = correct({.actual = rotated(0.0, 0.0, 10.0), .fault = [](ImuSample& s) {
+  const ImuCalibration first = correct({.actual = rotated(0.0, 0.0, 10.0), .fault = [](ImuSample& s) {
                                          s.stamp = s.stamp + Duration::from_milliseconds(50.0);
                                          scale(s.angular_velocity, 57.29578);
                                          s.angular_velocity[2] *= -1.0;
                                        }});
   REQUIRE(first.gyro.is_unit);
   REQUIRE(first.negate_gyro[2]);
-  ImuCorrection rest;
+  ImuCalibration rest;
   rest.R_base_imu = rotated(0.0, 0.0, 9.5).rotation;
   rest.orientation_changed = true;
   rest.time_offset_known = true;
   rest.time_offset_s = -4e-3;
   rest.time_offset_sigma_s = 3e-4;
-  const ImuCorrection both = refine(first, rest);
+  const ImuCalibration both = refine(first, rest);
   CHECK(1e3 * both.time_offset_s == Approx(46.0).margin(3.0));
   CHECK(both.time_offset_matters);
   CHECK(both.gyro.factor == first.gyro.factor);
@@ -240,7 +240,7 @@ TEST_CASE("what is left of a correction is added to it") {
 }
 
 TEST_CASE("a straight road at steady speed tells only which way is up") {
-  const ImuCorrection level = correct({.drive = straight});
+  const ImuCalibration level = correct({.drive = straight});
   CHECK_FALSE(level.any());
   CHECK_FALSE(level.gyro.known);
   CHECK_FALSE(level.time_offset_known);
@@ -248,21 +248,21 @@ TEST_CASE("a straight road at steady speed tells only which way is up") {
   CHECK(std::isfinite(level.rotation_sigma[0]));
   CHECK(std::isfinite(level.rotation_sigma[1]));
   CHECK(std::isinf(level.rotation_sigma[2]));
-  const ImuCorrection over = correct({.drive = straight, .actual = rotated(180.0, 0.0, 0.0)});
+  const ImuCalibration over = correct({.drive = straight, .actual = rotated(180.0, 0.0, 0.0)});
   CHECK(over.orientation_changed);
   CHECK(std::abs(degrees_of(over).x()) == Approx(180.0).margin(1e-6));
   // The yaw that is configured is kept where the drive does not show it.
-  const ImuCorrection kept =
+  const ImuCalibration kept =
       correct({.drive = straight, .actual = rotated(0.0, 20.0, 30.0), .configured = rotated(0.0, 0.0, 30.0)});
   CHECK(degrees_of(kept).z() == Approx(30.0).margin(4.0));
 }
 
 TEST_CASE("without samples or motions nothing is known and nothing is changed") {
   const SE3 configured = rotated(1.0, 2.0, 3.0);
-  const ImuCorrection nothing = find_imu_correction({}, {}, {.T_base_imu = configured});
+  const ImuCalibration nothing = calibrate_imu({}, {}, {.T_base_imu = configured});
   CHECK_FALSE(nothing.any());
   CHECK(nothing.R_base_imu.coeffs() == configured.rotation.coeffs());
-  CHECK_FALSE(find_imu_correction(motions_of(winding, 20.0), {}, {.T_base_imu = configured}).any());
+  CHECK_FALSE(calibrate_imu(motions_of(winding, 20.0), {}, {.T_base_imu = configured}).any());
 }
 
 TEST_CASE("roll, pitch and yaw give the rotation back, upright pitch too") {

@@ -2,7 +2,7 @@
 
 #include "tests/support/tools_run_command.hpp"
 #include "tests/support/tools_simulate_support.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +11,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 
 namespace {
 

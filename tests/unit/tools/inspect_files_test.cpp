@@ -1,4 +1,4 @@
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "daemon/config/schema.hpp"
@@ -14,6 +14,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::inspect;
 using namespace nilio::tests;
 using Catch::Matchers::Contains;
 using drivers::VelodyneModel;

@@ -11,6 +11,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::record;
 using Catch::Matchers::Contains;
 using tests::count_up;
 using tests::numbers_of;

@@ -1,11 +1,11 @@
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
 #include "tests/support/tools_run_command.hpp"
 #include "tests/support/tools_simulate_support.hpp"
-#include "tools/common/commands.hpp"
-#include "tools/evaluate/trajectory.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include <filesystem>
 #include <fstream>

@@ -8,7 +8,7 @@
 #include <vector>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using drivers::Hdl64eStatusReader;
 using drivers::ReturnMode;
 using drivers::VelodyneModel;

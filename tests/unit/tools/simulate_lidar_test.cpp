@@ -11,7 +11,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using core::SE3;
 using core::Vector3;
 using tests::SimulatedWorld;

@@ -2,9 +2,8 @@
 
 #include "tests/support/tools_simulate_support.hpp"
 #include "tools/simulate/sensors/imu_model.hpp"
-#include "tools/simulate/town/height_closure.hpp"
-#include "tools/simulate/town/town_drive.hpp"
 #include "tools/simulate/vehicle/recorded_drive.hpp"
+#include "tools/simulate/town/town_drive.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <cmath>
@@ -13,7 +12,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using core::SE3;
 using core::Vector3;
 

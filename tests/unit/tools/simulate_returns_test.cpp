@@ -4,7 +4,7 @@
 #include <vector>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using drivers::BlockContent;
 using drivers::ReturnMode;
 using drivers::VelodyneModel;

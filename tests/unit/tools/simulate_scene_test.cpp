@@ -6,7 +6,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using core::SE3;
 using core::Vector3;
 using tests::SimulatedWorld;

@@ -2,7 +2,7 @@
 
 #include <catch2/catch.hpp>
 
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 
 TEST_CASE("every scene is the same for the same seed, another for another, and has something in it") {
   for (const SceneInfo& info : scene_infos()) {

@@ -10,7 +10,7 @@
 #include <vector>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using core::SE3;
 using core::Vector3;
 using drivers::BlockContent;

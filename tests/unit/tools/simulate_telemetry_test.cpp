@@ -14,7 +14,7 @@
 #include <tbb/global_control.h>
 
 using namespace nilio;
-using namespace nilio::tools::simulation;
+using namespace nilio::tools::simulate;
 using drivers::ReturnMode;
 using drivers::VelodyneModel;
 using tests::RoomWorld;

@@ -8,7 +8,7 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 
-namespace nilio::core {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -23,11 +23,11 @@ bool is_one_line(const std::vector<DirectionPair>& pairs) {
 }
 
 /// Of all rotations that take one direction to another the smallest; upside down is a roll, as mounted.
-Matrix3 smallest_rotation(const Vector3& from, const Vector3& to) {
+core::Matrix3 smallest_rotation(const core::Vector3& from, const core::Vector3& to) {
   constexpr double kOpposite = -0.9999;
   if (from.dot(to) < kOpposite) {
-    const Vector3 axis = (Vector3::UnitX() - Vector3::UnitX().dot(to) * to);
-    const Vector3 chosen = axis.norm() > 0.5 ? axis.normalized() : Vector3::UnitY().eval();
+    const core::Vector3 axis = (core::Vector3::UnitX() - core::Vector3::UnitX().dot(to) * to);
+    const core::Vector3 chosen = axis.norm() > 0.5 ? axis.normalized() : core::Vector3::UnitY().eval();
     return Eigen::AngleAxisd(std::numbers::pi, chosen).toRotationMatrix();
   }
   return Eigen::Quaterniond::FromTwoVectors(from, to).toRotationMatrix();
@@ -35,10 +35,10 @@ Matrix3 smallest_rotation(const Vector3& from, const Vector3& to) {
 
 std::array<double, 3> sigmas(const std::vector<DirectionPair>& pairs) {
   // Information about a small rotation of the actual axes: a direction tells nothing about a turn around it.
-  Matrix3 information = 1e-3 * Matrix3::Identity();
+  core::Matrix3 information = 1e-3 * core::Matrix3::Identity();
   for (const DirectionPair& pair : pairs)
-    information += (Matrix3::Identity() - pair.actual * pair.actual.transpose()) / (pair.sigma * pair.sigma);
-  const Matrix3 covariance = information.inverse();
+    information += (core::Matrix3::Identity() - pair.actual * pair.actual.transpose()) / (pair.sigma * pair.sigma);
+  const core::Matrix3 covariance = information.inverse();
   std::array<double, 3> result{};
   for (Eigen::Index i = 0; i < 3; ++i) {
     const double sigma = std::sqrt(covariance(i, i));
@@ -55,9 +55,9 @@ AxesFit fit_axes(const std::vector<DirectionPair>& pairs, bool mirrors) {
   if (pairs.empty()) return fit;
   fit.known = true;
   fit.sigma = sigmas(pairs);
-  Matrix3 profile = Matrix3::Zero();
-  Vector3 measured = Vector3::Zero();
-  Vector3 actual = Vector3::Zero();
+  core::Matrix3 profile = core::Matrix3::Zero();
+  core::Vector3 measured = core::Vector3::Zero();
+  core::Vector3 actual = core::Vector3::Zero();
   for (const DirectionPair& pair : pairs) {
     const double weight = 1.0 / (pair.sigma * pair.sigma);
     profile += weight * pair.actual * pair.measured.transpose();
@@ -70,14 +70,14 @@ AxesFit fit_axes(const std::vector<DirectionPair>& pairs, bool mirrors) {
     fit.matrix = smallest_rotation(measured.normalized(), actual.normalized());
     return fit;
   }
-  const Eigen::JacobiSVD<Matrix3> svd(profile, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Vector3 handedness = Vector3::Ones();
+  const Eigen::JacobiSVD<core::Matrix3> svd(profile, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  core::Vector3 handedness = core::Vector3::Ones();
   if (!mirrors) handedness.z() = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
   fit.matrix = svd.matrixU() * handedness.asDiagonal() * svd.matrixV().transpose();
   return fit;
 }
 
-Matrix3 nearest_axes(const Matrix3& matrix) {
+core::Matrix3 nearest_axes(const core::Matrix3& matrix) {
   std::array<int, 3> order{0, 1, 2};
   std::array<int, 3> best = order;
   double largest = -1.0;
@@ -88,7 +88,7 @@ Matrix3 nearest_axes(const Matrix3& matrix) {
     largest = sum;
     best = order;
   } while (std::next_permutation(order.begin(), order.end()));
-  Matrix3 result = Matrix3::Zero();
+  core::Matrix3 result = core::Matrix3::Zero();
   for (int row = 0; row < 3; ++row) {
     const int column = best[static_cast<std::size_t>(row)];
     result(row, column) = matrix(row, column) < 0.0 ? -1.0 : 1.0;
@@ -96,13 +96,13 @@ Matrix3 nearest_axes(const Matrix3& matrix) {
   return result;
 }
 
-double angle_between(const Matrix3& a, const Matrix3& b) {
-  const Matrix3 difference = a * b.transpose();
+double angle_between(const core::Matrix3& a, const core::Matrix3& b) {
+  const core::Matrix3 difference = a * b.transpose();
   if (difference.determinant() < 0.0) return std::numbers::pi;
-  return so3_log(Eigen::Quaterniond(difference)).norm();
+  return core::so3_log(Eigen::Quaterniond(difference)).norm();
 }
 
-MirroredRotation split_mirror(const Matrix3& matrix) {
+MirroredRotation split_mirror(const core::Matrix3& matrix) {
   if (matrix.determinant() > 0.0) return {matrix, {}};
   // Rounding must not decide between equal angles.
   constexpr double kSame = 1e-6;
@@ -115,10 +115,10 @@ MirroredRotation split_mirror(const Matrix3& matrix) {
   MirroredRotation best;
   double least = 10.0;
   for (const auto& negated : choices) {
-    Matrix3 rotation = matrix;
+    core::Matrix3 rotation = matrix;
     for (Eigen::Index i = 0; i < 3; ++i)
       if (negated[static_cast<std::size_t>(i)]) rotation.col(i) *= -1.0;
-    const double angle = angle_between(rotation, Matrix3::Identity());
+    const double angle = angle_between(rotation, core::Matrix3::Identity());
     if (angle >= least - kSame) continue;
     least = angle;
     best = {rotation, negated};
@@ -126,4 +126,4 @@ MirroredRotation split_mirror(const Matrix3& matrix) {
   return best;
 }
 
-}  // namespace nilio::core
+}  // namespace nilio::tools::inspect

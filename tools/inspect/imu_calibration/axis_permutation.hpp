@@ -6,19 +6,19 @@
 #include <limits>
 #include <vector>
 
-namespace nilio::core {
+namespace nilio::tools::inspect {
 
 /// The same direction as the IMU has it and as it is, unit vectors in base_link.
 struct DirectionPair {
-  Vector3 measured = Vector3::Zero();
-  Vector3 actual = Vector3::Zero();
+  core::Vector3 measured = core::Vector3::Zero();
+  core::Vector3 actual = core::Vector3::Zero();
   double sigma = 0.0;  ///< rad
 };
 
 /// Orthogonal matrix that takes measured to actual directions.
 struct AxesFit {
   bool known = false;
-  Matrix3 matrix = Matrix3::Identity();
+  core::Matrix3 matrix = core::Matrix3::Identity();
   /// About x, y and z, rad; infinite where no pair tells.
   std::array<double, 3> sigma{std::numeric_limits<double>::infinity(),
                               std::numeric_limits<double>::infinity(),
@@ -30,16 +30,16 @@ struct AxesFit {
 AxesFit fit_axes(const std::vector<DirectionPair>& pairs, bool mirrors);
 
 /// The signed permutation of axes nearest to an orthogonal matrix.
-Matrix3 nearest_axes(const Matrix3& matrix);
+core::Matrix3 nearest_axes(const core::Matrix3& matrix);
 /// Angle between two orthogonal matrices of the same handedness, rad; pi when it differs.
-double angle_between(const Matrix3& a, const Matrix3& b);
+double angle_between(const core::Matrix3& a, const core::Matrix3& b);
 
 /// An orthogonal matrix as a rotation after negating axes.
 struct MirroredRotation {
-  Matrix3 rotation = Matrix3::Identity();
+  core::Matrix3 rotation = core::Matrix3::Identity();
   std::array<bool, 3> negated{};
 };
 /// The one with the smallest rotation, of equal ones that with fewest axes negated.
-MirroredRotation split_mirror(const Matrix3& matrix);
+MirroredRotation split_mirror(const core::Matrix3& matrix);
 
-}  // namespace nilio::core
+}  // namespace nilio::tools::inspect

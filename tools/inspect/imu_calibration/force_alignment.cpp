@@ -9,7 +9,7 @@
 
 #include <Eigen/Eigenvalues>
 
-namespace nilio::core {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -29,12 +29,12 @@ constexpr double kLargestHorizontalSigma = 10.0 * kRadiansPerDegree;
 
 /// Specific force as the IMU has it and as it is, both in base_link, and the acceleration.
 struct ForcePair {
-  Vector3 measured = Vector3::Zero();
-  Vector3 actual = Vector3::Zero();
+  core::Vector3 measured = core::Vector3::Zero();
+  core::Vector3 actual = core::Vector3::Zero();
   double acceleration = 0.0;
 };
 
-bool is_one_piece(std::span<const RegisteredMotion> window) {
+bool is_one_piece(std::span<const core::RegisteredMotion> window) {
   const double mean = (window.back().to - window.front().from).seconds() / static_cast<double>(window.size());
   for (std::size_t i = 0; i < window.size(); ++i) {
     if (i > 0 && window[i].from != window[i - 1].to) return false;
@@ -43,36 +43,36 @@ bool is_one_piece(std::span<const RegisteredMotion> window) {
   return true;
 }
 
-Vector3 up_in_odom(std::span<const RegisteredMotion> motions) {
-  Vector3 sum = Vector3::Zero();
-  for (const RegisteredMotion& motion : motions) sum += motion.T_odom_to.rotation * Vector3::UnitZ();
-  return sum.norm() > 0.0 ? sum.normalized().eval() : Vector3::UnitZ().eval();
+core::Vector3 up_in_odom(std::span<const core::RegisteredMotion> motions) {
+  core::Vector3 sum = core::Vector3::Zero();
+  for (const core::RegisteredMotion& motion : motions) sum += motion.T_odom_to.rotation * core::Vector3::UnitZ();
+  return sum.norm() > 0.0 ? sum.normalized().eval() : core::Vector3::UnitZ().eval();
 }
 
-ForcePair compare(std::span<const RegisteredMotion> window, const ImuBuffer& imu, const Vector3& imu_position,
-                  const Vector3& up) {
+ForcePair compare(std::span<const core::RegisteredMotion> window, const core::ImuBuffer& imu, const core::Vector3& imu_position,
+                  const core::Vector3& up) {
   const double half = 0.5 * (window.back().to - window.front().from).seconds();
-  const RegisteredMotion& middle = window[kSpan];
-  const Vector3 acceleration =
+  const core::RegisteredMotion& middle = window[kSpan];
+  const core::Vector3 acceleration =
       (window.back().T_odom_to * imu_position - 2.0 * (middle.T_odom_from * imu_position) +
        window.front().T_odom_from * imu_position) /
       (half * half);
   ForcePair pair;
   pair.acceleration = acceleration.norm();
-  pair.actual = middle.T_odom_from.rotation.conjugate() * (acceleration + kGravity * up);
+  pair.actual = middle.T_odom_from.rotation.conjugate() * (acceleration + core::kGravity * up);
   // A second difference of positions sees acceleration through a triangle; so must the force be weighted.
   for (std::size_t i = 0; i < window.size(); ++i) {
     const double distance = static_cast<double>(std::min(i + 1, window.size() - i)) - 0.5;
     pair.measured += distance / static_cast<double>(kSpan * kSpan) *
-                     mean_specific_force(imu, window[i].from, window[i].to);
+                     core::mean_specific_force(imu, window[i].from, window[i].to);
   }
   return pair;
 }
 
-std::vector<ForcePair> compare_all(std::span<const RegisteredMotion> motions, const ImuBuffer& imu,
-                                   const Vector3& imu_position, Duration max_gap) {
+std::vector<ForcePair> compare_all(std::span<const core::RegisteredMotion> motions, const core::ImuBuffer& imu,
+                                   const core::Vector3& imu_position, core::Duration max_gap) {
   std::vector<ForcePair> pairs;
-  const Vector3 up = up_in_odom(motions);
+  const core::Vector3 up = up_in_odom(motions);
   for (std::size_t i = 0; i + 2 * kSpan <= motions.size(); ++i) {
     const auto window = motions.subspan(i, 2 * kSpan);
     if (is_one_piece(window) && imu.covers(window.front().from, window.back().to, max_gap))
@@ -83,8 +83,8 @@ std::vector<ForcePair> compare_all(std::span<const RegisteredMotion> motions, co
 
 /// Adds gravity's pair; false when there was too little steady motion.
 bool add_gravity(const std::vector<ForcePair>& forces, ForceComparison& result) {
-  Vector3 measured = Vector3::Zero();
-  Vector3 actual = Vector3::Zero();
+  core::Vector3 measured = core::Vector3::Zero();
+  core::Vector3 actual = core::Vector3::Zero();
   std::size_t steady = 0;
   for (const ForcePair& force : forces) {
     if (force.acceleration > kSteadyAcceleration) continue;
@@ -99,17 +99,17 @@ bool add_gravity(const std::vector<ForcePair>& forces, ForceComparison& result) 
 }
 
 struct Covariances {
-  Matrix3 mm = Matrix3::Zero();
-  Matrix3 am = Matrix3::Zero();
+  core::Matrix3 mm = core::Matrix3::Zero();
+  core::Matrix3 am = core::Matrix3::Zero();
   double aa = 0.0;
 };
 
 /// Of what is across gravity: along it there are bumps.
 Covariances horizontal_covariances(const std::vector<ForcePair>& forces, const DirectionPair& gravity) {
-  const Matrix3 across_measured = Matrix3::Identity() - gravity.measured * gravity.measured.transpose();
-  const Matrix3 across_actual = Matrix3::Identity() - gravity.actual * gravity.actual.transpose();
-  Vector3 mean_measured = Vector3::Zero();
-  Vector3 mean_actual = Vector3::Zero();
+  const core::Matrix3 across_measured = core::Matrix3::Identity() - gravity.measured * gravity.measured.transpose();
+  const core::Matrix3 across_actual = core::Matrix3::Identity() - gravity.actual * gravity.actual.transpose();
+  core::Vector3 mean_measured = core::Vector3::Zero();
+  core::Vector3 mean_actual = core::Vector3::Zero();
   const double share = 1.0 / static_cast<double>(forces.size());
   for (const ForcePair& force : forces) {
     mean_measured += share * force.measured;
@@ -117,8 +117,8 @@ Covariances horizontal_covariances(const std::vector<ForcePair>& forces, const D
   }
   Covariances c;
   for (const ForcePair& force : forces) {
-    const Vector3 m = across_measured * (force.measured - mean_measured);
-    const Vector3 a = across_actual * (force.actual - mean_actual);
+    const core::Vector3 m = across_measured * (force.measured - mean_measured);
+    const core::Vector3 a = across_actual * (force.actual - mean_actual);
     c.mm += share * m * m.transpose();
     c.am += share * a * m.transpose();
     c.aa += share * a.squaredNorm();
@@ -128,7 +128,7 @@ Covariances horizontal_covariances(const std::vector<ForcePair>& forces, const D
 
 void add_horizontal(const std::vector<ForcePair>& forces, ForceComparison& result) {
   const Covariances c = horizontal_covariances(forces, result.pairs.front());
-  const Eigen::SelfAdjointEigenSolver<Matrix3> solver(c.mm);
+  const Eigen::SelfAdjointEigenSolver<core::Matrix3> solver(c.mm);
   const double floor = 1e-9 * result.gravity_ratio * result.gravity_ratio;
   double residual = c.aa;
   for (Eigen::Index k = 2; k >= 1; --k) {
@@ -138,8 +138,8 @@ void add_horizontal(const std::vector<ForcePair>& forces, ForceComparison& resul
   for (Eigen::Index k = 2; k >= 1; --k) {
     const double variance = solver.eigenvalues()[k];
     if (variance <= floor) return;
-    const Vector3 direction = solver.eigenvectors().col(k);
-    const Vector3 actual = c.am * direction / variance;
+    const core::Vector3 direction = solver.eigenvectors().col(k);
+    const core::Vector3 actual = c.am * direction / variance;
     const double independent = 2.0 * static_cast<double>(forces.size()) / kOverlap;
     const double sigma = std::sqrt(std::max(0.0, residual) / (independent * variance)) / actual.norm();
     if (!(sigma < kLargestHorizontalSigma)) return;
@@ -150,8 +150,8 @@ void add_horizontal(const std::vector<ForcePair>& forces, ForceComparison& resul
 
 }  // namespace
 
-ForceComparison compare_forces(std::span<const RegisteredMotion> motions, const ImuBuffer& imu,
-                               const Vector3& imu_position, Duration max_gap) {
+ForceComparison compare_forces(std::span<const core::RegisteredMotion> motions, const core::ImuBuffer& imu,
+                               const core::Vector3& imu_position, core::Duration max_gap) {
   ForceComparison result;
   const std::vector<ForcePair> forces = compare_all(motions, imu, imu_position, max_gap);
   if (!add_gravity(forces, result)) return result;
@@ -159,4 +159,4 @@ ForceComparison compare_forces(std::span<const RegisteredMotion> motions, const 
   return result;
 }
 
-}  // namespace nilio::core
+}  // namespace nilio::tools::inspect

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-namespace nilio::core {
+namespace nilio::tools::inspect {
 
 /// What the accelerometer and the registered positions have in common.
 struct ForceComparison {
@@ -20,7 +20,7 @@ struct ForceComparison {
 };
 
 /// `imu` has all samples, in base_link as configured.
-ForceComparison compare_forces(std::span<const RegisteredMotion> motions, const ImuBuffer& imu,
-                               const Vector3& imu_position, Duration max_gap);
+ForceComparison compare_forces(std::span<const core::RegisteredMotion> motions, const core::ImuBuffer& imu,
+                               const core::Vector3& imu_position, core::Duration max_gap);
 
-}  // namespace nilio::core
+}  // namespace nilio::tools::inspect

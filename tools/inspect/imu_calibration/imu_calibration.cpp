@@ -12,7 +12,7 @@
 
 #include <Eigen/LU>
 
-namespace nilio::core {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -31,24 +31,24 @@ constexpr double kLeastGyroSigma = 0.5 / kDegreesPerRadian;
 constexpr double kAxesTolerance = 2.0 / kDegreesPerRadian;
 constexpr double kLargestAxesTolerance = 6.0 / kDegreesPerRadian;
 
-ImuBuffer shifted_buffer(std::span<const ImuSample> samples, const Eigen::Quaterniond& R_base_imu,
-                         Duration shift) {
-  ImuBuffer buffer(std::max<std::size_t>(samples.size(), 1));
-  for (ImuSample sample : samples) {
+core::ImuBuffer shifted_buffer(std::span<const core::ImuSample> samples, const Eigen::Quaterniond& R_base_imu,
+                         core::Duration shift) {
+  core::ImuBuffer buffer(std::max<std::size_t>(samples.size(), 1));
+  for (core::ImuSample sample : samples) {
     sample.stamp = sample.stamp - shift;
     buffer.add(sample, R_base_imu);
   }
   return buffer;
 }
 
-RotationEstimate fit_rotation(std::span<const RegisteredMotion> motions, const ImuBuffer& imu,
-                              Duration max_gap) {
-  RotationFit fit;
-  for (const RegisteredMotion& motion : motions) {
-    if (!imu.covers(motion.from - kLargestShift, motion.to + kLargestShift, max_gap)) continue;
-    std::array<Vector3, kTimeShifts> rates;
-    for (std::size_t i = 0; i < kTimeShifts; ++i)
-      rates[i] = mean_angular_velocity(imu, motion.from + shift_at(i), motion.to + shift_at(i));
+core::RotationEstimate fit_rotation(std::span<const core::RegisteredMotion> motions, const core::ImuBuffer& imu,
+                              core::Duration max_gap) {
+  core::RotationFit fit;
+  for (const core::RegisteredMotion& motion : motions) {
+    if (!imu.covers(motion.from - core::kLargestShift, motion.to + core::kLargestShift, max_gap)) continue;
+    std::array<core::Vector3, core::kTimeShifts> rates;
+    for (std::size_t i = 0; i < core::kTimeShifts; ++i)
+      rates[i] = core::mean_angular_velocity(imu, motion.from + core::shift_at(i), motion.to + core::shift_at(i));
     fit.add(motion.mean_rate(), rates);
   }
   return fit.estimate();
@@ -69,10 +69,10 @@ ScaleCorrection judge_scale(double ratio, double sigma, std::initializer_list<do
   return result;
 }
 
-std::vector<DirectionPair> gyro_pairs(const RotationEstimate& rotation) {
+std::vector<DirectionPair> gyro_pairs(const core::RotationEstimate& rotation) {
   std::vector<DirectionPair> pairs;
   for (std::size_t k = 0; k < rotation.observed; ++k) {
-    const ObservedDirection& d = rotation.directions[k];
+    const core::ObservedDirection& d = rotation.directions[k];
     // A weak direction has what leaks into it from the strongest one.
     if (k > 0 && !d.strong) continue;
     pairs.push_back({d.gyro, d.registered.normalized(), std::max(d.angle_sigma, kLeastGyroSigma)});
@@ -80,14 +80,14 @@ std::vector<DirectionPair> gyro_pairs(const RotationEstimate& rotation) {
   return pairs;
 }
 
-double angle_of(const Vector3& a, const Vector3& b) {
+double angle_of(const core::Vector3& a, const core::Vector3& b) {
   return std::acos(std::clamp(a.normalized().dot(b.normalized()), -1.0, 1.0));
 }
 
 /// The gyroscope by the accelerometer's axes: in agreement, with the opposite sign, or neither.
 enum class Agreement { kSame, kOpposite, kNone };
 
-Agreement compare_axes(const std::vector<DirectionPair>& gyro, const Matrix3& accel_axes) {
+Agreement compare_axes(const std::vector<DirectionPair>& gyro, const core::Matrix3& accel_axes) {
   bool same = true;
   bool opposite = true;
   for (const DirectionPair& pair : gyro) {
@@ -107,10 +107,10 @@ double largest_seen(const std::array<double, 3>& sigma) {
 
 /// Rounds to whole axes what is near them: axes swapped in the IMU, whose configured mounting then stays; or
 /// the mounting itself.
-Matrix3 round_to_axes(const Matrix3& actual, const Matrix3& configured, double tolerance, bool& along_axes) {
-  const Matrix3 swapped = configured.transpose() * actual;
-  const Matrix3 whole_swap = nearest_axes(swapped);
-  const Matrix3 whole = nearest_axes(actual);
+core::Matrix3 round_to_axes(const core::Matrix3& actual, const core::Matrix3& configured, double tolerance, bool& along_axes) {
+  const core::Matrix3 swapped = configured.transpose() * actual;
+  const core::Matrix3 whole_swap = nearest_axes(swapped);
+  const core::Matrix3 whole = nearest_axes(actual);
   along_axes = true;
   if (angle_between(whole_swap, swapped) < tolerance) return configured * whole_swap;
   if (angle_between(whole, actual) < tolerance) return whole;
@@ -118,12 +118,12 @@ Matrix3 round_to_axes(const Matrix3& actual, const Matrix3& configured, double t
   return actual;
 }
 
-void set_orientation(const AxesFit& fit, const Matrix3& configured, ImuCorrection& result) {
+void set_orientation(const AxesFit& fit, const core::Matrix3& configured, ImuCalibration& result) {
   result.rotation_sigma = fit.sigma;
   const double tolerance = std::clamp(3.0 * largest_seen(fit.sigma), kAxesTolerance, kLargestAxesTolerance);
-  result.fitted_angle = angle_between(fit.matrix, Matrix3::Identity());
+  result.fitted_angle = angle_between(fit.matrix, core::Matrix3::Identity());
   if (result.fitted_angle < tolerance) return;
-  const Matrix3 actual = round_to_axes(fit.matrix * configured, configured, tolerance, result.along_axes);
+  const core::Matrix3 actual = round_to_axes(fit.matrix * configured, configured, tolerance, result.along_axes);
   const MirroredRotation split = split_mirror(actual);
   result.R_base_imu = Eigen::Quaterniond(split.rotation).normalized();
   result.negate_gyro = split.negated;
@@ -134,9 +134,9 @@ void set_orientation(const AxesFit& fit, const Matrix3& configured, ImuCorrectio
 /// The gyro's signs are wrong for themselves: the axis that it is about, or all when that is none of the
 /// IMU's.
 void negate_gyro_alone(const std::vector<DirectionPair>& gyro, const Eigen::Quaterniond& R_base_imu,
-                       ImuCorrection& result) {
+                       ImuCalibration& result) {
   for (const DirectionPair& pair : gyro) {
-    const Vector3 in_imu = R_base_imu.conjugate() * pair.measured;
+    const core::Vector3 in_imu = R_base_imu.conjugate() * pair.measured;
     Eigen::Index axis = 0;
     if (in_imu.cwiseAbs().maxCoeff(&axis) < std::cos(kSameAxis)) {
       result.negate_gyro.fill(true);
@@ -149,10 +149,10 @@ void negate_gyro_alone(const std::vector<DirectionPair>& gyro, const Eigen::Quat
 }
 
 void find_orientation(const std::vector<DirectionPair>& gyro, const ForceComparison& forces,
-                      const Eigen::Quaterniond& R_base_imu, ImuCorrection& result) {
+                      const Eigen::Quaterniond& R_base_imu, ImuCalibration& result) {
   result.R_base_imu = R_base_imu;
   result.mirror_known = forces.spans_space;
-  const Matrix3 configured = R_base_imu.toRotationMatrix();
+  const core::Matrix3 configured = R_base_imu.toRotationMatrix();
   const AxesFit by_force = fit_axes(forces.pairs, forces.spans_space);
   const Agreement agreement = by_force.known ? compare_axes(gyro, by_force.matrix) : Agreement::kSame;
   std::vector<DirectionPair> pairs = forces.pairs;
@@ -167,20 +167,20 @@ void find_orientation(const std::vector<DirectionPair>& gyro, const ForceCompari
   if (agreement == Agreement::kOpposite) negate_gyro_alone(gyro, R_base_imu, result);
 }
 
-void judge_offset(ImuCorrection& result) {
+void judge_offset(ImuCalibration& result) {
   const double least = std::max(kLeastOffset, 3.0 * result.time_offset_sigma_s);
   result.time_offset_matters = std::abs(result.time_offset_s) > least;
 }
 
 /// Finds the offset in rounds, each over samples shifted by what the one before found: the fit looks only so
 /// far, and is best near 0.
-RotationEstimate find_offset(std::span<const RegisteredMotion> motions, std::span<const ImuSample> samples,
-                             const ImuMounting& mounting, ImuCorrection& result) {
+core::RotationEstimate find_offset(std::span<const core::RegisteredMotion> motions, std::span<const core::ImuSample> samples,
+                             const ImuMounting& mounting, ImuCalibration& result) {
   double offset_s = 0.0;
-  RotationEstimate rotation;
+  core::RotationEstimate rotation;
   for (int round = 0; round < kOffsetRounds; ++round) {
-    const ImuBuffer imu =
-        shifted_buffer(samples, mounting.T_base_imu.rotation, Duration::from_seconds(offset_s));
+    const core::ImuBuffer imu =
+        shifted_buffer(samples, mounting.T_base_imu.rotation, core::Duration::from_seconds(offset_s));
     rotation = fit_rotation(motions, imu, mounting.max_gap);
     if (!rotation.time_offset_found) break;
     offset_s += rotation.time_offset_s;
@@ -189,7 +189,7 @@ RotationEstimate find_offset(std::span<const RegisteredMotion> motions, std::spa
     if (std::abs(rotation.time_offset_s) < kOffsetSettled) break;
     if (std::abs(offset_s) > kLargestCorrectableOffset) break;
   }
-  const bool at_edge = std::abs(rotation.time_offset_s) > 0.9 * kLargestShift.seconds();
+  const bool at_edge = std::abs(rotation.time_offset_s) > 0.9 * core::kLargestShift.seconds();
   if (at_edge || std::abs(offset_s) > kLargestCorrectableOffset) result.time_offset_known = false;
   if (!result.time_offset_known) return rotation;
   result.time_offset_s = offset_s;
@@ -207,18 +207,18 @@ void refine_scale(const ScaleCorrection& rest, ScaleCorrection& scale) {
 
 }  // namespace
 
-ImuCorrection find_imu_correction(std::span<const RegisteredMotion> motions,
-                                  std::span<const ImuSample> samples, const ImuMounting& mounting) {
-  ImuCorrection result;
+ImuCalibration calibrate_imu(std::span<const core::RegisteredMotion> motions,
+                                  std::span<const core::ImuSample> samples, const ImuMounting& mounting) {
+  ImuCalibration result;
   result.R_base_imu = mounting.T_base_imu.rotation;
-  const RotationEstimate rotation = find_offset(motions, samples, mounting, result);
+  const core::RotationEstimate rotation = find_offset(motions, samples, mounting, result);
   if (rotation.observed > 0) {
-    const ObservedDirection& strongest = rotation.directions[0];
+    const core::ObservedDirection& strongest = rotation.directions[0];
     const double ratio = 1.0 / strongest.registered.norm();
     result.gyro = judge_scale(ratio, strongest.angle_sigma, {kDegreesPerRadian, 1.0 / kDegreesPerRadian});
   }
-  const ImuBuffer imu =
-      shifted_buffer(samples, mounting.T_base_imu.rotation, Duration::from_seconds(result.time_offset_s));
+  const core::ImuBuffer imu =
+      shifted_buffer(samples, mounting.T_base_imu.rotation, core::Duration::from_seconds(result.time_offset_s));
   const ForceComparison forces =
       compare_forces(motions, imu, mounting.T_base_imu.translation, mounting.max_gap);
   result.accel = judge_scale(forces.gravity_ratio, 0.0,
@@ -227,12 +227,12 @@ ImuCorrection find_imu_correction(std::span<const RegisteredMotion> motions,
   return result;
 }
 
-ImuCorrection refine(const ImuCorrection& correction, const ImuCorrection& rest) {
-  ImuCorrection result = correction;
+ImuCalibration refine(const ImuCalibration& first, const ImuCalibration& rest) {
+  ImuCalibration result = first;
   if (rest.time_offset_known) {
     // What did not matter was not applied.
     result.time_offset_s =
-        rest.time_offset_s + (correction.time_offset_matters ? correction.time_offset_s : 0.0);
+        rest.time_offset_s + (first.time_offset_matters ? first.time_offset_s : 0.0);
     result.time_offset_sigma_s = rest.time_offset_sigma_s;
     result.time_offset_known = true;
     judge_offset(result);
@@ -245,19 +245,19 @@ ImuCorrection refine(const ImuCorrection& correction, const ImuCorrection& rest)
   if (!rest.orientation_changed) return result;
   result.orientation_changed = true;
   result.R_base_imu = rest.R_base_imu;
-  result.along_axes = rest.along_axes && (correction.along_axes || !correction.orientation_changed);
+  result.along_axes = rest.along_axes && (first.along_axes || !first.orientation_changed);
   for (std::size_t i = 0; i < 3; ++i) {
-    result.negate_gyro[i] = correction.negate_gyro[i] != rest.negate_gyro[i];
-    result.negate_accel[i] = correction.negate_accel[i] != rest.negate_accel[i];
+    result.negate_gyro[i] = first.negate_gyro[i] != rest.negate_gyro[i];
+    result.negate_accel[i] = first.negate_accel[i] != rest.negate_accel[i];
   }
   return result;
 }
 
-Vector3 roll_pitch_yaw(const Matrix3& rotation) {
+core::Vector3 roll_pitch_yaw(const core::Matrix3& rotation) {
   const double pitch = std::asin(std::clamp(-rotation(2, 0), -1.0, 1.0));
   constexpr double kUpright = 1.0 - 1e-9;
   if (std::abs(rotation(2, 0)) > kUpright) return {0.0, pitch, std::atan2(-rotation(0, 1), rotation(1, 1))};
   return {std::atan2(rotation(2, 1), rotation(2, 2)), pitch, std::atan2(rotation(1, 0), rotation(0, 0))};
 }
 
-}  // namespace nilio::core
+}  // namespace nilio::tools::inspect

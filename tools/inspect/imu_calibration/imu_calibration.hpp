@@ -10,13 +10,13 @@
 #include <limits>
 #include <span>
 
-namespace nilio::core {
+namespace nilio::tools::inspect {
 
 /// How the IMU is configured to be mounted, and which samples are one stream.
 struct ImuMounting {
-  SE3 T_base_imu;
+  core::SE3 T_base_imu;
   /// A longer gap between samples is not bridged.
-  Duration max_gap = Duration::from_milliseconds(150.0);
+  core::Duration max_gap = core::Duration::from_milliseconds(150.0);
 };
 
 /// A factor for all axes of one sensor.
@@ -30,7 +30,7 @@ struct ScaleCorrection {
 };
 
 /// What has to be changed so that the IMU agrees with the motion that the LiDAR registers.
-struct ImuCorrection {
+struct ImuCalibration {
   bool time_offset_known = false;
   /// Large enough to be corrected.
   bool time_offset_matters = false;
@@ -75,14 +75,14 @@ inline constexpr double kLargestCorrectableOffset = 1.0;
 /// registered motions. What the drive does not show stays as it is. Values within the fit's error count as
 /// right. Both gravity and a turning car's gyro tell the upright axis only; where forward is, the forces of
 /// braking and bends tell, or roll and pitch. Allocates; not for the scan path.
-ImuCorrection find_imu_correction(std::span<const RegisteredMotion> motions,
-                                  std::span<const ImuSample> samples, const ImuMounting& mounting);
+ImuCalibration calibrate_imu(std::span<const core::RegisteredMotion> motions,
+                                  std::span<const core::ImuSample> samples, const ImuMounting& mounting);
 
 /// A correction and what was found to be left of it when it was applied, as one: the first cannot be exact,
 /// for a gyro that is wrong does not deskew.
-ImuCorrection refine(const ImuCorrection& correction, const ImuCorrection& rest);
+ImuCalibration refine(const ImuCalibration& first, const ImuCalibration& rest);
 
 /// [roll, pitch, yaw] about fixed axes (R = Rz Ry Rx), rad; where pitch is upright, roll is 0.
-Vector3 roll_pitch_yaw(const Matrix3& rotation);
+core::Vector3 roll_pitch_yaw(const core::Matrix3& rotation);
 
-}  // namespace nilio::core
+}  // namespace nilio::tools::inspect

@@ -1,11 +1,11 @@
 #include "nilio/core/units.hpp"
 
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -44,7 +44,7 @@ std::string message_table(const CanFindings& can) {
         "  %-10s %-9s %10llu %7s %9.1f %10.3f %12.3f %6llu  %s",
         printable_text(message.interface_name).c_str(), message_name(message).c_str(), count(message.frames),
         bytes.c_str(), message.rate_hz(), message.interval_s.standard_deviation() * 1e3,
-        message.interval_s.largest() * 1e3, count(message.gaps), printable_text(message.name).c_str()));
+        message.interval_s.maximum() * 1e3, count(message.gaps), printable_text(message.name).c_str()));
   }
   if (sorted.size() > kShown)
     text += format("  and %zu rarer identifiers (--json has them)\n", sorted.size() - kShown);
@@ -61,8 +61,8 @@ std::string signal_table(const CanFindings& can) {
       text += without_trailing_space(
           format("  %-10s %-9s %-28s %8llu %11.5g %11.5g %11.5g  %s",
                  printable_text(message.interface_name).c_str(), message_name(message).c_str(),
-                 printable_text(signal.name).c_str(), count(signal.physical.count()), signal.physical.least(),
-                 signal.physical.mean(), signal.physical.largest(), printable_text(signal.unit).c_str()));
+                 printable_text(signal.name).c_str(), count(signal.physical.count()), signal.physical.minimum(),
+                 signal.physical.mean(), signal.physical.maximum(), printable_text(signal.unit).c_str()));
     }
   }
   return text + "\n";
@@ -97,7 +97,7 @@ std::string imu_report(const ImuFindings& imu) {
   text += row("IMU",
               format("%s on %s: %llu samples, %.1f Hz, jitter %.3f ms, largest gap %s", imu.preset.c_str(),
                      printable_text(imu.interface_name).c_str(), count(imu.stats.samples), imu.rate_hz(),
-                     imu.interval_s.standard_deviation() * 1e3, span_text(imu.interval_s.largest()).c_str()));
+                     imu.interval_s.standard_deviation() * 1e3, span_text(imu.interval_s.maximum()).c_str()));
   if (imu.stats.incomplete + imu.stats.short_frames + imu.stats.out_of_order > 0) {
     text += row("", format("%llu incomplete samples, %llu short frames, %llu out of order",
                            count(imu.stats.incomplete), count(imu.stats.short_frames),
@@ -156,4 +156,4 @@ std::string can_report(const CanFindings& can) {
   return text;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -1,13 +1,13 @@
-#include "tools/inspect/report/imu_calibration_report.hpp"
+#include "tools/inspect/report/report.hpp"
 
 #include "nilio/core/units.hpp"
 
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <array>
 #include <cmath>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -19,19 +19,19 @@ double rounded(double value, double step) {
   return result == 0.0 ? 0.0 : result;
 }
 
-std::string offset_reason(const core::ImuCorrection& c) {
+std::string offset_reason(const ImuCalibration& c) {
   return format("the IMU's stamps are %.1f ms (+- %.1f) %s than the LiDAR's for the same instant",
                 1e3 * std::abs(c.time_offset_s), 1e3 * c.time_offset_sigma_s,
                 c.time_offset_s > 0.0 ? "later" : "earlier");
 }
 
-std::string rotation_reason(const core::ImuCorrection& c) {
+std::string rotation_reason(const ImuCalibration& c) {
   if (c.along_axes) return "the IMU's axes are others than configured, by whole axes";
   return format("gyro, gravity and accelerations fit to this mounting; the configured one is %.1f deg off",
                 c.fitted_angle * kDegreesPerRadian);
 }
 
-std::string scale_reason(const core::ScaleCorrection& scale, bool negated, const char* right,
+std::string scale_reason(const ScaleCorrection& scale, bool negated, const char* right,
                          const char* wrong) {
   std::string text;
   if (scale.factor != 1.0 && scale.is_unit) {
@@ -50,7 +50,7 @@ const char* accel_unit(double factor) {
 
 /// For one sensor the factors of its axes' scales.
 struct AxisScales {
-  const core::ScaleCorrection& scale;
+  const ScaleCorrection& scale;
   const std::array<bool, 3>& negated;
   const char* quantity;
   const char* right;
@@ -68,7 +68,7 @@ void correct_scales(const AxisScales& scales, std::array<daemon::ImuAxisConfig, 
   }
 }
 
-std::vector<CorrectedKey> correct(const core::ImuCorrection& c, daemon::ImuConfig& imu) {
+std::vector<CorrectedKey> correct(const ImuCalibration& c, daemon::ImuConfig& imu) {
   std::vector<CorrectedKey> keys;
   if (c.time_offset_matters) {
     imu.time_offset_ms = rounded(imu.time_offset_ms + 1e3 * c.time_offset_s, 0.1);
@@ -78,7 +78,7 @@ std::vector<CorrectedKey> correct(const core::ImuCorrection& c, daemon::ImuConfi
                  imu.angular_velocity, keys);
   correct_scales({c.accel, c.negate_accel, "linear_acceleration", "m/s^2", accel_unit(c.accel.factor)},
                  imu.linear_acceleration, keys);
-  const core::Vector3 rpy = core::roll_pitch_yaw(c.R_base_imu.toRotationMatrix()) * kDegreesPerRadian;
+  const core::Vector3 rpy = roll_pitch_yaw(c.R_base_imu.toRotationMatrix()) * kDegreesPerRadian;
   std::vector<double> rounded_rpy;
   bool changed = false;
   for (Eigen::Index i = 0; i < 3; ++i) {
@@ -97,20 +97,20 @@ std::vector<CorrectedKey> correct(const core::ImuCorrection& c, daemon::ImuConfi
 
 std::vector<CorrectedKey> corrected_keys(const DriveFindings& drive) {
   daemon::ImuConfig imu = drive.config.imu;
-  return correct(drive.correction, imu);
+  return correct(drive.calibration, imu);
 }
 
 daemon::Config corrected_config(const DriveFindings& drive) {
   daemon::Config config = drive.config;
-  correct(drive.correction, config.imu);
+  correct(drive.calibration, config.imu);
   return config;
 }
 
-std::string observed_text(const core::ImuCorrection& correction) {
+std::string observed_text(const ImuCalibration& calibration) {
   constexpr std::array<const char*, 3> kNames = {"roll", "pitch", "yaw"};
   std::string text;
   for (std::size_t i = 0; i < 3; ++i) {
-    const double sigma = correction.rotation_sigma[i];
+    const double sigma = calibration.rotation_sigma[i];
     text += format("%s%s ", i == 0 ? "" : ", ", kNames[i]);
     text += std::isfinite(sigma) ? format("+- %.1f deg", sigma * kDegreesPerRadian) : "not observed";
   }
@@ -123,4 +123,4 @@ std::string numbers_text(const std::vector<double>& numbers) {
   return text + "]";
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -1,11 +1,10 @@
-#include "tools/inspect/report/imu_calibration_report.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -85,7 +84,7 @@ std::string hints(const ImuHealth& health) {
   return text.empty() ? "" : text + "\n";
 }
 
-std::string time_offset_text(const core::ImuCorrection& c) {
+std::string time_offset_text(const ImuCalibration& c) {
   if (!c.time_offset_known)
     return "not known: the drive has too few turns, or the gyroscope does not follow them";
   return format("%+.1f ms +- %.1f: the IMU's stamps less the LiDAR's of the same instant; + is late",
@@ -115,7 +114,7 @@ std::string configured_text(const DriveFindings& drive) {
 }
 
 std::string correction_text(const DriveFindings& drive) {
-  const core::ImuCorrection& c = drive.correction;
+  const ImuCalibration& c = drive.calibration;
   const std::vector<CorrectedKey> keys = corrected_keys(drive);
   std::string text;
   if (c.axes_disagree) {
@@ -140,7 +139,7 @@ std::string correction_text(const DriveFindings& drive) {
   return text;
 }
 
-std::string observed_row(const core::ImuCorrection& c) {
+std::string observed_row(const ImuCalibration& c) {
   const bool any = std::any_of(c.rotation_sigma.begin(), c.rotation_sigma.end(),
                                [](double sigma) { return std::isfinite(sigma); });
   if (!any) return "no axis of the mounting: too little steady driving and turning";
@@ -155,8 +154,8 @@ std::string observed_row(const core::ImuCorrection& c) {
 std::string imu_check_report(const DriveFindings& drive) {
   return "IMU against LiDAR\n" + row("configured", configured_text(drive)) + row("drive", use_text(drive)) +
          check_table(drive.health) + hints(drive.health) +
-         row("time offset", time_offset_text(drive.correction)) +
-         row("mounting", observed_row(drive.correction)) + correction_text(drive);
+         row("time offset", time_offset_text(drive.calibration)) +
+         row("mounting", observed_row(drive.calibration)) + correction_text(drive);
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -1,14 +1,13 @@
-#include "daemon/output/imu_report.hpp"
-#include "tools/inspect/report/imu_calibration_report.hpp"
+#include "daemon/output/run_reports.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <cmath>
 #include <numbers>
 
 #include <nlohmann/json.hpp>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -19,8 +18,8 @@ json spread_json(const Spread& spread) {
   return {{"count", spread.count()},
           {"mean", spread.mean()},
           {"std", spread.standard_deviation()},
-          {"min", spread.least()},
-          {"max", spread.largest()}};
+          {"min", spread.minimum()},
+          {"max", spread.maximum()}};
 }
 
 template <class Value>
@@ -243,12 +242,12 @@ json can_json(const CanFindings& can, const std::vector<CaptureFindings>& captur
   return result;
 }
 
-json scale_json(const core::ScaleCorrection& scale) {
+json scale_json(const ScaleCorrection& scale) {
   return {{"known", scale.known}, {"factor", scale.factor}, {"sigma", scale.sigma}, {"unit", scale.is_unit}};
 }
 
 json drive_json(const DriveFindings& drive) {
-  const core::ImuCorrection& c = drive.correction;
+  const ImuCalibration& c = drive.calibration;
   json result = {{"config", drive.config_path},
                  {"seconds", drive.seconds},
                  {"cut_short", drive.cut_short},
@@ -296,4 +295,4 @@ std::string inspect_json(const RecordingFindings& findings) {
   return result.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

@@ -1,10 +1,10 @@
 #include "tools/inspect/report/report.hpp"
 
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -120,4 +120,4 @@ std::string inspect_report(const RecordingFindings& findings) {
   return text;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

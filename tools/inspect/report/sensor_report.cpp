@@ -1,9 +1,9 @@
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/report/report_text.hpp"
+#include "tools/inspect/text.hpp"
 
 #include <cmath>
 
-namespace nilio::tools {
+namespace nilio::tools::inspect {
 
 namespace {
 
@@ -15,10 +15,10 @@ std::string row(const char* name, const std::string& value) {
 
 std::string spread_text(const Spread& spread, int digits, const char* unit) {
   if (spread.empty()) return "not known";
-  if (spread.largest() - spread.least() < 0.5 * std::pow(10.0, -digits))
+  if (spread.maximum() - spread.minimum() < 0.5 * std::pow(10.0, -digits))
     return format("%.*f %s", digits, spread.mean(), unit);
-  return format("%.*f %s (%.*f to %.*f)", digits, spread.mean(), unit, digits, spread.least(), digits,
-                spread.largest());
+  return format("%.*f %s (%.*f to %.*f)", digits, spread.mean(), unit, digits, spread.minimum(), digits,
+                spread.maximum());
 }
 
 std::string model_text(const SensorFindings& sensor) {
@@ -87,7 +87,7 @@ std::string scan_rows(const SensorFindings& sensor) {
   const double firings = static_cast<double>(sensor.stats.firings);
   text += row("returns", format("%.3f a firing, at %.2f to %.2f m",
                                 firings > 0.0 ? static_cast<double>(sensor.stats.points) / firings : 0.0,
-                                sensor.range_m.least(), sensor.range_m.largest()));
+                                sensor.range_m.minimum(), sensor.range_m.maximum()));
   return text;
 }
 
@@ -238,4 +238,4 @@ std::string sensor_report(const SensorFindings& sensor) {
   return text + (sensor.telemetry ? telemetry_rows(*sensor.telemetry) : row("telemetry", "none"));
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::inspect

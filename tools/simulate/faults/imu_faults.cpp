@@ -7,7 +7,7 @@
 #include <cmath>
 #include <string_view>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::Error;
 using core::Result;
@@ -178,4 +178,4 @@ std::optional<core::ImuSample> ImuFaults::apply(const core::ImuSample& sample) {
   return faulty;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Mistakes and defects of an IMU that can be planted in a recording. Mistakes of mounting, unit and clock
 /// last the whole drive; dropouts and stuck values begin half way.
@@ -63,4 +63,4 @@ class ImuFaults {
   std::optional<core::ImuSample> frozen_;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

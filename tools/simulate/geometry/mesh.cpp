@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::SE3;
 using core::Vector3;
@@ -100,4 +100,4 @@ SE3 upright_frame(const Vector3& origin, double yaw_rad) {
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw_rad, Vector3::UnitZ())), origin};
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

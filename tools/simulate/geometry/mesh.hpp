@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 enum class Material : std::uint8_t {
   kAsphalt,
@@ -55,4 +55,4 @@ struct TriangleMesh {
 /// Frame that stands upright at `origin`, its x axis turned by `yaw_rad` from that of the mesh.
 core::SE3 upright_frame(const core::Vector3& origin, double yaw_rad);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

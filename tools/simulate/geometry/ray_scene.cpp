@@ -10,7 +10,7 @@
 
 #include <embree3/rtcore.h>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -211,4 +211,4 @@ void RayScene::cast(const RayGroup& rays, float max_distance_m, std::span<const 
   }
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -12,7 +12,7 @@
 #include <span>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 inline constexpr std::size_t kRayGroup = 16;
 
@@ -66,4 +66,4 @@ class RayScene {
   std::unique_ptr<State> state_;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <numbers>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Rolling country: five waves of random direction and length, each as steep as `steepness` says (amplitude
 /// over length).
@@ -40,4 +40,4 @@ struct Relief {
   }
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -8,7 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::SE3;
 using core::Vector3;
@@ -130,4 +130,4 @@ void add_height_field(TriangleMesh& mesh, const std::vector<Vector2>& path, cons
   }
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

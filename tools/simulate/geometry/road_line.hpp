@@ -7,7 +7,7 @@
 #include <functional>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// A lane through a scene, which everything else is placed beside: a route and its heights.
 struct RoadLine {
@@ -61,4 +61,4 @@ struct HeightField {
 };
 void add_height_field(TriangleMesh& mesh, const std::vector<Vector2>& path, const HeightField& field);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

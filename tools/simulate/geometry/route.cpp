@@ -5,7 +5,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::SE3;
 using core::Vector3;
@@ -160,4 +160,4 @@ SE3 place_vehicle(const RoutePoint& at, const GroundSlope& ground, double time_s
   return T_world_base;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

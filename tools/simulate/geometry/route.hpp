@@ -10,7 +10,7 @@
 #include <cstddef>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Distance between the points of a route.
 inline constexpr double kRouteStepM = 0.25;
@@ -132,4 +132,4 @@ std::vector<core::SE3> drive_over(const Route& route, const std::vector<double>&
   return poses;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

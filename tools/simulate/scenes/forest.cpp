@@ -8,7 +8,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -148,4 +148,4 @@ core::Result<Scene> build_forest(const SceneConfig& config) {
   return scene;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -1,7 +1,6 @@
 #include "tools/simulate/geometry/relief.hpp"
 #include "tools/simulate/geometry/road_line.hpp"
 #include "tools/simulate/scenes/scene.hpp"
-#include "tools/simulate/town/building.hpp"
 #include "tools/simulate/town/street_objects.hpp"
 
 #include <algorithm>
@@ -10,7 +9,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -323,4 +322,4 @@ core::Result<Scene> build_highway(const SceneConfig& config) {
   return scene;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -1,6 +1,5 @@
 #include "tools/simulate/geometry/road_line.hpp"
 #include "tools/simulate/scenes/scene.hpp"
-#include "tools/simulate/town/building.hpp"
 #include "tools/simulate/town/street_objects.hpp"
 
 #include <algorithm>
@@ -8,7 +7,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -216,4 +215,4 @@ core::Result<Scene> build_ramps(const SceneConfig& config) {
   return scene;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

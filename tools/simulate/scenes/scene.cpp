@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 const std::vector<SceneInfo>& scene_infos() {
   static const std::vector<SceneInfo> infos{
@@ -54,4 +54,4 @@ double wanted_duration(const DriveExtent& extent, double speed_m_s, double usual
 
 std::string counted(std::size_t count, const char* things) { return std::to_string(count) + " " + things; }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Where a simulated drive takes place.
 enum class SceneKind : std::uint8_t {
@@ -80,4 +80,4 @@ double wanted_duration(const DriveExtent& extent, double speed_m_s, double usual
 /// "3 trees" for the texts above.
 std::string counted(std::size_t count, const char* things);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

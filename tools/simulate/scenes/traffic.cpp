@@ -8,7 +8,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -181,4 +181,4 @@ std::vector<MovingCar> make_traffic(const VehicleTrajectory& trajectory, const S
   return cars;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

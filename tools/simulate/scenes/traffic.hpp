@@ -10,7 +10,7 @@
 #include <optional>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// A vehicle that drives at constant speed along a line on the ground, and may stop on its way.
 struct MovingCar {
@@ -41,4 +41,4 @@ inline constexpr double kHaltAcceleration = 1.2;
 std::vector<MovingCar> make_traffic(const VehicleTrajectory& trajectory, const StreetLayout& layout,
                                     const Ground& ground, std::size_t count, std::uint64_t seed);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

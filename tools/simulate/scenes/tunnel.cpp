@@ -1,7 +1,6 @@
 #include "tools/simulate/geometry/relief.hpp"
 #include "tools/simulate/geometry/road_line.hpp"
 #include "tools/simulate/scenes/scene.hpp"
-#include "tools/simulate/town/building.hpp"
 #include "tools/simulate/town/street_objects.hpp"
 
 #include <algorithm>
@@ -9,7 +8,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -212,4 +211,4 @@ core::Result<Scene> build_tunnel(const SceneConfig& config) {
   return scene;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

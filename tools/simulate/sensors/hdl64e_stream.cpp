@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -103,4 +103,4 @@ Hdl64eStatusByte Hdl64eStream::at(std::uint64_t packet, core::Time clock) const 
   return byte;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -5,13 +5,13 @@
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "tools/simulate/sensors/gps_reception.hpp"
+#include "tools/simulate/sensors/sensor_timing.hpp"
 
 #include <array>
 #include <cstdint>
 #include <optional>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// The two status bytes of any packet of an HDL-64E, in any order of packets. Immutable.
 class Hdl64eStream {
@@ -44,4 +44,4 @@ class Hdl64eStream {
 /// HDL-64E from S2 on: an S1 sends neither time nor status.
 bool has_status_stream(drivers::VelodyneModel model);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::Vector3;
 
@@ -68,4 +68,4 @@ core::ImuSample ImuModel::next() {
   return sample;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

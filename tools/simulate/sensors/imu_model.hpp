@@ -9,7 +9,7 @@
 
 #include <cstdint>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// m/s^2, along -z of world.
 inline constexpr double kGravity = 9.81;
@@ -77,4 +77,4 @@ class ImuModel {
   std::uint64_t index_ = 0;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

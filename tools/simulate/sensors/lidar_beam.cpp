@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::Vector3;
 
@@ -87,4 +87,4 @@ std::uint8_t LidarBeam::raw_intensity(double intensity, double raw) const {
   return static_cast<std::uint8_t>(std::clamp(intensity - added, 0.0, 255.0));
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

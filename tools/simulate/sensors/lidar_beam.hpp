@@ -5,7 +5,7 @@
 
 #include <cstdint>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Sine and cosine of a beam's azimuth, corrected by the laser's calibration.
 struct BeamAzimuth {
@@ -52,4 +52,4 @@ class LidarBeam {
   bool bent_;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -10,7 +10,7 @@
 #include <string>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using core::SE3;
 using core::Vector3;
@@ -315,4 +315,4 @@ void LidarModel::measure(const RayHit& hit, double share, const LidarBeam& beam,
   ++heard.count;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

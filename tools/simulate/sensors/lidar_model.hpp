@@ -7,10 +7,9 @@
 
 #include "tools/simulate/geometry/ray_scene.hpp"
 #include "tools/simulate/sensors/echo.hpp"
-#include "tools/simulate/sensors/gps_reception.hpp"
+#include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/sensors/lidar_beam.hpp"
-#include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <array>
@@ -18,7 +17,7 @@
 #include <optional>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 struct LidarModelConfig {
   std::uint64_t seed = 1;
@@ -115,4 +114,4 @@ class LidarModel {
   std::uint64_t packet_count_ = 0;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

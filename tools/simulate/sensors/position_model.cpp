@@ -10,7 +10,7 @@
 #include <cstdio>
 #include <string_view>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -119,4 +119,4 @@ std::array<drivers::Hdl32eBoard, 3> PositionModel::boards(core::Duration time) c
            {rate.z(), warmth, force.x(), force.y()}}};
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -5,7 +5,6 @@
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "tools/simulate/sensors/gps_reception.hpp"
 #include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
@@ -13,7 +12,7 @@
 #include <cstdint>
 #include <string>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Data packets per position packet (manual 63-9325).
 inline constexpr std::uint64_t kDataPacketsPerPosition = 14;
@@ -58,4 +57,4 @@ struct RmcFields {
 };
 std::string format_rmc(const RmcFields& fields);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

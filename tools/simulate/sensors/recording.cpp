@@ -1,10 +1,10 @@
 #include "tools/simulate/sensors/recording.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
-#include "tools/evaluate/trajectory.hpp"
-#include "tools/simulate/scenes/progress.hpp"
+#include "tools/common/progress.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include <algorithm>
 #include <array>
@@ -19,7 +19,7 @@
 
 #include <tbb/parallel_for.h>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -138,4 +138,4 @@ Result<bool> write_configuration(const RecordedSensors& sensors, const std::stri
   return true;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

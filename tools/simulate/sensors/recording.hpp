@@ -13,7 +13,7 @@
 #include <cstdint>
 #include <string>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 struct LidarRecordingSummary {
   std::uint64_t packets = 0;
@@ -58,4 +58,4 @@ struct RecordedSensors {
 /// What niliod needs to know about the recording.
 core::Result<bool> write_configuration(const RecordedSensors& sensors, const std::string& path);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

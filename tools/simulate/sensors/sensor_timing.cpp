@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -88,4 +88,4 @@ core::Duration SensorTiming::packet_period() const {
   return {to_true_ns(static_cast<std::int64_t>(steps_) * step_period_ns_)};
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

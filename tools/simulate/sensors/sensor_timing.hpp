@@ -6,7 +6,14 @@
 #include <cstddef>
 #include <cstdint>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
+
+/// What the sensor has of a GPS receiver.
+enum class GpsReception : std::uint8_t {
+  kLocked,    ///< pulse and time: the sensor's clock is the receiver's
+  kNmeaOnly,  ///< time without a pulse: the sensor's clock runs by itself
+  kNone,      ///< no receiver
+};
 
 struct SensorTimingConfig {
   std::uint64_t seed = 1;
@@ -58,4 +65,4 @@ class SensorTiming {
 /// From the last firing to the host's time stamp when nothing delays a packet.
 inline constexpr core::Duration kTransmission{100'000};
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

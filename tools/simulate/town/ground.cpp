@@ -10,7 +10,7 @@
 
 #include <tbb/parallel_for.h>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -173,4 +173,4 @@ void Ground::append_to(TriangleMesh& mesh, const StreetLayout& layout) const {
   }
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Height of the ground: where the vehicle drove it carries the vehicle (height and slope), elsewhere it is a
 /// weighted mean of that, with unevenness of a few centimetres everywhere and gentle hills off the road.
@@ -34,4 +34,4 @@ class Ground {
   std::vector<float> heights_;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -8,7 +8,7 @@
 #include <numbers>
 #include <unordered_map>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -241,4 +241,4 @@ void StreetLayout::mark(const Footprint& footprint, std::uint8_t uses) {
   });
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 using Vector2 = Eigen::Vector2d;
 
@@ -102,4 +102,4 @@ class StreetLayout {
   std::vector<std::uint8_t> cells_;
 };
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

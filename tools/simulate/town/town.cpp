@@ -1,7 +1,6 @@
 #include "tools/simulate/town/town.hpp"
 
 #include "tools/simulate/random.hpp"
-#include "tools/simulate/town/building.hpp"
 #include "tools/simulate/town/street_objects.hpp"
 
 #include <algorithm>
@@ -10,7 +9,7 @@
 #include <numbers>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -263,4 +262,4 @@ core::Result<Town> build_town(const VehicleTrajectory& trajectory, const TownCon
   return town;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -9,7 +9,7 @@
 
 #include <cstdint>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 struct TownConfig {
   std::uint64_t seed = 1;
@@ -39,4 +39,4 @@ struct Town {
 /// drives, on any of its passes.
 core::Result<Town> build_town(const VehicleTrajectory& trajectory, const TownConfig& config);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -8,7 +8,7 @@
 #include <array>
 #include <utility>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -141,4 +141,4 @@ std::vector<SE3> make_town_drive(const TownDriveConfig& config) {
   return cut_drive(std::move(poses), kControlIntervalS, {0.0, config.extent.duration_s});
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 struct TownDriveConfig {
   std::uint64_t seed = 1;
@@ -25,4 +25,4 @@ struct TownDriveConfig {
 /// Slows down for corners, and comes to a stop at the end unless a duration ends it before.
 std::vector<core::SE3> make_town_drive(const TownDriveConfig& config);
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// T_camera_lidar of the KITTI odometry sequences 00 to 02.
 core::SE3 default_kitti_calibration();
@@ -32,4 +32,9 @@ struct RecordedDriveConfig {
 /// first base pose.
 core::Result<std::vector<core::SE3>> make_recorded_drive(const RecordedDriveConfig& config);
 
-}  // namespace nilio::tools::simulation
+/// Gives a drive the same height wherever it comes to the same place again. Recorded heights drift by metres
+/// from one pass to the next, and there is only one ground. The correction of each pass is spread over the
+/// whole drive by least squares, so that slopes change by tenths of a percent; only heights change.
+void close_heights(std::vector<core::SE3>& poses);
+
+}  // namespace nilio::tools::simulate

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 namespace {
 
@@ -98,4 +98,4 @@ double path_length(const std::vector<SE3>& poses) {
   return length;
 }
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-namespace nilio::tools::simulation {
+namespace nilio::tools::simulate {
 
 /// Motion of the vehicle at one instant.
 struct MotionState {
@@ -55,4 +55,4 @@ inline constexpr double kControlIntervalS = 0.05;
 /// How long a drive stands before it sets off, so that an estimator can learn gravity and gyro bias.
 inline constexpr double kStandingTimeS = 2.0;
 
-}  // namespace nilio::tools::simulation
+}  // namespace nilio::tools::simulate

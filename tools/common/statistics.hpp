@@ -1,0 +1,56 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+namespace nilio::tools {
+
+/// Count, mean, standard deviation and extremes of numbers that are added one at a time. Not thread-safe.
+class Spread {
+ public:
+  void add(double value) {
+    ++count_;
+    const double difference = value - mean_;
+    mean_ += difference / static_cast<double>(count_);
+    squares_ += difference * (value - mean_);
+    minimum_ = count_ == 1 ? value : std::min(minimum_, value);
+    maximum_ = count_ == 1 ? value : std::max(maximum_, value);
+  }
+
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+  [[nodiscard]] bool empty() const { return count_ == 0; }
+  /// The following are 0 while empty().
+  [[nodiscard]] double mean() const { return mean_; }
+  [[nodiscard]] double minimum() const { return minimum_; }
+  [[nodiscard]] double maximum() const { return maximum_; }
+  /// Of the population, not of a sample.
+  [[nodiscard]] double standard_deviation() const {
+    return count_ == 0 ? 0.0 : std::sqrt(squares_ / static_cast<double>(count_));
+  }
+
+ private:
+  std::uint64_t count_ = 0;
+  double mean_ = 0.0;
+  double squares_ = 0.0;
+  double minimum_ = 0.0;
+  double maximum_ = 0.0;
+};
+
+/// Order statistics; each is one of the values.
+struct Percentiles {
+  double median = 0.0;  ///< the lower one of two
+  double p99 = 0.0;     ///< the smallest value that 99 % of the values do not exceed
+  double maximum = 0.0;
+};
+
+/// All zero for no values.
+inline Percentiles percentiles_of(std::vector<double> values) {
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  const auto rank = static_cast<std::size_t>(std::ceil(0.99 * static_cast<double>(values.size()))) - 1;
+  return {values[(values.size() - 1) / 2], values[rank], values.back()};
+}
+
+}  // namespace nilio::tools

@@ -1,0 +1,265 @@
+#include "tools/simulate/simulate.hpp"
+
+#include "nilio/core/units.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
+
+#include "tools/simulate/faults/imu_faults.hpp"
+#include "tools/simulate/geometry/ray_scene.hpp"
+#include "tools/simulate/scenes/traffic.hpp"
+#include "tools/simulate/sensors/hdl64e_stream.hpp"
+#include "tools/simulate/sensors/imu_model.hpp"
+#include "tools/simulate/sensors/lidar_model.hpp"
+#include "tools/simulate/sensors/position_model.hpp"
+#include "tools/simulate/sensors/recording.hpp"
+#include "tools/simulate/town/town.hpp"
+#include "tools/simulate/town/town_drive.hpp"
+#include "tools/simulate/vehicle/recorded_drive.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+
+namespace nilio::tools::simulate {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Error;
+using core::Result;
+using core::SE3;
+
+/// 2026-01-01T12:00:00Z: recordings of the same seed are the same, stamps included.
+constexpr core::Time kStart{1'767'268'800'000'000'000};
+const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
+const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
+
+constexpr double kMetresPerMovingCar = 30.0;
+
+Result<std::vector<SE3>> make_town_poses(const Options& options, const SE3& T_base_lidar) {
+  if (options.trajectory == "town") {
+    const SceneInfo& scene = info_of(options.scene);
+    return make_town_drive({options.seed, options.speed_m_s.value_or(scene.speed_m_s),
+                            options.moving_start, options.extent, scene.kind == SceneKind::kManoeuvres});
+  }
+  return make_recorded_drive({options.trajectory, options.calibration, options.pose_interval_s,
+                              options.moving_start, T_base_lidar, options.extent});
+}
+
+/// Recorded heights can be wrong by more than the closing of loops repairs.
+void warn_off_ground(const Town& town) {
+  constexpr double tolerated_m = 0.5;
+  double worst_m = 0.0;
+  double time_s = 0.0;
+  for (const StreetSample& sample : town.layout.samples()) {
+    const double gap_m = std::abs(town.ground.height(sample.position) - sample.z);
+    if (!sample.driven || gap_m <= worst_m) continue;
+    worst_m = gap_m;
+    time_s = sample.time_s;
+  }
+  if (worst_m < tolerated_m) return;
+  std::fprintf(
+      stderr,
+      "nilio simulate: warning: %.1f s into the drive the vehicle is %.1f m off the ground: the pose file's "
+      "heights are not those of one road; cut those lines from it\n",
+      time_s, worst_m);
+}
+
+std::string describe(const Town& town) {
+  const TownSummary& s = town.summary;
+  return counted(s.buildings, "buildings, ") + counted(s.trees, "trees, ") + counted(s.bushes, "bushes, ") +
+         counted(s.parked_cars, "parked cars, ") + counted(s.posts, "lamps and signs, ") +
+         counted(s.walls, "garden walls, ") + counted(town.layout.side_streets().size(), "side streets");
+}
+
+Result<Scene> make_town_scene(const Options& options, const SE3& T_base_lidar) {
+  Result<std::vector<SE3>> poses = make_town_poses(options, T_base_lidar);
+  if (!poses) return poses.error();
+  const VehicleTrajectory trajectory(*poses, kControlIntervalS);
+  Result<Town> town = build_town(trajectory, {options.seed, options.scene_density});
+  if (!town) return town.error();
+  warn_off_ground(*town);
+  const std::size_t wanted_cars =
+      options.moving_cars.value_or(static_cast<unsigned>(path_length(*poses) / kMetresPerMovingCar));
+  Scene scene;
+  scene.cars = make_traffic(trajectory, town->layout, town->ground, wanted_cars, options.seed);
+  scene.poses = std::move(*poses);
+  scene.contents = describe(*town);
+  scene.mesh = std::move(town->mesh);
+  return scene;
+}
+
+Result<Scene> make_scene(const Options& options, const SE3& T_base_lidar) {
+  if (options.scene == SceneKind::kTown || options.scene == SceneKind::kManoeuvres)
+    return make_town_scene(options, T_base_lidar);
+  SceneConfig config;
+  config.seed = options.seed;
+  config.extent = options.extent;
+  config.speed_m_s = options.speed_m_s;
+  config.moving_start = options.moving_start;
+  config.density = options.scene_density;
+  config.moving_cars = options.moving_cars;
+  config.tunnel_lamps = options.tunnel_lamps;
+  return build_scene(options.scene, config);
+}
+
+Result<fs::path> prepare_folder(const std::string& output) {
+  std::error_code error;
+  fs::create_directories(output, error);
+  if (error)
+    return Error{output + ": cannot be made (" + error.message() +
+                 "); choose a folder that you may write to"};
+  return fs::path(output);
+}
+
+ImuModelConfig imu_config(const Options& options) {
+  constexpr double micro_g = 1e-6 * 9.80665;
+  ImuModelConfig config;
+  config.seed = options.seed;
+  config.start = kStart;
+  config.T_base_imu = kImuMounting.T_base_sensor();
+  config.rate_hz = options.imu_rate_hz;
+  config.gyroscope = {
+      options.gyro_noise_deg_s * kRadiansPerDegree, options.gyro_bias_deg_s * kRadiansPerDegree,
+      options.gyro_drift_deg_h * kRadiansPerDegree / 3600.0, 0.01 * options.gyro_scale_percent};
+  config.accelerometer = {options.accel_noise_ug * micro_g, options.accel_bias_m_s2,
+                          options.accel_drift_ug * micro_g, 0.01 * options.accel_scale_percent};
+  return config;
+}
+
+void print_drive(double length_m, const VehicleTrajectory& trajectory) {
+  std::printf("drive: %.1f m in %.1f s\n", length_m, trajectory.duration_s());
+}
+
+void print_scene(const Scene& scene) {
+  std::printf("scene: %s, %zu moving cars; %.2f million triangles\n", scene.contents.c_str(),
+              scene.cars.size(), static_cast<double>(scene.mesh.triangles.size()) * 1e-6);
+  std::fflush(stdout);
+}
+
+void print_lidar(const LidarRecordingSummary& lidar, const fs::path& path) {
+  std::printf(
+      "%s: %llu packets, %llu position packets, %.2f million firings, %.1f %% returned, "
+      "%.2f million firings/s\n",
+      path.c_str(), static_cast<unsigned long long>(lidar.packets),
+      static_cast<unsigned long long>(lidar.position_packets), static_cast<double>(lidar.firings) * 1e-6,
+      100.0 * static_cast<double>(lidar.returns) / static_cast<double>(lidar.firings),
+      static_cast<double>(lidar.firings) * 1e-6 / lidar.elapsed_s);
+}
+
+/// The sensor, and for an HDL-64E what it says of itself.
+struct LidarSetup {
+  drivers::VelodyneSensor sensor;
+  std::optional<Hdl64eStream> stream;
+};
+
+/// An HDL-64E that sends its calibration has lasers rounded to what can be sent. KITTI's S2 keeps its own:
+/// they are known to less than a millimetre.
+Result<LidarSetup> make_lidar(const Options& options) {
+  LidarSetup setup;
+  setup.sensor = drivers::make_velodyne_sensor(options.sensor);
+  if (!has_status_stream(options.sensor)) return setup;
+  if (!options.stream_calibration.value_or(options.sensor != drivers::VelodyneModel::kHdl64eS2)) {
+    setup.stream = Hdl64eStream(options.gps);
+    return setup;
+  }
+  auto stream = Hdl64eStream::with_calibration(setup.sensor, options.return_mode,
+                                               options.revolutions_per_minute, options.gps);
+  if (!stream) return stream.error();
+  auto rounded = drivers::with_stream_calibration(std::move(setup.sensor), *stream->calibration());
+  if (!rounded) return rounded.error();
+  return LidarSetup{std::move(rounded).value(), std::move(stream).value()};
+}
+
+Result<bool> write_inertial_data(const Options& options, const VehicleTrajectory& trajectory,
+                                 const fs::path& path) {
+  const Result<drivers::ImuPreset> preset = drivers::imu_preset(options.imu);
+  if (!preset) return preset.error();
+  const Result<ImuFaultConfig> faults = parse_imu_faults(options.imu_faults);
+  if (!faults) return faults.error();
+  const auto samples = write_imu_recording(
+      ImuModel(imu_config(options), trajectory),
+      ImuFaults(*faults, kStart, trajectory.duration_s(), options.seed), *preset, path.string());
+  if (!samples) return samples.error();
+  std::printf("%s: %llu samples\n", path.c_str(), static_cast<unsigned long long>(*samples));
+  return true;
+}
+
+/// `options.imu` "none" writes no inertial data, and removes what an earlier run left in the folder.
+Result<bool> write_small_files(const Options& options, const VehicleTrajectory& trajectory,
+                               const LidarSetup& lidar, const fs::path& folder) {
+  const bool with_imu = options.imu != "none";
+  const fs::path imu_path = folder / "imu.candump.log";
+  const fs::path calibration_path = folder / "calibration.yaml";
+  std::error_code ignored;
+  fs::remove(imu_path, ignored);
+  fs::remove(calibration_path, ignored);
+  if (with_imu) {
+    const auto imu = write_inertial_data(options, trajectory, imu_path);
+    if (!imu) return imu.error();
+  }
+  const auto truth = write_truth(trajectory, kStart, (folder / "truth.tum").string());
+  if (!truth) return truth.error();
+  std::printf("%s: %llu poses\n", (folder / "truth.tum").c_str(), static_cast<unsigned long long>(*truth));
+  RecordedSensors sensors;
+  sensors.lidar_model = drivers::velodyne_model_name(lidar.sensor.model);
+  sensors.lidar = kLidarMounting;
+  sensors.imu_preset = with_imu ? options.imu : std::string();
+  sensors.imu = kImuMounting;
+  if (lidar.stream && lidar.stream->calibration()) {
+    const auto written = drivers::write_calibration_yaml(lidar.sensor, calibration_path.string());
+    if (!written) return written.error();
+    sensors.calibration_file = calibration_path.filename().string();
+  }
+  return write_configuration(sensors, (folder / "nilio.yaml").string());
+}
+
+Result<LidarRecordingSummary> write_lidar(const Options& options, const LidarSetup& setup,
+                                          const VehicleTrajectory& trajectory, const RayScene& scene,
+                                          const fs::path& path) {
+  LidarModelConfig config;
+  config.seed = options.seed;
+  config.start = kStart;
+  config.T_base_lidar = kLidarMounting.T_base_sensor();
+  config.revolutions_per_minute = options.revolutions_per_minute;
+  config.range_noise_m = options.range_noise_m;
+  config.return_mode = options.return_mode;
+  config.gps = options.gps;
+  config.clock_offset = core::Duration::from_seconds(options.clock_offset_s);
+  config.clock_drift_ppm = options.clock_drift_ppm;
+  config.network_jitter = core::Duration::from_seconds(options.network_jitter_us * 1e-6);
+  config.stream = setup.stream;
+  const LidarModel model(setup.sensor, config, trajectory, scene);
+  const PositionModel positions(setup.sensor.model, options.gps, config.T_base_lidar, model.timing(),
+                                trajectory);
+  return write_lidar_recording(model, sends_position_packets(setup.sensor.model) ? &positions : nullptr,
+                               path.string());
+}
+
+}  // namespace
+
+Result<bool> write_recording(const Options& options) {
+  const Result<LidarSetup> setup = make_lidar(options);
+  if (!setup) return setup.error();
+  const Result<fs::path> folder = prepare_folder(options.output);
+  if (!folder) return folder.error();
+  Result<Scene> made = make_scene(options, kLidarMounting.T_base_sensor());
+  if (!made) return made.error();
+  const VehicleTrajectory trajectory(made->poses, kControlIntervalS);
+  print_drive(path_length(made->poses), trajectory);
+  print_scene(*made);
+  const Result<RayScene> scene = RayScene::create(made->mesh, std::move(made->cars));
+  if (!scene) return scene.error();
+
+  // The small files first: they show at once whether the folder can be written.
+  const Result<bool> small_files = write_small_files(options, trajectory, *setup, *folder);
+  if (!small_files) return small_files.error();
+  const Result<LidarRecordingSummary> lidar =
+      write_lidar(options, *setup, trajectory, *scene, *folder / "lidar.pcap");
+  if (!lidar) return lidar.error();
+  print_lidar(*lidar, *folder / "lidar.pcap");
+  return true;
+}
+
+}  // namespace nilio::tools::simulate
