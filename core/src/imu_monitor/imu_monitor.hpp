@@ -4,10 +4,16 @@
 #include "nilio/core/scan.hpp"
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/core/units.hpp"
 
 #include "core/src/estimation/imu_buffer.hpp"
+#include "core/src/imu_monitor/accelerometer_alignment.hpp"
+#include "core/src/imu_monitor/gyro_alignment.hpp"
+#include "core/src/imu_monitor/gyro_trust.hpp"
+#include "core/src/imu_monitor/signal_statistics.hpp"
 
-#include <memory>
+#include <array>
+#include <cstddef>
 
 namespace nilio::core {
 
@@ -37,17 +43,12 @@ struct RegisteredMotion {
 class ImuMonitor {
  public:
   explicit ImuMonitor(const ImuMonitorConfig& config);
-  ImuMonitor(ImuMonitor&&) noexcept;
-  ImuMonitor& operator=(ImuMonitor&&) noexcept;
-  ImuMonitor(const ImuMonitor&) = delete;
-  ImuMonitor& operator=(const ImuMonitor&) = delete;
-  ~ImuMonitor();
 
   /// Adds a sample that the buffer accepted, in the IMU's own axes and with its own stamp.
   void add(const ImuSample& sample);
   /// Estimated time offset, subtracted from the IMU's stamps. The remainder is estimated in the next minute
   /// of turning.
-  [[nodiscard]] Duration time_shift() const;
+  [[nodiscard]] Duration time_shift() const { return shift_; }
 
   /// Whether the gyro is used for the motion in [from, to]: accepted, and neither stuck nor clipped there.
   [[nodiscard]] bool usable(Time from, Time to) const;
@@ -61,7 +62,7 @@ class ImuMonitor {
   /// Rejects the gyro because of a contradiction.
   void demote();
   /// Angular rate of the last registered motion, rad/s; the constant-rate prediction starts from it.
-  [[nodiscard]] const Vector3& registered_rate() const;
+  [[nodiscard]] const Vector3& registered_rate() const { return trust_.registered_rate(); }
 
   /// Evaluates a scan whose registration was accepted; `gyro_bias` is the bias in use. Returns true if
   /// time_shift() changed: the samples in `imu` then carry outdated stamps and should be cleared.
@@ -69,11 +70,48 @@ class ImuMonitor {
   /// Skips a scan whose pose is no measurement.
   void skip();
 
-  [[nodiscard]] const ImuHealth& health() const;
+  [[nodiscard]] const ImuHealth& health() const { return health_; }
 
  private:
-  struct State;
-  std::unique_ptr<State> state_;
+  // A sensor at rest or in calm motion never clips below these full scales, rad/s and m/s^2.
+  static constexpr double kMinGyroFullScale = 5.0 / kDegreesPerRadian;
+  static constexpr double kMinAccelFullScale = 12.0;
+  // Values unchanged for longer count as stuck; single repeats are normal.
+  static constexpr Duration kStuckAfter = Duration::from_milliseconds(100.0);
+  // Motions waiting for the samples of the largest shift: two scans at 20 Hz more than that takes.
+  static constexpr std::size_t kPending = 8;
+
+  void judge_rotation(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
+  void learn_pending(const ImuBuffer& imu);
+  void learn_shifts(const ImuBuffer& imu, const RegisteredMotion& motion);
+  [[nodiscard]] bool signal_is_sound(Time from, Time to) const;
+  [[nodiscard]] bool force_is_sound(Time since) const {
+    return accel_.unchanged() < kStuckAfter && !accel_.clipped_since(since);
+  }
+  bool fill_table(Time now);
+  void fill_signals(Time now);
+  bool fill_rotation();
+  void fill_offset(const RotationEstimate& estimate);
+  void fill_bias();
+  bool follow_offset(const RotationEstimate& estimate);
+  void fill_force();
+  void withdraw(ImuCheck reason);
+
+  ImuMonitorConfig config_;
+  TriadSignal gyro_{kMinGyroFullScale};
+  TriadSignal accel_{kMinAccelFullScale};
+  SampleTiming timing_;
+  RotationFit rotation_;
+  ForceFit force_;
+  GyroTrust trust_;
+  ImuHealth health_;
+
+  std::array<RegisteredMotion, kPending> pending_{};
+  std::size_t first_pending_ = 0;
+  std::size_t pending_count_ = 0;
+  Duration shift_;
+  Vector3 bias_sum_ = Vector3::Zero();
+  double bias_weight_ = 0.0;
 };
 
 }  // namespace nilio::core
