@@ -227,7 +227,7 @@ std::optional<PublisherEvent> PublisherProcess::poll_running() {
     event.kind = PublisherEvent::Kind::kHung;
     event.pid = pid_;
     event.restarts = restarts_;
-    event.message = "publisher " + std::to_string(pid_) + " has read nothing that waits for it for " +
+    event.message = "publisher " + std::to_string(pid_) + " has read no waiting data for " +
                     describe(config_.hang_timeout) + ": killing it";
     return event;
   }

@@ -64,8 +64,8 @@ class Ring {
   /// close-on-exec.
   static core::Result<Ring> in_shared_memory(std::size_t capacity) {
     if (capacity > kMaxCapacity)
-      return core::Error{"a ring of " + std::to_string(capacity) + " slots is larger than " +
-                         std::to_string(kMaxCapacity) + ": choose a smaller capacity"};
+      return core::Error{"a ring of " + std::to_string(capacity) + " slots exceeds the maximum of " +
+                         std::to_string(kMaxCapacity) + " - choose a smaller capacity"};
     const std::size_t slots = std::bit_ceil(std::max<std::size_t>(capacity, 1));
     auto memory = MemoryBlock::in_shared_memory(memory_bytes(slots));
     if (!memory) return memory.error();
@@ -84,11 +84,11 @@ class Ring {
     if (header->version != RingHeader::kVersion)
       return core::Error{where + "ring version " + std::to_string(header->version) +
                          ", this program has version " + std::to_string(RingHeader::kVersion) +
-                         ": install matching programs"};
+                         " - install matching programs"};
     if (header->slot_bytes != sizeof(T))
       return core::Error{where + "slots of " + std::to_string(header->slot_bytes) +
                          " bytes, this program has " + std::to_string(sizeof(T)) +
-                         ": install matching programs"};
+                         " - install matching programs"};
     const std::uint64_t slots = header->capacity;
     if (!std::has_single_bit(slots) || slots > (memory->bytes() - sizeof(RingHeader)) / sizeof(T))
       return core::Error{where + "capacity " + std::to_string(slots) + " does not fit " +

@@ -74,8 +74,8 @@ Result<drivers::ImuPreset> scaled_preset(const ImuConfig& config) {
 Result<drivers::ImuPreset> find_mapping(const ImuConfig& config) {
   if (const std::string stray = stray_message(config); config.dbc.empty() && !stray.empty()) {
     return core::Error{"imu: message '" + stray +
-                       "' is mapped, but imu.dbc is empty and the preset has its own mapping: name the DBC "
-                       "file in imu.dbc, or take the mapping out"};
+                       "' is mapped without a DBC file; the preset has its own mapping - set imu.dbc to the "
+                       "DBC file, or remove the mapping"};
   }
   if (config.dbc.empty()) return scaled_preset(config);
   Result<drivers::DbcDatabase> database = drivers::load_dbc(config.dbc);
@@ -101,19 +101,19 @@ void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decode
   std::array<char, 160> text{};
   std::snprintf(
       text.data(), text.size(),
-      "imu.time_offset_ms: the IMU's stamps are taken to be %.3f ms %s than the LiDAR's and are put right",
+      "imu.time_offset_ms: IMU stamps are %.3f ms %s than the LiDAR's and are corrected",
       std::abs(config.time_offset_ms), config.time_offset_ms > 0.0 ? "later" : "earlier");
   input.notes.emplace_back(text.data());
 }
 
 Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input) {
   if (!config.enabled) {
-    input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
+    input.notes.push_back(std::string("imu.enabled: false; ") + kNoImu);
     return std::monostate{};
   }
   if (config.interface_name.empty()) {
     input.warnings.emplace_back(
-        std::string("imu.interface is empty: set it to the IMU's CAN interface, such as can0, or "
+        std::string("imu.interface: empty - set it to the IMU's CAN interface, such as can0, or "
                     "imu.enabled to false; ") +
         kNoImu);
     return std::monostate{};

@@ -9,7 +9,7 @@
 namespace nilio::daemon {
 
 inline constexpr const char* kNoImu =
-    "no IMU: motion is taken to be constant from scan to scan, so sharp turns and braking are tracked less "
+    "no IMU: constant velocity is predicted from scan to scan; sharp turns and braking are tracked less "
     "accurately";
 
 /// Creates the decoder from the preset, or from the DBC file and its mapped signals.

@@ -84,12 +84,12 @@ std::vector<std::string> find_can_files(const ReplayFiles& files) {
 
 Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
   if (!config.imu.enabled) {
-    input.notes.push_back(std::string("imu.enabled is false; ") + kNoImu);
+    input.notes.push_back(std::string("imu.enabled: false; ") + kNoImu);
     return std::monostate{};
   }
   const std::vector<std::string> can_files = find_can_files(files);
   if (can_files.empty()) {
-    input.warnings.emplace_back(std::string("no CAN log beside the recording, and no CAN frames in it: ") +
+    input.warnings.emplace_back(std::string("no CAN log and no CAN frames in the recording; ") +
                                 kNoImu);
     return std::monostate{};
   }
@@ -134,9 +134,9 @@ Result<std::monostate> check_told_apart(const Config& config) {
           (!a.sender_address.empty() && !b.sender_address.empty() && a.sender_address != b.sender_address) ||
           a.multicast_group != b.multicast_group;
       if (!apart) {
-        return Error{lidars[k].section + " and " + lidars[i].section + " take the same packets (port " +
+        return Error{lidars[k].section + " and " + lidars[i].section + " receive the same packets (port " +
                      std::to_string(a.port) +
-                     "): give each a port of its own, or in a recording a sender_address"};
+                     ") - configure different ports, or in a recording a sender_address each"};
       }
     }
   }
@@ -152,7 +152,7 @@ Result<std::monostate> open_more_captures(const ReplayFiles& files, const Config
     if (!head) return head.error();
     if (!head->sensor) {
       input.warnings.push_back(
-          section + ": the recording has no packets of it, so the poses do without: " + head->status);
+          section + ": no packets in the recording; poses are computed without it: " + head->status);
       continue;
     }
     Result<std::unique_ptr<drivers::PacketSource>> packets =
@@ -182,10 +182,10 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
     if (!lidar.enabled) continue;
     const std::string section = extra_lidar_section(i);
     if (lidar.position_port != 0 && !position_ports.insert(lidar.position_port).second) {
-      input.warnings.push_back(section + ": another LiDAR listens to position port " +
+      input.warnings.push_back(section + ": position port " +
                                std::to_string(lidar.position_port) +
-                               " already, so what this one says of its clock there is not heard: give it a "
-                               "port of its own, or set " +
+                               " is used by another LiDAR already; the position packets of this one are not received - configure a "
+                               "different port, or set " +
                                section + ".position_port to 0");
       lidar.position_port = 0;
     }

@@ -138,7 +138,7 @@ Result<KittiSequence> open_kitti_sequence(const std::string& folder) {
   for (const auto& entry : fs::directory_iterator(fs::path(folder) / "velodyne", error)) {
     if (entry.path().extension() == ".bin") files.push_back(entry.path());
   }
-  if (error || files.empty()) return Error{folder + "/velodyne: no scans (*.bin) there"};
+  if (error || files.empty()) return Error{folder + "/velodyne: no scans (*.bin)"};
   std::sort(files.begin(), files.end());
   Result<std::vector<core::Time>> stamps = read_times(fs::path(folder) / "times.txt", files.size());
   if (!stamps) return stamps.error();

@@ -156,7 +156,7 @@ void LidarChannel::handle(SensorIdentification::State state) {
         std::find(problems_logged_.begin(), problems_logged_.end(), problem) == problems_logged_.end();
     if (is_new && problems_logged_.size() < kMaxProblemsLogged) {
       problems_logged_.push_back(problem);
-      log(LogLevel::kError, problem + "; no poses until then");
+      log(LogLevel::kError, problem + "; no poses until this is resolved");
     }
     discard_buffered();
   }

@@ -40,14 +40,14 @@ Result<drivers::VelodyneModel> choose_model(const LidarConfig& config, const std
     if (detection.model) return *detection.model;
     const std::string seen = " (" + detection.evidence + ")";
     if (!detection.candidates.empty())
-      return Error{"the sensor is a " + candidate_names(detection) + seen + ": say which with " + key};
-    return Error{"the packets do not tell the sensor model" + seen + ": set " + key};
+      return Error{"sensor identified as " + candidate_names(detection) + seen + " - select one with " + key};
+    return Error{"sensor model cannot be identified from the packets" + seen + ": set " + key};
   }
   const std::optional<drivers::VelodyneModel> wanted = drivers::parse_velodyne_model(config.model);
-  if (!wanted) return Error{key + " '" + config.model + "' is no known model"};
+  if (!wanted) return Error{key + " '" + config.model + "' is not a known model"};
   if (!detection.candidates.empty() && !detection.agrees_with(*wanted)) {
-    return Error{key + " is " + config.model + ", but the packets are of a " + candidate_names(detection) +
-                 " (" + detection.evidence + "): correct it, or set " + key + " to auto"};
+    return Error{key + " is " + config.model + ", but the packets come from " + candidate_names(detection) +
+                 " (" + detection.evidence + ") - correct it, or set " + key + " to auto"};
   }
   return *wanted;
 }
@@ -91,7 +91,7 @@ SensorIdentification::State SensorIdentification::add(const drivers::Packet& pac
 
 SensorIdentification::State SensorIdentification::finish() {
   State state = sensor_ ? State::kUndecided : decide_model();
-  if (state == State::kUndecided) state = use_built_in("there are too few packets for it");
+  if (state == State::kUndecided) state = use_built_in("too few packets");
   return state;
 }
 
@@ -115,7 +115,7 @@ SensorIdentification::State SensorIdentification::decide_model() {
   if (!config_.calibration.empty()) {
     notes_.push_back(model_text() + ", calibration " + config_.calibration);
     const std::vector<std::uint16_t> disabled = drivers::disabled_lasers(*sensor_);
-    if (!disabled.empty()) notes_.push_back(config_.calibration + " switches off laser " + list_of(disabled));
+    if (!disabled.empty()) notes_.push_back(config_.calibration + " disables laser " + list_of(disabled));
     return State::kIdentified;
   }
   if (sensor_->lasers.size() != drivers::kHdl64eLasers) {
@@ -142,10 +142,10 @@ SensorIdentification::State SensorIdentification::read_status(const drivers::Pac
     carries_table_ = true;
   // Converted recordings have only a clock there, or no status bytes.
   const bool is_empty = counters.cycles == 0 || !carries_table_;
-  if (packets_since_gap_ >= kHdl64eStatusPackets && is_empty) return use_built_in("it carries none");
+  if (packets_since_gap_ >= kHdl64eStatusPackets && is_empty) return use_built_in("no calibration in it");
   if (stream_packets_ < kStreamPackets) return State::kUndecided;
   if (counters.wrong_crc + counters.implausible > 0)
-    return use_built_in("its checksum or its values are wrong");
+    return use_built_in("wrong checksum or implausible values");
   return use_built_in("packets are missing");
 }
 
@@ -158,8 +158,8 @@ SensorIdentification::State SensorIdentification::use_stream(const drivers::Hdl6
                    (date ? "on " + date_text(*date) : "on an unknown date") + ")");
   if (calibration.checksum == drivers::Hdl64eChecksum::kNone) {
     warnings_.push_back(section_ +
-                        ": the unit's firmware sends no checksum with its calibration: damaged values would "
-                        "go unnoticed; compare it with the unit's db.xml");
+                        ": the calibration from the status stream has no checksum: corrupted values are not detected - "
+                        "compare it with the unit's db.xml");
   }
   return State::kIdentified;
 }
@@ -167,18 +167,18 @@ SensorIdentification::State SensorIdentification::use_stream(const drivers::Hdl6
 SensorIdentification::State SensorIdentification::use_built_in(const std::string& reason) {
   notes_.push_back(model_text() + ", built-in geometry");
   warnings_.push_back(section_ + ": every " + sensor_->name +
-                      " has a calibration of its own, and the built-in one is of another unit; none could be "
-                      "had from the status stream (" +
+                      " needs its own calibration; the built-in one belongs to another unit, and the status stream "
+                      "provides none (" +
                       reason + "): set " + section_ +
-                      ".calibration to the unit's db.xml, or to the file that 'nilio inspect "
-                      "--write-calibration' makes of a recording");
+                      ".calibration to the unit's db.xml, or to a file from 'nilio inspect "
+                      "--write-calibration' of a recording");
   return State::kIdentified;
 }
 
 Result<std::monostate> check_lidar(const LidarConfig& config, const std::string& section) {
   if (config.model != "auto") {
     const std::optional<drivers::VelodyneModel> model = drivers::parse_velodyne_model(config.model);
-    if (!model) return Error{section + ".model '" + config.model + "' is no known model"};
+    if (!model) return Error{section + ".model '" + config.model + "' is not a known model"};
     const Result<drivers::VelodyneSensor> sensor = make_sensor(*model, config);
     if (!sensor) return sensor.error();
   } else if (!config.calibration.empty() && !std::ifstream(config.calibration)) {

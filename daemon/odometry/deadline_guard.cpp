@@ -16,7 +16,7 @@ namespace nilio::daemon {
 
 core::Result<std::unique_ptr<DeadlineGuard>> DeadlineGuard::create(Publish publish) {
   const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
-  if (timer < 0) return core::Error{std::string("no timer for the deadline guard: ") + std::strerror(errno)};
+  if (timer < 0) return core::Error{std::string("deadline guard: no timer: ") + std::strerror(errno)};
   return std::unique_ptr<DeadlineGuard>(new DeadlineGuard(timer, std::move(publish)));
 }
 

@@ -71,18 +71,18 @@ std::string decision_line(const ScanDecision& decision) {
 
 Result<std::vector<ScanDecision>> read_decisions(const std::string& path) {
   std::ifstream file(path);
-  if (!file) return Error{path + ": cannot be opened; a run with --output writes decisions.jsonl"};
+  if (!file) return Error{path + ": cannot be opened - a run with --output writes decisions.jsonl"};
   std::string line;
   std::getline(file, line);
   const json header = json::parse(line, nullptr, false);
   if (!header.is_object() || header.value("format", json()) != json(kFormat))
-    return Error{path + ":1: this is no decision log (" + kFormat + "); a run under live rules writes one"};
+    return Error{path + ":1: not a decision log (" + kFormat + ") - a run under live rules writes one"};
   std::vector<ScanDecision> decisions;
   for (std::size_t number = 2; std::getline(file, line); ++number) {
     const std::optional<ScanDecision> decision = parse_decision(line);
     if (!decision)
       return Error{path + ":" + std::to_string(number) +
-                   ": is no decision about a scan: " + line.substr(0, 80)};
+                   ": not a scan decision: " + line.substr(0, 80)};
     if (!decisions.empty() && decision->sequence <= decisions.back().sequence)
       return Error{path + ":" + std::to_string(number) + ": scan " + std::to_string(decision->sequence) +
                    " comes after scan " + std::to_string(decisions.back().sequence)};

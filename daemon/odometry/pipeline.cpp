@@ -292,7 +292,7 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
     if (outcome.granted || !plan_.strict) continue;
     request_stop();
     join();
-    return Error{"realtime.strict is set and " + outcome.text};
+    return Error{"realtime.strict: " + outcome.text};
   }
   return outcomes;
 }

@@ -32,7 +32,7 @@ std::string describe_errors(std::uint32_t classes) {
   std::string text;
   for (const ErrorClass& error : kErrorClasses)
     if ((classes & error.bit) != 0) text += (text.empty() ? "" : ", ") + std::string(error.text);
-  return text.empty() ? "of no known class" : text;
+  return text.empty() ? "unknown class" : text;
 }
 
 std::string seconds(std::int64_t ns) {
@@ -96,7 +96,7 @@ std::vector<CanEvent> ImuSilence::observe(std::int64_t now_ns, CanBusState bus) 
   const bool first = last_frame_ns_ < 0;
   if (frames != frames_ || first) {
     if (silent_ && !first)
-      events.push_back({false, "IMU frames again after " + seconds(now_ns - last_frame_ns_)});
+      events.push_back({false, "IMU frames received again after " + seconds(now_ns - last_frame_ns_)});
     silent_ = false;
     frames_ = frames;
     last_frame_ns_ = now_ns;
@@ -110,22 +110,22 @@ std::vector<CanEvent> ImuSilence::observe(std::int64_t now_ns, CanBusState bus) 
   ++silences_;
   events.push_back({true, "IMU silent: no frame with " + identifiers_ + " for " +
                               seconds(now_ns - last_frame_ns_) + "; the bus is " + std::string(name_of(bus)) +
-                              ", " + seen_instead() + "; odometry goes on without the IMU"});
+                              ", " + seen_instead() + "; odometry continues without the IMU"});
   return events;
 }
 
 std::string ImuSilence::seen_instead() const {
   const std::uint64_t others = traffic_->other_frames.load(std::memory_order_relaxed) - others_at_last_frame_;
   const std::uint64_t errors = traffic_->error_frames.load(std::memory_order_relaxed) - errors_at_last_frame_;
-  if (others + errors == 0) return "nothing else is on it: check the IMU's power and cable, and the bit rate";
-  std::string text = "instead there were ";
+  if (others + errors == 0) return "no other frames on the bus - check the IMU's power and cable, and the bit rate";
+  std::string text = "received instead: ";
   if (others > 0)
     text += std::to_string(others) + " frames of other identifiers (" + describe_ids(*traffic_) + ")";
   if (errors > 0) {
     text += (others > 0 ? " and " : "") + std::to_string(errors) + " error frames (" +
             describe_errors(traffic_->error_classes.load(std::memory_order_relaxed)) + ")";
   }
-  return text + (others > 0 ? ": check the IMU, and imu.preset or imu.dbc" : ": check bit rate and wiring");
+  return text + (others > 0 ? " - check the IMU, and imu.preset or imu.dbc" : " - check bit rate and wiring");
 }
 
 CanWatch::CanWatch(std::unique_ptr<drivers::CanController> controller, std::shared_ptr<CanTraffic> traffic,

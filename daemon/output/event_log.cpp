@@ -18,20 +18,20 @@ EventLog::Line to_line(const LidarEvent& event) {
       return {LogLevel::kInfo,
               (section == "lidar" ? "" : section + ": ") + describe_status(event.model.data(), event.status)};
     case LidarEvent::Kind::kSilent:
-      return {LogLevel::kWarning, section + ": no packets come from it; poses go on without it"};
+      return {LogLevel::kWarning, section + ": no packets received; poses are computed without it"};
     case LidarEvent::Kind::kLate:
-      return {LogLevel::kWarning, section + ": its packets come later than " + section +
-                                      ".wait_ms allows; poses go on with those that are there"};
+      return {LogLevel::kWarning, section + ": packets arrive later than " + section +
+                                      ".wait_ms allows; poses use those that arrived in time"};
     case LidarEvent::Kind::kRecovered:
-      return {LogLevel::kInfo, section + ": its packets come again in time"};
+      return {LogLevel::kInfo, section + ": packets arrive in time again"};
     case LidarEvent::Kind::kOtherClock:
       break;
   }
   std::array<char, 32> offset{};
   std::snprintf(offset.data(), offset.size(), "%+.3f", event.offset_s);
-  return {LogLevel::kWarning, section + ": its clock is " + offset.data() +
-                                  " s from that of lidar, so that its points belong to no scan: let both "
-                                  "clocks follow the same GPS, or set lidar.time_source and " +
+  return {LogLevel::kWarning, section + ": clock differs by " + offset.data() +
+                                  " s from that of lidar; its points belong to no scan - synchronize both "
+                                  "clocks to the same GPS, or set lidar.time_source and " +
                                   section + ".time_source to host"};
 }
 

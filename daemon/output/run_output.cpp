@@ -65,7 +65,7 @@ Result<std::unique_ptr<RunOutput>> RunOutput::create(const Options& options,
   std::error_code error;
   fs::create_directories(folder, error);
   if (error)
-    return Error{folder.string() + ": cannot be made (" + error.message() + "): choose another --output"};
+    return Error{folder.string() + ": cannot be made (" + error.message() + ") - choose another --output"};
   output->tum_.open(folder / "trajectory.tum");
   if (!output->tum_) return cannot_write(folder / "trajectory.tum");
   output->kitti_.open(folder / "trajectory.kitti");

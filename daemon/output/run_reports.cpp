@@ -39,15 +39,15 @@ void ImuReport::report_use(const ImuHealth& health) const {
   const bool refused = !health.trusted && health.reason != ImuCheck::kCount;
   const bool was_refused = last_ && !last_->trusted && last_->reason != ImuCheck::kCount;
   if (refused && (!was_refused || last_->reason != health.reason)) {
-    spdlog::warn("IMU: not used, because of {}; rotation is predicted at a constant rate",
+    spdlog::warn("IMU: rejected because of {}; rotation is predicted at a constant rate",
                  core::name_of(health.reason));
   }
   if (health.trusted && (!last_ || !last_->trusted))
-    spdlog::info(was_refused ? "IMU: used again"
-                             : "IMU: used from now on: it predicts bends better than a constant rate");
+    spdlog::info(was_refused ? "IMU: in use again"
+                             : "IMU: in use; it predicts turns better than a constant rate");
   const double shift_before_ms = last_ ? last_->time_shift_ms : 0.0;
   if (health.time_shift_ms != shift_before_ms)
-    spdlog::info("IMU: {:.1f} ms are subtracted from its stamps from now on", health.time_shift_ms);
+    spdlog::info("IMU: time shift {:.1f} ms is subtracted from its stamps", health.time_shift_ms);
 }
 
 void ImuReport::update(const ImuHealth& health) {
@@ -132,9 +132,9 @@ std::string BudgetReport::text(const core::BudgetConfig& budget) const {
   std::array<char, 320> line{};
   std::snprintf(
       line.data(), line.size(),
-      "budget %s, %.1f ms: %.1f %% of the poses from whole registrations, %.1f %% from fewer points, "
-      "%.1f %% from part of the steps, %.1f %% predictions; %llu late poses, by at most %.0f us (p99 "
-      "%.0f us); %llu handed over by the guard",
+      "budget %s, %.1f ms: poses with full registration %.1f %%, fewer points %.1f %%, "
+      "NDT or ICP only %.1f %%, prediction %.1f %%; %llu late poses, maximum %.0f us (p99 "
+      "%.0f us); %llu published by the guard",
       core::name_of(budget.mode), static_cast<double>(budget.budget.ns) * 1e-6,
       percent(degradation_levels_[0]), percent(degradation_levels_[1]),
       percent(degradation_levels_[2] + degradation_levels_[3]), percent(degradation_levels_[4]),

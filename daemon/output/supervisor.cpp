@@ -105,7 +105,7 @@ Result<std::monostate> Supervisor::open_publisher(bool live) {
   if (pid) {
     spdlog::info("nilio-publisher started, pid {}, DDS domain {}", *pid, config_.publisher.domain);
   } else {
-    spdlog::error("{}; poses go on without DDS, and starting it is tried again", pid.error().message);
+    spdlog::error("{}; poses continue without DDS, the start will be repeated", pid.error().message);
   }
   return std::monostate{};
 }
@@ -139,7 +139,7 @@ Result<std::monostate> Supervisor::open() {
   if (!options_.decisions_file.empty()) {
     auto decisions = read_decisions(options_.decisions_file);
     if (!decisions) return decisions.error();
-    if (decisions->empty()) return Error{options_.decisions_file + ": holds no decision"};
+    if (decisions->empty()) return Error{options_.decisions_file + ": contains no decision"};
     pipeline_options.decisions = std::move(decisions).value();
   }
   pipeline_options.collect_map = output_ != nullptr && config_.output.map;
@@ -196,8 +196,8 @@ void Supervisor::report_plan(const std::vector<PlanOutcome>& outcomes) {
 void Supervisor::report_clock(const ipc::PoseRecord& record) {
   if (last_ && last_->clock_source == record.clock_source && !record.after_time_jump) return;
   if (record.after_time_jump)
-    spdlog::warn("scan {}: the LiDAR's clock was set; its time line begins anew", record.sequence);
-  spdlog::info("scan {}: LiDAR time is {}", record.sequence, core::name_of(record.clock_source));
+    spdlog::warn("scan {}: the LiDAR's clock was set; its timeline is reset", record.sequence);
+  spdlog::info("scan {}: LiDAR time source {}", record.sequence, core::name_of(record.clock_source));
 }
 
 /// Logs the events of the odometry and identification threads.
@@ -423,9 +423,9 @@ void Supervisor::report_merge(std::size_t index) const {
   const MergeCounters& merged = pipeline_->merge_counters(index);
   const drivers::ScanAssemblerStats stats = lidar.channel.stats();
   spdlog::info(
-      "{}: {} packets, {} lost before us, {} dropped by us; {} points merged, {} unused; {} scans without "
+      "{}: {} packets, {} lost in the network, {} dropped by niliod; {} points merged, {} unused; {} scans without "
       "it, {} "
-      "went on before it had come",
+      "processed before its packets arrived",
       lidar.channel.section(), stats.packets, stats.lost_packets, lidar.ring.dropped(), merged.points_merged,
       merged.points_unused, merged.scans_without, merged.waits_timed_out);
   if (lidar.source.stats().malformed > 0)
@@ -435,12 +435,12 @@ void Supervisor::report_merge(std::size_t index) const {
 void Supervisor::report_unused_imu() const {
   if (imu_report_.is_compared()) {
     spdlog::info(
-        "the IMU was compared with the LiDAR, but not used: it has to predict a bend better than a constant "
-        "rate does, first");
+        "IMU: compared with the LiDAR, but not used; it has not yet predicted a turn better than a constant "
+        "rate");
     return;
   }
   spdlog::warn(
-      "the IMU covered none of the scans: {} samples were decoded; check imu.preset and that both logs are "
+      "IMU: no scan covered ({} samples decoded) - check imu.preset and that both logs are "
       "of "
       "the same time",
       pipeline_->counters().imu_samples.load());
@@ -454,7 +454,7 @@ void Supervisor::report_end() const {
   if (output_) spdlog::info("path {:.2f} m; outputs in {}", output_->path_length_m(), options_.output_folder);
   const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
   if (scans.lost_packets + scans.partial_scans + pipeline_->packets_dropped() > 0) {
-    spdlog::info("{} packets lost before us, {} dropped by us, {} partial scans left out", scans.lost_packets,
+    spdlog::info("{} packets lost in the network, {} dropped by niliod, {} partial scans discarded", scans.lost_packets,
                  pipeline_->packets_dropped(), scans.partial_scans);
   }
   for (std::size_t i = 1; i < pipeline_->lidars().size(); ++i) report_merge(i);
@@ -467,11 +467,11 @@ void Supervisor::report_end() const {
   if (const std::string text = budget_.text(pipeline_->budget()); !text.empty()) spdlog::info("{}", text);
   if (const std::uint64_t missed = counters.decisions_missed.load(); missed > 0)
     spdlog::warn(
-        "{} scans are not where the log of decisions has them: it is of another recording, or of one "
-        "that lost other packets; this is no repetition of that run",
+        "{} scans do not match the decision log: it belongs to another recording, or to one "
+        "with other lost packets; this run does not repeat it",
         missed);
   const MemoryUse memory = memory_use();
-  spdlog::info("memory: {} MiB resident, {} MiB at most, {} MiB locked", memory.resident_bytes >> 20U,
+  spdlog::info("memory: {} MiB resident, {} MiB peak, {} MiB locked", memory.resident_bytes >> 20U,
                memory.peak_resident_bytes >> 20U, memory.locked_bytes >> 20U);
   spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
 }

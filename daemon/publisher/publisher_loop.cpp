@@ -94,7 +94,7 @@ std::string PublisherLoop::imu_summary() const {
   const dds::ImuPoseLoop::Counts counts = imu_poses_->counts();
   const dds::StageLatency& latency = report_.stages.back();
   return fmt::format(
-      "; at IMU rate {} poses, {} writes failed, {} samples dropped, {} jumps; CAN to DDS p50 {:.0f}, p99 "
+      "; IMU rate: {} poses, {} writes failed, {} samples dropped, {} jumps; CAN to DDS p50 {:.0f}, p99 "
       "{:.0f}, max {:.0f} us",
       counts.published, counts.failed_writes, counts.ring_dropped, counts.jumps, latency.p50_us,
       latency.p99_us, latency.max_us);
@@ -170,17 +170,17 @@ bool PublisherLoop::report() {
   next_report_ = std::max(next_report_ + kReportPeriod, monotonic_now());
   publish_reports();
   if (parent_ != 0 && getppid() != parent_) {
-    spdlog::warn("niliod (process {}) is gone", parent_);
+    spdlog::warn("niliod (process {}) has ended", parent_);
     stopping_ = true;
   }
   switch (publisher_->participant().refresh_interfaces()) {
     case dds::Participant::Refresh::kUnchanged:
       return true;
     case dds::Participant::Refresh::kRescanned:
-      spdlog::info("the network interfaces have changed: DDS uses them as they are now");
+      spdlog::info("network interfaces changed; DDS uses the new ones");
       return true;
     case dds::Participant::Refresh::kNeedsRestart:
-      spdlog::info("a DDS interface from the list has appeared: starting again to use it");
+      spdlog::info("a listed DDS interface appeared; restarting to use it");
       return false;
   }
   return true;

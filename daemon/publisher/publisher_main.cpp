@@ -66,49 +66,49 @@ void add_publisher_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--ring-fd", options.ring_descriptor, "Inherited memfd of the pose ring")->required();
   app.add_option("--wake-fd", options.wake_descriptor, "Inherited eventfd, signalled when there are poses")
       ->required();
-  app.add_option("--parent-pid", options.parent, "End when this process, the parent, does");
+  app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
   app.add_option("--domain", publisher.participant.domain, "DDS domain id")->check(CLI::Range(0, 232));
   app.add_option("--interface", publisher.participant.interface_whitelist,
-                 "IPv4 address of an interface DDS may use (repeatable; default: all)");
+                 "IPv4 address of an interface for DDS (repeatable; default: all)");
   app.add_option("--odom-frame", publisher.odom_frame, "Frame of the poses");
   app.add_option("--base-frame", publisher.base_frame, "Frame of the vehicle");
-  app.add_option("--topic-prefix", publisher.topic_prefix, "Put before the topic names");
-  app.add_option("--nice", options.nice, "Scheduling priority of this process")->check(CLI::Range(-20, 19));
+  app.add_option("--topic-prefix", publisher.topic_prefix, "Prefix of the topic names");
+  app.add_option("--nice", options.nice, "Nice value of this process")->check(CLI::Range(-20, 19));
   app.add_flag("--lock-memory", options.lock_memory, "Keep all memory of this process resident");
   app.add_option("--wait-for-subscribers", options.wait_for_subscribers_s,
-                 "Seconds to wait for a first subscriber before reading the ring")
+                 "Maximum wait for a first subscriber before reading the ring, s")
       ->check(CLI::Range(0.0, 3600.0));
 }
 
 void add_imu_options(CLI::App& app, PublisherOptions& options) {
-  app.add_flag("--imu-rate", options.imu_rate, "Publish a pose for every IMU sample, too");
+  app.add_flag("--imu-rate", options.imu_rate, "Also publish a pose for every IMU sample");
   app.add_option("--imu-priority", options.imu_priority,
-                 "SCHED_FIFO priority of the thread that does; 0: none")
+                 "SCHED_FIFO priority of the IMU-rate pose thread; 0: none")
       ->check(CLI::Range(0, 99));
   app.add_option("--imu-pose-ring-fd", options.imu_pose_ring_descriptor,
-                 "Inherited memfd of the poses' second ring");
-  app.add_option("--imu-ring-fd", options.imu_ring_descriptor, "Inherited memfd of the ring of samples");
+                 "Inherited memfd of the second pose ring");
+  app.add_option("--imu-ring-fd", options.imu_ring_descriptor, "Inherited memfd of the IMU sample ring");
   app.add_option("--imu-wake-fd", options.imu_wake_descriptor,
-                 "Inherited eventfd, signalled when either of these has something");
+                 "Inherited eventfd of these two rings");
   app.add_option("--imu-orientation", options.imu_orientation_xyzw,
                  "Mounting of the IMU on the vehicle, quaternion x,y,z,w")
       ->delimiter(',')
       ->expected(4);
-  app.add_option("--imu-position", options.imu_position, "The same, place x,y,z in m")
+  app.add_option("--imu-position", options.imu_position, "Mounting of the IMU on the vehicle, position x,y,z in m")
       ->delimiter(',')
       ->expected(3);
   ipc::ImuPoseConfig& poses = options.imu_poses;
   const auto add = [&](const char* name, double& value, const char* text) {
     app.add_option(name, value, text)->check(CLI::NonNegativeNumber);
   };
-  add("--imu-max-gap", options.imu_max_gap_s, "Seconds between samples that the gyro is used across");
-  add("--imu-max-age", options.imu_max_age_s, "Seconds after a scan up to which poses are propagated");
-  add("--imu-rate-max-hz", poses.max_rate_hz, "Poses per second; 0: one for every sample");
-  add("--imu-max-slew", poses.slew.max_slew_m_s, "Speed with which corrections are worked off, m/s");
-  add("--imu-max-turn-slew", poses.slew.max_slew_rad_s, "The same for the rotation, rad/s");
-  add("--imu-settle", options.imu_settle_s, "Time constant of corrections, seconds");
-  add("--imu-jump", poses.slew.jump_m, "A larger correction is made at once, m");
-  add("--imu-turn-jump", poses.slew.jump_rad, "The same for the rotation, rad");
+  add("--imu-max-gap", options.imu_max_gap_s, "Maximum gap between samples that is bridged with the gyro, s");
+  add("--imu-max-age", options.imu_max_age_s, "Maximum propagation time after a scan, s");
+  add("--imu-rate-max-hz", poses.max_rate_hz, "Maximum pose rate, Hz; 0: one pose per sample");
+  add("--imu-max-slew", poses.slew.max_slew_m_s, "Maximum slew rate of position corrections, m/s");
+  add("--imu-max-turn-slew", poses.slew.max_slew_rad_s, "Maximum slew rate of rotation corrections, rad/s");
+  add("--imu-settle", options.imu_settle_s, "Time constant of corrections, s");
+  add("--imu-jump", poses.slew.jump_m, "Larger position corrections are applied at once, m");
+  add("--imu-turn-jump", poses.slew.jump_rad, "Larger rotation corrections are applied at once, rad");
 }
 
 constexpr int kExitFailed = 1;
@@ -194,7 +194,7 @@ int run(const PublisherOptions& options) {
     return kExitFailed;
   }
   if (!end_with_parent(options.parent)) {
-    spdlog::error("process {}, which --parent-pid names, is not the parent of this one: not starting",
+    spdlog::error("--parent-pid {}: not the parent of this process; exiting",
                   options.parent);
     return kExitFailed;
   }
@@ -207,7 +207,7 @@ int run(const PublisherOptions& options) {
   auto ring = ipc::Ring<ipc::PoseRecord>::attach(options.ring_descriptor);
   auto wake_event = ipc::WakeEvent::adopt(options.wake_descriptor);
   if (!ring || !wake_event) {
-    spdlog::critical("what niliod should have handed over is not there: {}",
+    spdlog::critical("inherited descriptors: {}",
                      ring ? wake_event.error().message : ring.error().message);
     return kExitFailed;
   }
@@ -218,12 +218,12 @@ int run(const PublisherOptions& options) {
     return kExitFailed;
   }
   for (const std::string& address : (*publisher)->participant().missing_interfaces())
-    spdlog::warn("DDS interface {} is not on this machine (yet): not used", address);
+    spdlog::warn("DDS interface {}: not on this machine yet; not used", address);
   std::unique_ptr<dds::ImuPoseLoop> imu_poses;
   if (options.imu_rate) {
     auto started = start_imu_poses(options, **publisher);
     if (!started) {
-      spdlog::critical("poses at IMU rate: {}", started.error().message);
+      spdlog::critical("IMU-rate poses: {}", started.error().message);
       return kExitFailed;
     }
     imu_poses = std::move(started).value();

@@ -46,7 +46,7 @@ std::string policy_text(int policy, int priority) {
 }
 
 std::string processors_text(const CpuList& cpus) {
-  return (cpus.size() == 1 ? "processor " : "processors ") + cpu_list_text(cpus);
+  return (cpus.size() == 1 ? "CPU " : "CPUs ") + cpu_list_text(cpus);
 }
 
 std::string scheduling_text(const ThreadScheduling& scheduling) {
@@ -65,13 +65,13 @@ std::string request_processors(const CpuList& cpus, ThreadRole role) {
   const cpu_set_t set = to_set(cpus);
   if (sched_setaffinity(0, sizeof set, &set) != 0) {
     return processors_text(cpus) + " refused (" + std::strerror(errno) + "): correct " + key_of(role) +
-           ", or let the container have them";
+           ", or allow them for the container";
   }
   // The kernel silently ignores CPUs that do not exist.
   const CpuList obtained = scheduling_of(0).cpus;
   if (obtained == cpus) return {};
-  return processors_text(cpus) + " not all there, only " + cpu_list_text(obtained) + ": correct " +
-         key_of(role) + ", or let the container have them";
+  return processors_text(cpus) + " not all available, only " + cpu_list_text(obtained) + ": correct " +
+         key_of(role) + ", or allow them for the container";
 }
 
 std::optional<long> read_number(const char* path) {
@@ -102,8 +102,8 @@ Result<CpuList> parse_cpu_list(std::string_view text) {
     const std::optional<int> first = parse_number(item.substr(0, dash));
     const std::optional<int> last =
         dash == std::string_view::npos ? first : parse_number(item.substr(dash + 1));
-    if (!first || !last) return invalid_item(item, "is no processor");
-    if (*last < *first) return invalid_item(item, "ends before it begins");
+    if (!first || !last) return invalid_item(item, "is not a CPU");
+    if (*last < *first) return invalid_item(item, "ends before its start");
     if (*last >= CPU_SETSIZE) return invalid_item(item, "is beyond " + std::to_string(CPU_SETSIZE - 1));
     for (int cpu = *first; cpu <= *last; ++cpu) cpus.push_back(cpu);
     if (item.size() + 1 == text.size()) return invalid_item(text, "ends with a comma");
@@ -200,24 +200,24 @@ PlanOutcome check_workers(const ThreadPlan& plan, const std::vector<pid_t>& work
     if (scheduling == own) continue;
     return {false, name + ": its worker " + std::to_string(worker) + " has " + scheduling_text(scheduling) +
                        " instead of " + scheduling_text(own) +
-                       ": do not change the scheduling of its threads from outside"};
+                       " - do not change the scheduling of its threads externally"};
   }
   const int missing = plan.odometry_threads - 1 - static_cast<int>(workers.size());
   if (missing > 0) {
     return {true,
             name + ": " + std::to_string(missing) + " of its " + std::to_string(plan.odometry_threads) +
-                " threads did not start: there are fewer processors; lower odometry.threads",
+                " threads did not start: too few CPUs - lower odometry.threads",
             true};
   }
   return {true, name + ": " + std::to_string(workers.size()) +
-                    (workers.size() == 1 ? " worker, as itself" : " workers, as itself")};
+                    (workers.size() == 1 ? " worker with the same scheduling" : " workers with the same scheduling")};
 }
 
 PlanOutcome check_throttling(const ThreadPlan& plan) {
-  if (!plan.fifo) return {true, "supervisor: no thread has precedence"};
+  if (!plan.fifo) return {true, "supervisor: no FIFO threads"};
   const std::optional<long> runtime_us = read_number("/proc/sys/kernel/sched_rt_runtime_us");
   const std::optional<long> period_us = read_number("/proc/sys/kernel/sched_rt_period_us");
-  std::string throttling = "the kernel does not tell its throttling of FIFO threads";
+  std::string throttling = "throttling of FIFO threads is unknown";
   if (runtime_us && *runtime_us < 0) {
     throttling = "FIFO threads are not throttled (sched_rt_runtime_us is -1)";
   } else if (runtime_us && period_us) {
@@ -229,12 +229,12 @@ PlanOutcome check_throttling(const ThreadPlan& plan) {
   const bool covers_all =
       odometry.empty() || std::includes(odometry.begin(), odometry.end(), own.begin(), own.end());
   if (!covers_all || static_cast<std::size_t>(plan.odometry_threads) < own.size())
-    return {true, "supervisor: has a processor that the odometry leaves free; " + throttling};
+    return {true, "supervisor: has a CPU not used by the odometry; " + throttling};
   return {true,
           "supervisor: the odometry's " + std::to_string(plan.odometry_threads) +
-              " threads may take all of " + processors_text(own) +
-              ", and log, files and watching then wait; " + throttling +
-              ": leave a processor out of realtime.odometry_cpus, or lower odometry.threads",
+              " threads may use all of " + processors_text(own) +
+              "; log, files and supervision then wait; " + throttling +
+              " - exclude a CPU from realtime.odometry_cpus, or lower odometry.threads",
           true};
 }
 
@@ -249,7 +249,7 @@ PlanThread::PlanThread(std::function<void()> body)
   };
   const int error = pthread_create(&thread_, &attributes, run, body_.get());
   pthread_attr_destroy(&attributes);
-  if (error != 0) throw std::system_error(error, std::generic_category(), "a thread cannot be started");
+  if (error != 0) throw std::system_error(error, std::generic_category(), "cannot start a thread");
 }
 
 void PlanThread::join() { pthread_join(thread_, nullptr); }

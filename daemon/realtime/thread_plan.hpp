@@ -48,7 +48,7 @@ core::Result<ThreadPlan> make_thread_plan(const Config& config, bool live);
 /// Outcome of one request to the kernel.
 struct PlanOutcome {
   bool granted = true;
-  std::string text;  ///< "nilio-odometry: FIFO 40 on processor 1", or what was refused, why, and what to do
+  std::string text;  ///< "nilio-odometry: FIFO 40 on CPU 1", or what was refused, why, and what to do
   /// Granted, but worth a warning.
   bool warns = false;
 };

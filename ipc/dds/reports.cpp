@@ -55,7 +55,7 @@ DiagnosticStatus odometry_status(const ipc::PoseRecord& latest, core::Duration a
   const auto& v = latest.linear_velocity;
   status.values = {{"state", core::name_of(latest.state)},
                    {"speed, m/s", text_of(std::hypot(v[0], v[1], v[2]))},
-                   {"stopped because", core::name_of(latest.stop_reason)},
+                   {"stop reason", core::name_of(latest.stop_reason)},
                    {"points in the scan", std::to_string(latest.points)},
                    {"points registered", std::to_string(latest.points_used)},
                    {"correspondences", std::to_string(latest.correspondences)},
@@ -70,7 +70,7 @@ DiagnosticStatus odometry_status(const ipc::PoseRecord& latest, core::Duration a
 std::string imu_message(const core::ImuHealth& health, ImuCheckState worst) {
   std::string text = health.trusted ? "used" : "not used";
   if (!health.trusted)
-    text += health.reason == ImuCheck::kCount ? ", no bend has proved it yet"
+    text += health.reason == ImuCheck::kCount ? ", not yet confirmed by a turn"
                                               : std::string(" because of ") + core::name_of(health.reason);
   if (worst < ImuCheckState::kWarn) return text;
   for (std::size_t i = 0; i < core::kImuChecks; ++i) {
@@ -93,8 +93,8 @@ DiagnosticStatus imu_status(const core::ImuHealth& health) {
         row.state == ImuCheckState::kUnknown ? "" : text_of(row.value) + " " + core::unit_of(check) + ", ";
     status.values.push_back({core::name_of(check), value + core::name_of(row.state)});
   }
-  status.values.push_back({"subtracted from its stamps, ms", text_of(health.time_shift_ms)});
-  status.values.push_back({"times that trust was withdrawn", std::to_string(health.demotions)});
+  status.values.push_back({"time shift subtracted from its stamps, ms", text_of(health.time_shift_ms)});
+  status.values.push_back({"rejections", std::to_string(health.demotions)});
   status.level = level_of(worst);
   status.message = imu_message(health, worst);
   return status;

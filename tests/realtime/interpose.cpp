@@ -1,5 +1,5 @@
-// Functions of the C library and of C++ that a real-time thread must not call, in a library before theirs:
-// the dynamic linker then binds the program's and every library's calls to these.
+// Functions of the C and C++ libraries that a real-time thread must not call. This library precedes them, so
+// the dynamic linker binds all calls of the program and its libraries to these functions.
 #include "tests/realtime/interpose.hpp"
 
 #include <cerrno>
@@ -26,7 +26,7 @@ void __libc_free(void* memory);
 
 namespace {
 
-/// The function that the one here hides.
+/// Original function hidden by the one defined here.
 template <class Function>
 Function* hidden(Function*& found, const char* name) {
   if (found == nullptr) found = reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name));
@@ -87,7 +87,7 @@ extern "C" int posix_memalign(void** memory, std::size_t alignment, std::size_t 
   return *memory == nullptr ? ENOMEM : 0;
 }
 extern "C" void free(void* memory) {
-  // Nothing is released, and many destructors do this.
+  // free(nullptr) releases no memory and is common in destructors.
   if (memory == nullptr) return;
   interpose::called(Offence::kRelease);
   __libc_free(memory);

@@ -2,14 +2,14 @@
 
 #include "tests/realtime/watch.hpp"
 
-/// Between the replaced functions and the watch.
+/// Interface between the replaced functions and the watch.
 namespace nilio::tests::interpose {
 
-/// Counts, if the calling thread is watched.
+/// Counts the offence if the calling thread is watched.
 void called(Offence offence);
-/// Of the calling thread, for the threads that it starts; -1 when it is not watched.
+/// Role of the calling thread, inherited by the threads it starts; -1 if it is not watched.
 int role_to_inherit();
-/// First thing in a thread that a watched one has started.
+/// First call in a thread started by a watched thread.
 void begin_worker(int role);
 
 }  // namespace nilio::tests::interpose

@@ -1,7 +1,6 @@
-// What makes the watch one of a program that knows nothing of it: niliod, with this library in LD_PRELOAD.
-//
-// NILIO_WATCH_REPORT=FILE  written at the program's end: what was counted, in JSON
-// NILIO_WATCH_PLANT=1      the odometry thread allocates, releases and locks once, to be caught at it
+// Watches an unmodified program, niliod with this library in LD_PRELOAD. NILIO_WATCH_REPORT=FILE writes the
+// counts as JSON at the program's end. NILIO_WATCH_PLANT=1 makes the odometry thread allocate, release and
+// lock once, which must be detected.
 #include "tests/realtime/watch.hpp"
 
 #include <atomic>
@@ -28,13 +27,13 @@ std::int64_t now_ns() {
   return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
 }
 
-/// Programs that the watched one starts are not watched with it.
+/// Programs started by the watched one are not watched.
 [[gnu::constructor]] void leave_children_alone() {
   if (std::getenv("NILIO_WATCH_REPORT") != nullptr) unsetenv("LD_PRELOAD");
 }
 
 void plant() {
-  // Through a pointer that the compiler must not look behind.
+  // Volatile pointer, so that the compiler cannot remove the allocation.
   void* volatile memory = std::malloc(1);
   std::free(memory);
   static std::mutex mutex;
@@ -50,7 +49,7 @@ std::string to_json(const OffenceCounts& counts) {
   return text + "}";
 }
 
-/// Names of files and functions, in which nothing but this has to be escaped.
+/// File and function names; only this character needs escaping.
 std::string quoted(const std::string& text) {
   std::string result = "\"";
   for (const char c : text) {
@@ -81,7 +80,7 @@ std::string quoted(const std::string& text) {
 
 }  // namespace
 
-/// daemon::kPreloadedHook. Counting begins when the odometry is warm and ends with its last scan.
+/// See daemon::kPreloadedHook. Counting starts when the odometry is warm and ends with its last scan.
 extern "C" void nilio_thread_hook(ThreadRole role, ThreadPhase phase) {
   watch::hook(role, phase);
   if (role != ThreadRole::kOdometry) return;

@@ -25,7 +25,7 @@ namespace watch = tests::watch;
 
 namespace {
 
-// By then velocity and map are established, and every buffer has its size.
+// Velocity and map are established, and all buffers have their final size.
 constexpr std::uint64_t kWarmUpScans = 20;
 
 daemon::Config drive_config(int threads) {
@@ -34,7 +34,7 @@ daemon::Config drive_config(int threads) {
   config.realtime.policy = "other";
   config.realtime.lock_memory = false;
   config.odometry.threads = threads;
-  // The drive leaves it several times.
+  // The drive leaves this radius several times.
   config.odometry.map_radius_m = 40.0;
   config.lidar.max_range_m = 60.0;
   return config;
@@ -77,7 +77,7 @@ struct Outcome {
   std::uint64_t points_merged = 0;
 };
 
-/// A pose ring in shared memory whose reader is in this process.
+/// Pose ring in shared memory with a reader in this process.
 std::unique_ptr<ipc::PublisherProcess> make_publisher() {
   ipc::PublisherProcessConfig config;
   config.executable = "/nonexistent";
@@ -104,14 +104,14 @@ void take_outputs(daemon::Pipeline& pipeline, ipc::Ring<ipc::PoseRecord>& publis
   }
 }
 
-/// What a run needs beside its input.
+/// Settings of a run besides its input.
 struct Run {
   daemon::ScanObserver observer = {};
-  /// Gives the pipeline its data, in the calling thread; by default it has it already.
+  /// Feeds the pipeline from the calling thread; the default input needs no feeding.
   std::function<void(daemon::Pipeline&, const std::function<void()>& look_after)> feed = {};
 };
 
-/// Runs the pipeline and watches its threads from the scan `kWarmUpScans` to the end.
+/// Runs the pipeline and watches its threads from scan `kWarmUpScans` to the end.
 Outcome run_watched(const daemon::Config& config, daemon::Input input, const Run& run = {}) {
   const auto publisher = make_publisher();
   auto published = ipc::Ring<ipc::PoseRecord>::attach(publisher->ring().file_descriptor());
@@ -179,7 +179,7 @@ TEST_CASE(
   check_nothing_was_done();
   CHECK(outcome.watched_scans >= 2000);
   CHECK(outcome.published == outcome.poses);
-  // The faults were there.
+  // The injected faults took effect.
   CHECK(outcome.stats.time_jumps + outcome.stats.host_clock_jumps >= 2);
   CHECK(outcome.stats.lost_packets > 1000);
   CHECK(outcome.stats.bad_length > 100);
@@ -195,7 +195,7 @@ TEST_CASE("two threads that register with NDT before every ICP do not allocate, 
   drive.faults.enabled = true;
   const Outcome outcome = run_watched(config, memory_input(drive));
   check_nothing_was_done();
-  // TBB fills its pools now and then; a computer with one processor has no worker.
+  // TBB sometimes fills its pools; a computer with one CPU has no worker.
   const tests::OffenceCounts of_tbb = watch::tbb_counts();
   CAPTURE(of_tbb);
   CHECK(watch::total(of_tbb) * 10 <= outcome.watched_scans);
@@ -219,7 +219,7 @@ TEST_CASE("scans that come faster than they are registered are superseded withou
   Drive drive;
   drive.faults.enabled = true;
   drive.live = true;
-  // 80 s in 2.
+  // 80 s of data in 2 s.
   drive.speed = 40.0;
   const Outcome outcome = run_watched(drive_config(1), memory_input(drive));
   check_nothing_was_done();
@@ -275,7 +275,7 @@ TEST_CASE("a live LiDAR is found out, falls silent and comes back without alloca
     const std::vector<drivers::Packet>& packets = tests::town_drive().packets;
     constexpr std::size_t kPackets = 15'000;
     std::uint64_t sent = 0;
-    // No faster than packets are taken: neither the socket nor the ring loses any, nor is a scan superseded.
+    // Sends no faster than packets are read: socket and ring lose none, and no scan is superseded.
     const auto let_them_be_taken = [&] {
       const daemon::LidarInput& lane = *pipeline.lidars()[0];
       REQUIRE(tests::eventually(
@@ -289,7 +289,7 @@ TEST_CASE("a live LiDAR is found out, falls silent and comes back without alloca
       const drivers::Packet& packet = packets[i];
       sender.send(port, {packet.data.begin(), packet.data.begin() + packet.size});
       ++sent;
-      // In the middle nothing comes for longer than any wait; also short and long datagrams.
+      // A pause in the middle exceeds every wait; datagrams of wrong lengths are included.
       if (i == kPackets / 2) std::this_thread::sleep_for(std::chrono::milliseconds(700));
       if (i % 1000 == 999) {
         sender.send(port, std::vector<std::uint8_t>(i % 1400));
@@ -315,7 +315,7 @@ TEST_CASE("scans of two LiDARs are merged without allocation, lock or throw", "[
   daemon::Input input = memory_input(drive);
   daemon::ExtraLidar second;
   second.section = "lidar2";
-  // A little behind the first, whose losses it does not share.
+  // Slightly later than the first LiDAR and with different losses.
   second.config.extrinsic = {{-1.5, 0.0, 0.0}, {0.0, 0.0, 30.0}};
   second.packets =
       std::make_unique<tests::RepeatedPackets>(tests::town_drive(), drive.times, tests::Faults{});

@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 constexpr uid_t kNobody = 65534;
 
-/// niliod with its output in a pipe, which nobody reads until read() is called.
+/// niliod with its output in a pipe that is not read until read() is called.
 class PipedNiliod {
  public:
   PipedNiliod(const std::string& program, const std::vector<std::string>& arguments, bool unprivileged) {
@@ -51,12 +51,12 @@ class PipedNiliod {
 
   void terminate() const { kill(pid_, SIGTERM); }
 
-  /// Reads a little at a time until the output has this, or is at its end.
+  /// Reads small pieces until the output contains this text or ends.
   void read_until(const std::string& wanted) {
     while (text_.find(wanted) == std::string::npos && read_piece()) {
     }
   }
-  /// All of the output, a little at a time; waits for the end.
+  /// Reads all of the output in small pieces and waits for the end.
   std::string read_slowly() {
     while (read_piece()) {
     }
@@ -89,7 +89,7 @@ class PipedNiliod {
   int status_ = -1;
 };
 
-/// niliod where everybody may start it.
+/// Copy of niliod that every user may start.
 std::string program_for_everybody(const tests::TemporaryFolder& folder) {
   const fs::path copy = folder.path() / "niliod";
   fs::copy_file(std::string(NILIO_BIN_DIR) + "/niliod", copy);
@@ -114,7 +114,7 @@ TEST_CASE("without privileges niliod runs, and says of each thread and of the me
           "[process]") {
   const tests::TemporaryFolder folder;
   PipedNiliod niliod(program_for_everybody(folder), live_arguments(), true);
-  // It is at work when it misses the scans.
+  // It is processing when it reports missing scans.
   niliod.read_until("no scan for ");
   niliod.terminate();
   const std::string text = niliod.read_slowly();
@@ -134,7 +134,7 @@ TEST_CASE("without privileges a strict niliod ends at once and says what is miss
   const std::string text = niliod.read_slowly();
   INFO(text);
   CHECK(niliod.status() == 1);
-  CHECK(text.find("niliod: realtime.strict is set and memory: locking refused") != std::string::npos);
+  CHECK(text.find("niliod: realtime.strict: memory: locking refused") != std::string::npos);
 }
 
 TEST_CASE("a reader that reads nothing until the drive is over gets every line, the last one included",
@@ -142,12 +142,12 @@ TEST_CASE("a reader that reads nothing until the drive is over gets every line, 
   const tests::TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 1.0, true);
   const fs::path run = folder.path() / "run";
-  // Thousands of bytes: more than the pipe holds.
+  // Thousands of bytes, more than the pipe's capacity.
   PipedNiliod niliod(std::string(NILIO_BIN_DIR) + "/niliod",
                      {"--replay", folder.path().string(), "--output", run.string(), "--set",
                       "publisher.enabled=false", "--set", "log.level=debug"},
                      false);
-  // Nothing has been read, and yet the poses are done.
+  // All poses are computed although no output was read.
   CHECK(tests::eventually([&] { return fs::exists(run / "latency.json"); }));
   const std::string text = niliod.read_slowly();
   INFO(text);
@@ -155,5 +155,5 @@ TEST_CASE("a reader that reads nothing until the drive is over gets every line, 
   CHECK(text.find("outputs in " + run.string()) != std::string::npos);
   CHECK(text.find("memory: ") != std::string::npos);
   CHECK(text.find("end_to_end") > text.find("latency by stage:"));
-  CHECK(text.find("lines lost here") == std::string::npos);
+  CHECK(text.find("lines dropped") == std::string::npos);
 }

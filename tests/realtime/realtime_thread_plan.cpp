@@ -61,7 +61,7 @@ TEST_CASE("the odometry, its workers and the receive threads have the policy and
   config.realtime.lidar_cpus = std::to_string(cpus.front());
   config.realtime.odometry_cpus = std::to_string(cpus.back());
   const Started started = start(config);
-  // Workers have the name of the thread that started them.
+  // Workers inherit the name of the thread that started them.
   const std::vector<pid_t> odometry = threads_named("self", "nilio-odometry");
   const std::size_t expected = cpus.size() > 1 ? 2 : 1;
   CHECK(odometry.size() >= expected);
@@ -70,7 +70,7 @@ TEST_CASE("the odometry, its workers and the receive threads have the policy and
   const std::vector<pid_t> receivers = threads_named("self", "nilio-lidar");
   REQUIRE(receivers.size() == 1);
   CHECK(scheduling_of(receivers[0]) == ThreadScheduling{SCHED_FIFO, 17, {cpus.front()}});
-  // It names itself after the start.
+  // Its name is set after the start.
   std::vector<pid_t> searching;
   tests::eventually([&] {
     searching = threads_named("self", "nilio-identify");
@@ -91,15 +91,15 @@ TEST_CASE(
   config.realtime.odometry_cpus = "1000";
   {
     const Started started = start(config);
-    CHECK(any_contains(started.outcomes, false, "processor 1000 refused"));
+    CHECK(any_contains(started.outcomes, false, "CPU 1000 refused"));
     CHECK(any_contains(started.outcomes, false, "correct realtime.odometry_cpus"));
     CHECK(any_contains(started.outcomes, true, "nilio-lidar: normal scheduling"));
   }
-  // Some are there: the kernel would leave out the others without a word.
+  // Some of the CPUs exist: the kernel would silently ignore the others.
   config.realtime.odometry_cpus = std::to_string(scheduling_of(0).cpus.front()) + ",1000";
   {
     const Started started = start(config);
-    CHECK(any_contains(started.outcomes, false, "not all there, only"));
+    CHECK(any_contains(started.outcomes, false, "not all available, only"));
   }
   config.realtime.strict = true;
   auto input = open_live(config);
@@ -108,7 +108,7 @@ TEST_CASE(
   REQUIRE(pipeline.ok());
   const auto outcomes = (*pipeline)->start();
   REQUIRE_FALSE(outcomes.ok());
-  CHECK(outcomes.error().message.find("realtime.strict is set and nilio-odometry") != std::string::npos);
+  CHECK(outcomes.error().message.find("realtime.strict: nilio-odometry") != std::string::npos);
 }
 
 TEST_CASE("a list of processors that is none is an error that names the key", "[plan]") {

@@ -20,7 +20,7 @@ namespace watch = tests::watch;
 
 namespace {
 
-/// What a watched thread is caught at.
+/// Number of offences detected in a watched thread.
 tests::OffenceCounts caught(const std::function<void()>& deed) {
   watch::reset();
   std::thread thread([&] {
@@ -40,7 +40,7 @@ std::uint64_t caught(Offence offence, const std::function<void()>& deed) {
 
 volatile std::size_t sink = 0;
 
-/// Has the compiler leave the memory alone, and what was done for it.
+/// Prevents the compiler from removing the memory access.
 void* keep(void* memory) {
   sink = reinterpret_cast<std::size_t>(memory);
   return reinterpret_cast<void*>(sink);

@@ -21,7 +21,7 @@ namespace {
 using core::Duration;
 
 constexpr const char* kDriveSeconds = "80";
-// From the end of one round to the beginning of the next.
+// Pause from the end of one round to the start of the next.
 constexpr Duration kPause = Duration::from_seconds(5.0);
 
 struct SimulatedDrive {
@@ -60,7 +60,7 @@ bool is_between(Duration time, double from_s, double to_s) {
   return time >= Duration::from_seconds(from_s) && time < Duration::from_seconds(to_s);
 }
 
-/// From the beginning of one round to that of the next.
+/// Time from the start of one round to the start of the next.
 Duration period(const Recording& recording) {
   return recording.packets.back().stamp - recording.packets.front().stamp + kPause;
 }
@@ -74,7 +74,7 @@ std::string town_configuration() { return simulated().configuration; }
 Fate Faults::of_packet(std::size_t index, Duration since_start) const {
   if (!enabled) return Fate::kAsItIs;
   if (is_between(since_start, 20.0, 23.0)) return Fate::kLost;
-  // A burst of 30 packets in every 1000.
+  // Bursts of 30 packets per 1000.
   if (is_between(since_start, 25.0, 35.0) && index % 1000 < 30) return Fate::kLost;
   if (is_between(since_start, 36.0, 40.0) && index % 7 == 0) return Fate::kDamaged;
   if (is_between(since_start, 40.0, 42.0) && index % 5 == 0) return Fate::kWrongLength;
@@ -98,7 +98,7 @@ bool RepeatedPackets::next(drivers::Packet& slot) {
     if (fate == Fate::kLost) continue;
     slot = packet;
     slot.stamp = slot.stamp + period(recording_) * static_cast<std::int64_t>(round_);
-    // A block with a wrong flag, one with an impossible azimuth, and a length that no packet has.
+    // Block with a wrong flag, block with an impossible azimuth, and a packet of an unknown length.
     if (fate == Fate::kDamaged) {
       slot.data[100 * (index_ % 12)] ^= 0xFFU;
       slot.data[100 * (index_ % 11) + 3] = 0xFFU;

@@ -9,32 +9,31 @@
 
 namespace nilio::tests {
 
-/// Packets and frames of a drive in memory, and what is done to them on the way.
+/// Packets and frames of a drive in memory, with injected faults.
 struct Recording {
   std::vector<drivers::Packet> packets;
   std::vector<drivers::CanFrame> frames;
 };
-/// Makes a drive with `nilio simulate`, once a process: a VLP-16 with GPS and an Xsens IMU in the town.
+/// Simulates a drive with `nilio simulate` once per process: VLP-16 with GPS and Xsens IMU in the town.
 const Recording& town_drive();
 /// Configuration of that drive.
 std::string town_configuration();
-/// Where its files are, as long as the process lives.
+/// Folder of its files for the lifetime of the process.
 std::string town_folder();
 
-/// What happens to a packet.
+/// Fault of a packet.
 enum class Fate { kAsItIs, kLost, kDamaged, kWrongLength, kTooLong };
 
-/// Where faults come in a drive, by the time since its beginning; the same every time.
+/// Faults of a drive by the time since its start; the same in every run.
 struct Faults {
   bool enabled = false;
   [[nodiscard]] Fate of_packet(std::size_t index, core::Duration since_start) const;
-  /// The IMU says nothing.
+  /// The IMU is silent.
   [[nodiscard]] bool is_frame_lost(core::Duration since_start) const;
 };
 
-/// Plays a drive so many times, one after the other: each time the vehicle is back at the start, and the
-/// sensor's clock has jumped. Does not allocate while it is read. `speed`: so many times as fast as it was
-/// recorded; 0 = as fast as it is read.
+/// Plays a drive repeatedly: in each round the vehicle is back at the start and the sensor's clock has
+/// jumped. Reading does not allocate. `speed`: factor relative to the recording; 0 = as fast as possible.
 class RepeatedPackets final : public drivers::PacketSource {
  public:
   RepeatedPackets(const Recording& recording, std::size_t times, const Faults& faults, double speed = 0.0)
@@ -55,7 +54,7 @@ class RepeatedPackets final : public drivers::PacketSource {
   std::size_t index_ = 0;
 };
 
-/// The frames that go with RepeatedPackets.
+/// Frames that belong to RepeatedPackets.
 class RepeatedFrames final : public drivers::FrameSource {
  public:
   RepeatedFrames(const Recording& recording, std::size_t times, const Faults& faults)

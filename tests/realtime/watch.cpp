@@ -53,7 +53,7 @@ bool is_in(const char* object, const char* library) {
   return object != nullptr && std::strstr(object, library) != nullptr;
 }
 
-/// Where this library, with the functions that it replaces, is in memory.
+/// Address range of this library.
 const void* own_base() {
   static const void* const base = [] {
     Dl_info info{};
@@ -63,8 +63,8 @@ const void* own_base() {
   return base;
 }
 
-/// Whether the call came from TBB rather than from what TBB runs: by the innermost frame that is neither the
-/// C nor the C++ library's nor the watch's.
+/// True if TBB itself made the call rather than a task: decided by the innermost frame outside of the C and
+/// C++ libraries and the watch.
 bool is_of_tbb(const Stack& stack) {
   for (int i = 0; i < stack.depth; ++i) {
     Dl_info info{};
@@ -87,7 +87,7 @@ std::string describe(void* frame) {
   Dl_info info{};
   if (dladdr(frame, &info) == 0) return "?";
   if (info.dli_sname == nullptr) {
-    // As addr2line takes it.
+    // Format of addr2line.
     std::array<char, 32> offset{};
     std::snprintf(offset.data(), offset.size(), " 0x%zx",
                   static_cast<std::size_t>(static_cast<char*>(frame) - static_cast<char*>(info.dli_fbase)));
@@ -147,7 +147,7 @@ void watch::hook(ThreadRole role, ThreadPhase phase) {
 }
 
 void watch::arm(bool armed) {
-  // Loads what unwinding needs.
+  // Loads the unwinder.
   std::array<void*, 4> frames{};
   backtrace(frames.data(), 4);
   own_base();

@@ -9,7 +9,7 @@
 
 namespace nilio::tests {
 
-/// What a real-time thread must not do, as far as a function of the C library or of C++ is called for it.
+/// Operations forbidden in a real-time thread, as far as they are calls of C or C++ library functions.
 enum class Offence : std::uint8_t {
   kAllocation,  ///< malloc and its kin; operator new comes there, too
   kRelease,     ///< free
@@ -23,28 +23,28 @@ const char* name_of(Offence offence);
 
 using OffenceCounts = std::array<std::uint64_t, static_cast<std::size_t>(Offence::kCount)>;
 
-/// Counts offences of the real-time threads: of those that said so with daemon::ThreadHook, and of the
-/// threads that they started (the workers of the odometry's arena). The functions themselves are replaced by
-/// this library's; they count, and then do what they always do.
+/// Counts offences of the real-time threads: those that registered with daemon::ThreadHook, and the threads
+/// they started (workers of the odometry's arena). Functions of this library replace the original ones; they
+/// count and then call the original.
 namespace watch {
 
 /// For PipelineOptions::thread_hook.
 void hook(daemon::ThreadRole role, daemon::ThreadPhase phase);
-/// From now on, or no longer, calls count. From any thread.
+/// Starts or stops counting. Any thread.
 void arm(bool armed);
-/// Forgets what was counted.
+/// Resets all counts.
 void reset();
 
-/// Calls from this project's code, directly or through a library.
+/// Calls from this project's code, direct or through a library.
 OffenceCounts counts(daemon::ThreadRole role);
-/// Calls that TBB makes for itself when it hands out tasks: its pools are not ours to fill.
+/// Calls of TBB's own task scheduling, whose pools are outside of this project's control.
 OffenceCounts tbb_counts();
 std::uint64_t total(const OffenceCounts& counts);
-/// Threads that said of themselves that they are of this role.
+/// Threads registered with this role.
 std::size_t threads_seen(daemon::ThreadRole role);
 /// Threads started by the odometry thread.
 std::size_t workers_seen();
-/// Where the first of them came from, a call stack each of so many frames; empty when there were none.
+/// Call stacks of the first offences with so many frames each; empty if there were none.
 std::string report(int frames = 16);
 
 }  // namespace watch

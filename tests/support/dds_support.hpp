@@ -22,8 +22,8 @@
 
 namespace nilio::tests {
 
-// Of its own for every test process and every test, so that tests that run side by side do not hear each
-// other.
+// Domain of its own for every test process and every test, so that parallel tests do not receive each other's
+// messages.
 inline std::uint32_t test_domain() {
   static std::uint32_t tests = 0;
   return 100 + (static_cast<std::uint32_t>(getpid()) + 7 * tests++) % 100;
@@ -74,7 +74,7 @@ bool wait_for_subscriber(const Publisher& publisher) {
   return eventually([&] { return publisher.subscribers() > 0; });
 }
 
-/// What a busy computer may take for a message or the end of a program.
+/// Maximum time for a message or the end of a program on a busy computer.
 inline constexpr core::Duration kPatience{60'000'000'000};
 
 inline std::optional<std::filesystem::path> built_program(const char* name) {
@@ -94,7 +94,7 @@ inline ipc::PublisherProcessConfig process_config(const std::filesystem::path& e
   return config;
 }
 
-// The standard output of a program, read to its end.
+// Standard output of a program, read to its end.
 class Program {
  public:
   explicit Program(const std::string& command) : pipe_(popen(command.c_str(), "re")) {
@@ -127,7 +127,7 @@ class Program {
   std::FILE* pipe_;
 };
 
-// Peers in both directions, since loopback has no multicast.
+// Peers in both directions, because loopback has no multicast.
 inline constexpr const char* kCycloneLoopback =
     "CYCLONEDDS_URI='<CycloneDDS><Domain><General><Interfaces><NetworkInterface "
     "address=\"127.0.0.1\"/></Interfaces>"
@@ -145,7 +145,7 @@ void read_numbers(std::istream& in, std::array<double, N>& numbers) {
   for (double& number : numbers) {
     std::string text;
     in >> text;
-    number = std::strtod(text.c_str(), nullptr);  // istream does not read hexadecimal floating point
+    number = std::strtod(text.c_str(), nullptr);  // istream cannot read hexadecimal floating point
   }
 }
 

@@ -15,7 +15,7 @@
 
 namespace nilio::tests {
 
-/// Configuration for live sensors on this computer, without privileges.
+/// Configuration for live sensors on this computer without privileges.
 inline daemon::Config live_config(const std::vector<std::uint16_t>& ports) {
   daemon::Config config;
   config.realtime.policy = "other";
@@ -34,7 +34,7 @@ inline daemon::Config live_config(const std::vector<std::uint16_t>& ports) {
   return config;
 }
 
-/// A pipeline on sockets, fed by the test.
+/// Pipeline on sockets that the test feeds.
 class LiveRun {
  public:
   explicit LiveRun(const daemon::Config& config) {
@@ -47,7 +47,7 @@ class LiveRun {
     REQUIRE(pipeline_->start().ok());
   }
 
-  /// Sends to LiDAR number `lidar` no faster than packets are taken, so that the kernel drops none.
+  /// Sends to LiDAR number `lidar` no faster than packets are read, so that the kernel drops none.
   void send(UdpSender& sender, std::size_t lidar, std::uint16_t port,
             std::span<const drivers::Packet> packets) {
     constexpr std::size_t kChunk = 32;
@@ -67,7 +67,7 @@ class LiveRun {
     collect();
   }
 
-  /// Poses and lines of the log so far.
+  /// Poses and log lines so far.
   void collect() {
     while (const auto record = pipeline_->poses().try_pop()) poses.push_back(*record);
     while (auto line = pipeline_->event_log().take()) lines.push_back(std::move(*line));
@@ -80,13 +80,13 @@ class LiveRun {
     }));
   }
 
-  /// The receive thread of LiDAR number `lidar` has so many packets, and its ring has room for more.
+  /// True if the receive thread of LiDAR number `lidar` has so many packets and its ring has free slots.
   [[nodiscard]] bool has_delivered(std::size_t lidar, std::uint64_t packets) const {
     const daemon::LidarInput& lane = *pipeline_->lidars()[lidar];
     return lane.source.stats().delivered >= packets && lane.ring.size() < lane.ring.capacity() - 100;
   }
 
-  /// Waits until so many packets are off the socket of LiDAR number `lidar`.
+  /// Waits until so many packets are read from the socket of LiDAR number `lidar`.
   [[nodiscard]] bool receives(std::size_t lidar, std::uint64_t packets) const {
     return eventually([&] { return pipeline_->lidars()[lidar]->source.stats().delivered >= packets; }, kPoll);
   }
@@ -104,7 +104,7 @@ class LiveRun {
  private:
   static constexpr std::chrono::microseconds kPoll{500};
 
-  /// Waits until all that was sent is off the socket and the ring.
+  /// Waits until all sent packets are read from socket and ring.
   bool settle(std::size_t lidar) {
     const daemon::LidarInput& lane = *pipeline_->lidars()[lidar];
     return eventually([&] { return lane.source.stats().delivered >= sent_[lidar] && lane.ring.size() == 0; },

@@ -12,10 +12,10 @@
 
 namespace nilio::tests {
 
-/// A pipeline that has come to the end of a recording, and what came out of it.
+/// Pipeline that has processed a recording completely, with its output.
 struct ReplayRun {
   std::unique_ptr<daemon::Pipeline> pipeline;
-  std::vector<std::string> notes;  ///< of the input
+  std::vector<std::string> notes;  ///< notes of the input
   std::vector<ipc::PoseRecord> poses;
   std::vector<daemon::EventLog::Line> lines;
   std::vector<daemon::ScanDecision> decisions;

@@ -9,7 +9,7 @@
 
 namespace nilio::tests {
 
-/// Whether this computer lets the test have FIFO at all.
+/// True if this computer grants the test FIFO scheduling.
 inline bool may_have_fifo() {
   const sched_param fifo{10};
   const sched_param normal{0};
@@ -18,7 +18,7 @@ inline bool may_have_fifo() {
   return true;
 }
 
-/// The threads of a process, a number or "self", which have this name.
+/// Threads with this name in a process, given by number or "self".
 inline std::vector<pid_t> threads_named(const std::string& process, const std::string& name) {
   std::vector<pid_t> threads;
   for (const auto& entry : std::filesystem::directory_iterator("/proc/" + process + "/task")) {

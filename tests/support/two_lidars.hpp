@@ -16,7 +16,7 @@
 
 namespace nilio::tests {
 
-/// Two VLP-16 mounted apart, told apart by their addresses 192.168.1.201 and 192.168.1.202.
+/// Two VLP-16 at different positions, distinguished by their addresses 192.168.1.201 and 192.168.1.202.
 inline daemon::Config two_lidars() {
   daemon::Config config;
   config.lidar.sender_address = "192.168.1.201";
@@ -28,7 +28,7 @@ inline daemon::Config two_lidars() {
   return config;
 }
 
-/// Writes lidar.pcap of a drive through the room with both LiDARs; the second is silent after a time.
+/// Writes lidar.pcap of a drive through the room with both LiDARs; the second one falls silent after a time.
 inline void write_two_lidar_drive(const std::filesystem::path& folder, const PoseFunction& T_world_base,
                                   double seconds, double seconds_of_second) {
   const Room room = Room::with_pillars();

@@ -17,7 +17,7 @@ TEST_CASE("a live sensor's model is told from its packets, and none of them is l
   const drivers::ScanAssemblerStats stats = run.pipeline().scan_stats();
   CHECK(stats.packets == 400);
   CHECK(stats.firings == 400 * 384);
-  // From the cut on; what comes after the fifth may be dropped at the end.
+  // Scans after the cut; the fifth may be incomplete at the end.
   CHECK(stats.scans == 5);
   CHECK(stats.partial_scans <= 1);
   CHECK(run.count_lines(LogLevel::kInfo, "LiDAR VLP-16 (from the packets)") == 1);
@@ -36,7 +36,7 @@ TEST_CASE("live packets of another model than configured are said once and wait 
   run.send(sender, 0, port, vlp16_packets(320));
   run.collect();
   CHECK(run.poses.empty());
-  CHECK(run.count_lines(LogLevel::kError, "lidar.model is HDL-64E-S2, but the packets are of a VLP-16") == 1);
+  CHECK(run.count_lines(LogLevel::kError, "lidar.model is HDL-64E-S2, but the packets come from VLP-16") == 1);
   CHECK(run.count_lines(LogLevel::kError, "") == 1);
   CHECK_FALSE(run.pipeline().finished());
   run.send(sender, 0, port, hdl64e_packets(1200, StatusStream::kWhole));
@@ -59,7 +59,7 @@ TEST_CASE("a live sensor whose model cannot be told gives an error and no end", 
   CHECK_FALSE(run.pipeline().finished());
   run.stop();
   CHECK(run.poses.empty());
-  CHECK(run.count_lines(LogLevel::kError, "say which with lidar.model") == 1);
+  CHECK(run.count_lines(LogLevel::kError, "select one with lidar.model") == 1);
 }
 
 TEST_CASE("datagrams of other sizes before the first data packet are counted and not kept", "[pipeline]") {

@@ -10,11 +10,11 @@ using namespace nilio;
 using namespace nilio::daemon;
 using namespace nilio::tests;
 
-// Not among the tests for ThreadSanitizer, with which poses do not keep up with the sensors.
+// Excluded from the ThreadSanitizer run, in which poses cannot keep up with the sensors.
 TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the poses go on") {
   const std::vector<std::uint16_t> ports = free_ports(2);
   Config config = live_config(ports);
-  // So long that a busy computer does not matter.
+  // Long enough for a busy computer.
   config.more_lidars[0].wait_ms = 500.0;
   LiveRun run(config);
   UdpSender sender;
@@ -22,11 +22,12 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
   auto due = std::chrono::steady_clock::now();
   std::size_t next = 0;
   std::uint64_t sent_to_second = 0;
-  // Less than a scan: so none of the first is superseded, and each finds packets of the second that sends.
+  // Less than one scan: no scan of the first LiDAR is superseded, and each finds packets of the second while
+  // it transmits.
   constexpr std::size_t kMostWaiting = 50;
   const auto drive = [&](std::size_t count, bool with_second) {
     for (const std::size_t end = next + count; next < end; ++next) {
-      // At the sensor's pace, or at that of a computer that cannot keep up with it.
+      // Sends at the sensor's pace, or at that of a computer that cannot keep up.
       due = std::max(due + std::chrono::nanoseconds(1'327'104), std::chrono::steady_clock::now());
       std::this_thread::sleep_until(due);
       REQUIRE(run.drains(0, kMostWaiting));
@@ -40,14 +41,15 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
     }
     run.collect();
   };
-  // What tells the models makes no scan yet. A LiDAR whose model is not known when a scan is there, as it
-  // takes a thread of its own a while, is as silent.
+  // The packets that identify the models complete no scan yet. A LiDAR that its identification thread has not
+  // identified when a scan is complete counts as silent.
   drive(70, true);
   for (const auto& lane : run.pipeline().lidars())
     REQUIRE(eventually([&] { return lane->channel.is_identified(); }));
   drive(930, true);
   const std::size_t poses_with_both = run.poses.size();
-  // Clocks set by the times of arrival may be warned of: a busy computer sends in no sensor's rhythm.
+  // A clock warning is acceptable: a busy computer does not send at a sensor's regular pace, and the clocks
+  // follow the arrival times.
   const std::string silent = "lidar2: no packets come from it";
   CHECK(run.count_lines(LogLevel::kWarning, silent) == 0);
   drive(1000, false);
@@ -57,12 +59,12 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
   run.stop();
   for (const EventLog::Line& line : run.lines) UNSCOPED_INFO(line.text);
   CHECK(run.count_lines(LogLevel::kWarning, silent) == 1);
-  CHECK(run.count_lines(LogLevel::kInfo, "lidar2: its packets come again in time") == 1);
+  CHECK(run.count_lines(LogLevel::kInfo, "lidar2: packets arrive in time again") == 1);
   CHECK(run.count_lines(LogLevel::kInfo, "lidar2: LiDAR VLP-16 (from the packets)") == 1);
   const MergeCounters& merged = run.pipeline().merge_counters(1);
   CHECK(merged.points_merged > 0);
   CHECK(merged.scans_without >= 6);
-  // Those after the last scan are still waiting.
+  // Points after the last scan are still pending.
   CHECK(run.pipeline().lidars()[1]->channel.stats().packets > 2000 - 80);
   CHECK(run.pipeline().packets_dropped() == 0);
 }
@@ -74,7 +76,7 @@ TEST_CASE("a live LiDAR whose first neighbour never sends does not fill its ring
   const std::vector<drivers::Packet> packets = vlp16_packets(6000);
   for (std::size_t i = 0; i < packets.size(); ++i) {
     sender.send(ports[1], {packets[i].data.begin(), packets[i].data.begin() + packets[i].size});
-    // Faster than the sensor would, but not faster than this computer.
+    // Faster than the sensor, but not faster than this computer.
     if (i % 30 == 0) REQUIRE(eventually([&] { return run.has_delivered(1, i); }));
   }
   CHECK(run.drains(1, 2048));

@@ -37,7 +37,7 @@ std::string read_file(const fs::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-/// niliod with both output streams in a file.
+/// niliod with both output streams redirected to a file.
 class Niliod {
  public:
   Niliod(const TemporaryFolder& folder, const std::vector<std::string>& arguments)
@@ -61,7 +61,7 @@ class Niliod {
     waitpid(pid_, &status, 0);
     return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), output()};
   }
-  /// Waits until the pattern is in the output; its first group, or nothing.
+  /// Waits until the pattern matches the output; returns its first group, or an empty text.
   [[nodiscard]] std::string await(const std::string& pattern) const {
     const std::regex expression(pattern);
     std::string found;
@@ -95,7 +95,7 @@ void write_file(const fs::path& path, const std::string& text) {
 
 const std::string kNoPublisher = "publisher.enabled=false";
 
-/// Domain of this process's own, so that nothing else on the machine hears or disturbs it.
+/// DDS domain of this process, isolated from other programs on the machine.
 std::string own_domain() { return "publisher.domain=" + std::to_string(100 + getpid() % 100); }
 
 }  // namespace
@@ -157,7 +157,7 @@ TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies 
   REQUIRE(
       std::regex_search(finished.output, match, std::regex("at IMU rate ([0-9]+) poses, 0 writes failed")));
   const std::uint64_t poses = std::stoull(match[1].str());
-  // None before the first scan has its pose, which a busy computer may be late with.
+  // No deadline before the pose of the first scan, which may be late on a busy computer.
   CHECK(poses > samples / 2);
   CHECK(poses < samples);
   for (const char* stage :
@@ -327,7 +327,7 @@ TEST_CASE("live, niliod waits for a sensor, refuses one of another model and goe
     sender.send(port, {bytes.begin(), bytes.end()});
     if (i % 16 == 15) std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  CHECK_FALSE(niliod.await("error: (lidar.model is HDL-32E, but the packets are of a VLP-16)").empty());
+  CHECK_FALSE(niliod.await("error: (lidar.model is HDL-32E, but the packets come from VLP-16)").empty());
   REQUIRE(kill(niliod.pid(), SIGTERM) == 0);
   const Finished finished = niliod.wait();
   INFO(finished.output);

@@ -32,7 +32,7 @@ bool says(const std::vector<std::string>& notes, const std::string& text) {
                      [&](const std::string& note) { return note.find(text) != std::string::npos; });
 }
 
-/// A CAN frame as SocketCAN captures have it.
+/// CAN frame in the format of SocketCAN captures.
 std::string socketcan_bytes(const drivers::CanFrame& frame) {
   tests::ByteText text(true);
   text.u32(frame.id | (frame.extended ? 0x80000000U : 0U))
@@ -41,7 +41,7 @@ std::string socketcan_bytes(const drivers::CanFrame& frame) {
   return text.text({reinterpret_cast<const char*>(frame.data.data()), frame.length}).bytes();
 }
 
-/// Puts the drive's LiDAR packets and CAN frames into one pcapng with two interfaces, in order of time.
+/// Merges the drive's LiDAR packets and CAN frames by time into one pcapng with two interfaces.
 void write_one_capture(const std::filesystem::path& folder, const std::filesystem::path& output) {
   struct Record {
     std::int64_t stamp_ns;
@@ -95,7 +95,7 @@ TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps, and said in w
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 2.0, true);
   const ReplayRun sound = run_replay(folder.path().string());
-  // The same log, stamped 40 ms later.
+  // Same log with stamps 40 ms later.
   std::vector<std::string> lines;
   {
     std::ifstream log(folder.path() / "imu.log");
@@ -181,7 +181,7 @@ BO_ 52 Clock: 4 IMU
   set("imu.temperature.signal=Degrees");
   const auto stray = open_replay(*files, config);
   REQUIRE_FALSE(stray.ok());
-  CHECK_THAT(stray.error().message, Contains("'Rates'") && Contains("imu.dbc is empty"));
+  CHECK_THAT(stray.error().message, Contains("'Rates'") && Contains("set imu.dbc"));
   set("imu.dbc=" + (folder.path() / "own.dbc").string());
   auto input = open_replay(*files, config);
   REQUIRE(input.ok());

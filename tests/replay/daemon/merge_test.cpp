@@ -14,7 +14,7 @@ using namespace nilio::tests;
 
 namespace {
 
-/// Holds packets back for 60 ms now and then.
+/// Delays packets by 60 ms at intervals.
 class LateSource final : public drivers::PacketSource {
  public:
   explicit LateSource(std::unique_ptr<drivers::PacketSource> source) : source_(std::move(source)) {}
@@ -42,7 +42,7 @@ std::size_t count_lines(const ReplayRun& run, const std::string& text) {
                     [&](const EventLog::Line& line) { return line.text.find(text) != std::string::npos; }));
 }
 
-/// Root mean square of the positions' errors, of base_link relative to the first pose.
+/// Root mean square error of the positions of base_link relative to the first pose.
 double position_error_m(const std::vector<ipc::PoseRecord>& poses) {
   const auto pose_of = [](const ipc::PoseRecord& record) {
     const auto& q = record.orientation_xyzw;
@@ -60,7 +60,7 @@ double position_error_m(const std::vector<ipc::PoseRecord>& poses) {
   return std::sqrt(sum / static_cast<double>(poses.size()));
 }
 
-/// Both LiDARs of a recording, read to the end into their rings, and the scans that are made of them.
+/// Both LiDARs of a recording, read completely into their rings, and the merged scans.
 class Scans {
  public:
   Scans(const std::filesystem::path& folder, const Config& config)
@@ -135,7 +135,7 @@ TEST_CASE("merged scans have the points of both LiDARs where the walls are", "[p
   CHECK(off_the_wall < points / 1000);
   CHECK(merged.points_merged > of_second * 95 / 100);
   CHECK(merged.points_merged + merged.points_unused <= of_second);
-  // Before the first scan of the first LiDAR began.
+  // Before the start of the first LiDAR's first scan.
   CHECK(merged.points_unused < 100);
   CHECK(points <= of_first + merged.points_merged);
   CHECK(points > of_first * 9 / 10 + merged.points_merged);
@@ -212,7 +212,7 @@ TEST_CASE("a run whose second LiDAR was late now and then is repeated from its d
   const ReplayRun live = run_input(config, std::move(input).value(), as_live);
   CHECK(live.pipeline->merge_counters(1).waits_timed_out > 0);
   REQUIRE(live.decisions.size() >= live.poses.size());
-  // As they are written and read again.
+  // Written and read back.
   const std::string log = (folder.path() / "decisions.jsonl").string();
   std::ofstream file(log);
   file << decision_header(core::BudgetMode::kWall, 50.0) << '\n';
@@ -234,7 +234,7 @@ TEST_CASE("a run whose second LiDAR was late now and then is repeated from its d
     different += is_same ? 0 : 1;
   }
   CHECK(different == 0);
-  // Without its decisions it is another run.
+  // Without the decisions the run differs.
   const ReplayRun plain = run_replay(folder.text(), config);
   CHECK(plain.poses.back().position != live.poses.back().position);
 }
@@ -245,7 +245,7 @@ TEST_CASE("when the second LiDAR falls silent the poses go on and it is said onc
   const ReplayRun one = run_replay(folder.text(), one_lidar());
   const ReplayRun two = run_replay(folder.text(), two_lidars());
   CHECK(two.poses.size() == one.poses.size());
-  CHECK(count_lines(two, "lidar2: no packets come from it; poses go on without it") == 1);
+  CHECK(count_lines(two, "lidar2: no packets received; poses are computed without it") == 1);
   const MergeCounters& merged = two.pipeline->merge_counters(1);
   CHECK(merged.scans_without >= 9);
   CHECK(merged.scans_without <= 11);
@@ -263,11 +263,11 @@ TEST_CASE("LiDARs that would take the same packets are refused, one that the rec
   config.more_lidars[0].sender_address = config.lidar.sender_address;
   const auto same = open_replay(*files, config);
   REQUIRE_FALSE(same.ok());
-  CHECK(same.error().message.find("lidar and lidar2 take the same packets") != std::string::npos);
+  CHECK(same.error().message.find("lidar and lidar2 receive the same packets") != std::string::npos);
   config.more_lidars[0].sender_address = "192.168.1.77";
   const auto lacking = open_replay(*files, config);
   REQUIRE(lacking.ok());
   CHECK(lacking->more_lidars.empty());
   REQUIRE_FALSE(lacking->warnings.empty());
-  CHECK(lacking->warnings.front().find("lidar2: the recording has no packets of it") == 0);
+  CHECK(lacking->warnings.front().find("lidar2: no packets in the recording") == 0);
 }

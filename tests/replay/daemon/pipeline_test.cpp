@@ -40,11 +40,11 @@ TEST_CASE("a recorded drive goes from packets and CAN frames to one pose per sca
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 4.0, true);
   const ReplayRun run = run_pipeline(folder.path().string(), 1);
-  // 40 revolutions begin at the cut; the last is closed by the end of the recording.
+  // 40 revolutions start at the cut; the end of the recording closes the last one.
   CHECK(run.poses.size() >= 39);
   CHECK(run.poses.size() == run.pipeline->scan_stats().scans);
   CHECK(run.pipeline->scan_stats().lost_packets == 0);
-  // In the first bend the IMU is judged, not used.
+  // In the first turn the IMU is tested, not used.
   CHECK(scans_with_imu(run) + 16 >= run.poses.size());
   CHECK(run.clouds > 0);
   CHECK(path_error_m(run) < 0.2);

@@ -134,7 +134,7 @@ TEST_CASE("LiDARs beside the first are printed when they are on, and named when 
   CHECK(again.more_lidars[0].wait_ms == 30.0);
   CHECK(again.more_lidars[0].extrinsic.translation == std::vector<double>{1.0, 2.0, 3.0});
   CHECK_FALSE(again.more_lidars[1].enabled);
-  // What would do nothing is no key.
+  // Keys without effect do not exist.
   CHECK(error_of("lidar2:\n  min_coverage: 0.5\n").find("lidar2.min_coverage") != std::string::npos);
 }
 
@@ -148,7 +148,7 @@ TEST_CASE("files that a configuration file names are beside it") {
   REQUIRE(nilio::daemon::apply_file(config, path).ok());
   CHECK(config.lidar.calibration == (folder / "unit.yaml").string());
   CHECK(config.more_lidars[0].calibration == "/etc/other.yaml");
-  // What came from elsewhere stays.
+  // Paths from other sources stay unchanged.
   std::ofstream(path) << "lidar:\n  port: 2369\n";
   config.lidar.calibration = "given.yaml";
   REQUIRE(nilio::daemon::apply_file(config, path).ok());

@@ -22,7 +22,7 @@ using daemon::ScanDecision;
 
 namespace {
 
-/// A guard that runs, and what it published.
+/// Running guard with the records it published.
 struct RunningGuard {
   RunningGuard() {
     auto created = DeadlineGuard::create([this](const ipc::PoseRecord& record) {
@@ -39,8 +39,8 @@ struct RunningGuard {
     if (thread.joinable()) thread.join();
   }
 
-  std::vector<std::uint64_t> published;  ///< by the guard and, after claim(), by the test: never at once
-  std::atomic<int> calls{0};             ///< of the guard's publishing
+  std::vector<std::uint64_t> published;  ///< written by the guard and, after claim(), by the test; never concurrently
+  std::atomic<int> calls{0};  ///< calls of the guard's publish function
   std::unique_ptr<DeadlineGuard> guard;
   std::thread thread;
 };
@@ -70,7 +70,7 @@ TEST_CASE("the guard publishes what is not claimed in time, and says by how much
   RunningGuard run;
   const std::int64_t now = monotonic_ns();
   run.guard->arm(record_of(7), now - 5 * kMillisecond, now);
-  // For as long as it takes: claim() before that would be in time.
+  // Wait until the guard has published; an earlier claim() would be in time.
   while (run.calls.load() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   CHECK_FALSE(run.guard->claim());
   CHECK(run.published == std::vector<std::uint64_t>{7});
@@ -83,7 +83,7 @@ TEST_CASE("whoever is faster, each scan is published once and in order") {
   constexpr std::uint64_t scans = 3000;
   std::uint64_t by_guard = 0;
   for (std::uint64_t i = 0; i < scans; ++i) {
-    // Around the moment of the claim; but now and then only one of them can win.
+    // Deadlines around the moment of the claim; only one of the two may publish.
     const bool is_claimed = i % 100 == 0;
     const bool is_left = i % 100 == 50;
     const std::int64_t deadline =

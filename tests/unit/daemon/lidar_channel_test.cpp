@@ -36,7 +36,7 @@ TEST_CASE("what came while the sensor was searched for is neither late nor a bac
   receive(ring, all.first(800));
   channel.identify();
   REQUIRE(channel.is_identified());
-  // The one that told the model leaves the others where they are.
+  // The packet that identified the model leaves the others in the ring.
   REQUIRE(channel.packets_in_ring() > 600);
   const std::int64_t known_ns = monotonic_ns();
   core::Scan scan;

@@ -22,7 +22,7 @@ class Pipe {
  public:
   Pipe() {
     REQUIRE(pipe2(ends_.data(), O_CLOEXEC) == 0);
-    // The least that there is, so that it is full soon.
+    // Minimum pipe size, which fills quickly.
     REQUIRE(fcntl(ends_[1], F_SETPIPE_SZ, 4096) >= 4096);
   }
   Pipe(const Pipe&) = delete;
@@ -37,7 +37,7 @@ class Pipe {
   }
   [[nodiscard]] int input() const { return ends_[1]; }
 
-  /// To the end, a little at a time.
+  /// Reads to the end in small pieces.
   std::string read_slowly() {
     std::string text;
     std::array<char, 256> piece{};
@@ -59,9 +59,9 @@ std::size_t count(const std::string& text, const std::string& pattern) {
       std::distance(std::sregex_iterator(text.begin(), text.end(), expression), std::sregex_iterator()));
 }
 
-/// The sum of every place's number: the writer may get a few lines out between two losses.
+/// Sum over all reports: a few lines may be written between two drops.
 std::uint64_t lines_said_lost(const std::string& text) {
-  const std::regex expression("niliod warning: ([0-9]+) lines lost here");
+  const std::regex expression("niliod warning: ([0-9]+) lines dropped");
   std::uint64_t sum = 0;
   for (auto match = std::sregex_iterator(text.begin(), text.end(), expression);
        match != std::sregex_iterator(); ++match)
@@ -75,7 +75,7 @@ TEST_CASE(
     "whoever logs does not wait for a reader that is slow, and no line is lost while the queue has room") {
   Pipe pipe;
   auto log = std::make_unique<LogOutput>(LogOutputConfig{pipe.input(), "info", 1000});
-  // Ten times what the pipe holds; nobody reads yet, so this would never return if it waited.
+  // Ten times the pipe's capacity; a blocking logger would never return, because the pipe is not read yet.
   for (int i = 0; i < 800; ++i) spdlog::info("line {} of a log that nobody reads", i);
   std::string text;
   std::thread reader([&] { text = pipe.read_slowly(); });
@@ -117,7 +117,7 @@ TEST_CASE("what was logged before a fault is written, and then the signal that e
   if (child == 0) {
     dup2(pipe.input(), STDOUT_FILENO);
     dup2(pipe.input(), STDERR_FILENO);
-    // Catch has its own handlers for what ends a test.
+    // Remove Catch's own signal handlers.
     signal(SIGSEGV, SIG_DFL);
     const LogOutput log(LogOutputConfig{STDOUT_FILENO, "info", 1000});
     nilio::daemon::write_log_before_dying();

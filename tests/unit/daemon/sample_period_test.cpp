@@ -14,7 +14,7 @@ TEST_CASE("the next sample is due a period after the last one, and before two sa
   CHECK(estimator.due_after({13'000'000}, {10'000'000}) == Duration{7'000'000});
   CHECK(estimator.due_after({20'000'000}, {10'000'000}) == Duration{});
   CHECK(estimator.due_after({5'000'000}, {10'000'000}) == Duration{});
-  // Some that are known to have been sent have not come yet.
+  // Some samples that were already sent have not arrived yet.
   CHECK(estimator.due_after({41'000'000}, {10'000'000}) == Duration{9'000'000});
 }
 

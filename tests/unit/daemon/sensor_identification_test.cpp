@@ -14,7 +14,7 @@ namespace {
 
 using State = SensorIdentification::State;
 
-/// Packets needed for a decision; all of them when there was none.
+/// Number of packets until a decision; all of them without one.
 std::size_t packets_needed(SensorIdentification& identification, const std::vector<drivers::Packet>& packets,
                            State expected) {
   for (std::size_t i = 0; i < packets.size(); ++i) {

@@ -1,4 +1,4 @@
-// Poses at IMU rate: from the rings of niliod through nilio-publisher to a subscriber.
+// IMU-rate poses: from niliod's rings through nilio-publisher to a subscriber.
 #include "daemon/publisher/imu_pose_loop.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/dds/reports.hpp"
@@ -30,7 +30,7 @@ using ipc::PublisherProcess;
 
 constexpr std::int64_t kSampleNs = 5'000'000;
 
-/// A scan at `stamp_ns` of a vehicle that goes at 8 m/s along x.
+/// Scan at `stamp_ns` of a vehicle that drives 8 m/s along x.
 ipc::PoseRecord moving_record(std::uint64_t sequence, std::int64_t stamp_ns, double off_m = 0.0) {
   ipc::PoseRecord record;
   record.sequence = sequence;
@@ -65,7 +65,7 @@ std::unique_ptr<PublisherProcess> imu_process(const std::filesystem::path& execu
   return std::move(process).value();
 }
 
-/// Kibibytes that the kernel counts as locked.
+/// Locked memory in KiB as counted by the kernel.
 long locked_kib(pid_t process) {
   std::ifstream status("/proc/" + std::to_string(process) + "/status");
   for (std::string line; std::getline(status, line);) {
@@ -75,14 +75,14 @@ long locked_kib(pid_t process) {
 }
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-// Sanitizers make mlockall() do nothing.
+// mlockall() has no effect with sanitizers.
 constexpr bool kLocksMemory = false;
 #else
 constexpr bool kLocksMemory = true;
 #endif
 
-/// Pushes scans and samples until the subscriber hears the status of one and the pose of the other: then it
-/// has found both writers, and nothing is on its way any more. Returns the stamp of the last sample.
+/// Pushes scans and samples until the subscriber has received the status of a scan and the pose of a sample:
+/// it has then discovered both writers, and no message is in transit. Returns the stamp of the last sample.
 std::int64_t connect(PublisherProcess& process, OdometrySubscriber& subscriber, std::int64_t stamp_ns) {
   const auto heard = [&](std::int64_t scan_stamp_ns) {
     constexpr Duration wait = Duration::from_milliseconds(100.0);
@@ -226,7 +226,7 @@ TEST_CASE("a publisher that dies goes on with the samples that waited, and the c
     if (i == samples / 2) {
       REQUIRE(eventually([&] { return process->samples().size() == 0; }));
       kill(process->pid(), SIGKILL);
-      // Until it is dead; how it died is left for the supervisor to ask.
+      // Waits until the process has ended; its exit status is left to the supervisor.
       siginfo_t ignored{};
       REQUIRE(waitid(P_PID, static_cast<id_t>(process->pid()), &ignored, WEXITED | WNOWAIT) == 0);
     }
@@ -249,7 +249,7 @@ TEST_CASE("a stopped publisher has given a pose for every sample, and reports ho
   const auto subscriber = make_subscriber(domain);
   const auto process = imu_process(*executable, domain);
   REQUIRE(process->publish(moving_record(0, 1'767'268'800'000'000'000)));
-  // Until the reports are heard: what comes before is not.
+  // Waits until the reports arrive; earlier messages may be missing.
   REQUIRE(eventually([&] { return subscriber->latency_report().has_value(); }));
   constexpr std::uint64_t samples = 500;
   for (std::uint64_t i = 1; i <= samples; ++i)
@@ -260,7 +260,7 @@ TEST_CASE("a stopped publisher has given a pose for every sample, and reports ho
   CHECK(stopped->exit_status == 0);
   CHECK(process->samples().size() == 0);
   std::optional<dds::LatencyReport> report;
-  // The last one; it is sent every second.
+  // The last report; one is sent every second.
   CHECK(eventually([&] {
     report = subscriber->latency_report();
     return report && report->imu_poses_published >= samples;
@@ -292,7 +292,7 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
   REQUIRE((*process)->start().ok());
   std::vector<dds::ScanReport> reports;
   std::uint64_t sequence = 0;
-  for (; sequence < 3000 && reports.size() < 5; ++sequence) {  // the reports' own reader may be found later
+  for (; sequence < 3000 && reports.size() < 5; ++sequence) {  // the reports' own reader may be discovered later
     ipc::PoseRecord record = sample_record(sequence);
     record.state = core::TrackingState::kDegraded;
     record.stop_reason = core::StopReason::kMaxIterations;

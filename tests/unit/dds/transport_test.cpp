@@ -45,7 +45,7 @@ using nilio::ipc::PublisherProcessConfig;
 using namespace nilio::tests;
 using Clock = std::chrono::steady_clock;
 
-/// Degrees taken for radians.
+/// Gyro in degrees instead of radians.
 PoseRecord record_with_bad_imu() {
   PoseRecord record;
   record.state = nilio::core::TrackingState::kTracking;
@@ -109,7 +109,7 @@ TEST_CASE("a latency report arrives as it was sent") {
   report.stages = {{"write", 3, 1.0, 1.5, 2.0, 2.5, 3.0, {{0.5, 1.0, 2}, {2.0, 4.0, 1}}}};
   report.ring_dropped = 17;
   std::optional<LatencyReport> received;
-  // The reports' own reader may be found a little later.
+  // The reports' own reader may be discovered a little later.
   REQUIRE(eventually([&] {
     REQUIRE(publisher->publish_latency(report));
     received = subscriber->latency_report();
@@ -156,7 +156,7 @@ TEST_CASE("diagnostics arrive as they were sent") {
 
 TEST_CASE("garbage from another writer on the topic does not disturb the subscriber") {
   namespace fastdds = eprosima::fastdds::dds;
-  // Announces itself as odometry and sends a frame name that claims more bytes than there are.
+  // Announces itself as odometry and sends a frame name that claims more bytes than present.
   class GarbageType : public OdometryType {
    public:
     bool serialize(void*, Payload* payload) override {
@@ -206,8 +206,8 @@ TEST_CASE("CycloneDDS reads our odometry, transform and diagnostics from the IDL
   Program reader(kCycloneLoopback + reader_program->string() + " " + std::to_string(domain) + " " +
                  std::to_string(message_count) + " 30");
   REQUIRE(wait_for_subscriber(*publisher));
-  // The two sides find each other independently; a volatile CycloneDDS reader takes nothing from before its
-  // own finding.
+  // Both sides discover each other independently; a volatile CycloneDDS reader ignores samples from before
+  // its own discovery.
   REQUIRE(reader.line() == "ready");
   for (std::uint64_t i = 0; i < message_count; ++i) {
     REQUIRE(publisher->publish_odometry(sample_record(i)));
@@ -284,7 +284,7 @@ TEST_CASE("a publisher killed with SIGKILL is started again after a tenth of a s
   const auto subscriber = make_subscriber(domain);
   PublisherProcessConfig config = process_config(*executable, domain);
   config.wait_for_subscribers = kPatience;
-  // However long it lives on a busy computer, each pause is twice the one before.
+  // Each pause is twice the previous one, however long the process runs on a busy computer.
   config.healthy_after = kPatience;
   auto process = PublisherProcess::create(config);
   REQUIRE(process.ok());
@@ -306,7 +306,7 @@ TEST_CASE("a publisher killed with SIGKILL is started again after a tenth of a s
     while (const auto received = subscriber->next(Duration{(next_pose - Clock::now()).count()})) {
       const auto stamp = received->message.stamp.ns;
       if (expected > 0 && stamp == sample_record(expected - 1).stamp_ns) {
-        ++repeated;  // was written, but not yet given back, when the kill came
+        ++repeated;  // written, but not yet consumed when the process was killed
         continue;
       }
       CHECK(stamp == sample_record(expected++).stamp_ns);
@@ -340,7 +340,7 @@ TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it
   REQUIRE((*process)->publish(sample_record(0)));
   REQUIRE(subscriber->next(kPatience).has_value());
 
-  // RTPS 2.3 of eProsima, then two statistics submessages of the right length, where only one, the last, is
+  // RTPS 2.3 of eProsima, then two statistics submessages of the right length where only one, the last, is
   // expected.
   std::vector<std::uint8_t> datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
   datagram.insert(datagram.end(), 12, 0x42);
@@ -353,7 +353,7 @@ TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it
   to.sin_family = AF_INET;
   to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
   for (std::uint32_t offset = 10; offset < 30;
-       ++offset) {  // the ports of the first participants of the domain
+       ++offset) {  // ports of the domain's first participants
     to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
     sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
   }
@@ -389,7 +389,7 @@ TEST_CASE("a publisher ends when its parent dies") {
   REQUIRE(publisher > 0);
   waitpid(parent, nullptr, 0);
   CHECK(eventually([publisher] {
-    // Gone, or dead and waiting for an init that reaps it.
+    // Ended, or a zombie that waits for init.
     std::ifstream stat("/proc/" + std::to_string(publisher) + "/stat");
     std::string pid, name, state;
     return !(stat >> pid >> name >> state) || state == "Z";

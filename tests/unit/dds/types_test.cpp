@@ -103,7 +103,7 @@ template <class Type, class Message>
 std::vector<std::uint8_t> bytes_of(Type& type, Message message) {
   Payload payload(type.getSerializedSizeProvider(&message)());
   REQUIRE(type.serialize(&message, &payload));
-  REQUIRE(payload.length == payload.max_size);  // the size told beforehand is the size written
+  REQUIRE(payload.length == payload.max_size);  // the announced size is the size written
   return {payload.data, payload.data + payload.length};
 }
 
@@ -123,7 +123,7 @@ void check_round_trip(const Message& message) {
   CHECK(copy == message);
 }
 
-// Every truncation, and many random corruptions, must be refused or read, nothing else.
+// Every truncation and many random corruptions must be either rejected or read.
 template <class Type, class Message>
 void check_survives_damage(const Message& message) {
   Type type;

@@ -16,7 +16,7 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStartNs = 1'767'268'800'000'000'000;
 
-/// Straight on at 10 m/s, but for what the scans are off to the left.
+/// Straight motion at 10 m/s; the scan poses have a lateral offset.
 PoseRecord scan_record(std::uint64_t sequence, std::int64_t ms, double off_m = 0.0) {
   PoseRecord record;
   record.sequence = sequence;
@@ -41,13 +41,13 @@ TEST_CASE("every sample after the first scan gives one pose at its time, none is
   ImuPoseStream stream({});
   std::vector<ImuPose> poses;
   for (std::int64_t ms = 5; ms <= 10'000; ms += 5) {
-    // Scans end every 100 ms and come 30 ms later.
+    // Scans end every 100 ms and arrive 30 ms later.
     if (ms >= 130 && ms % 100 == 30) stream.add(scan_record(static_cast<std::uint64_t>(ms / 100), ms - 30));
     if (const auto pose = stream.add(sample_record(ms))) poses.push_back(*pose);
   }
   const ImuPoseCounts counts = stream.counts();
   CHECK(counts.samples == 2000);
-  CHECK(counts.withheld == 25);  // up to 125 ms there was no scan
+  CHECK(counts.withheld == 25);  // no scan pose up to 125 ms
   CHECK(counts.published == 1975);
   CHECK(counts.thinned == 0);
   CHECK(counts.scan_poses == 99);
@@ -120,7 +120,7 @@ TEST_CASE("thinning keeps the rate with samples that come unevenly, and counts w
   stream.add(scan_record(0, 0));
   std::optional<Time> last;
   std::vector<std::int64_t> steps;
-  for (std::int64_t i = 1; i <= 1000; ++i) {  // 400 Hz, each up to 1 ms off
+  for (std::int64_t i = 1; i <= 1000; ++i) {  // 400 Hz with jitter of up to 1 ms
     ImuRecord record = sample_record(0);
     record.sample.stamp = record.sample.stamp + Duration{i * 2'500'000 + (i * 7919 % 2'000'000 - 1'000'000)};
     const auto pose = stream.add(record);

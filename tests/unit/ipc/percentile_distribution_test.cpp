@@ -1,4 +1,4 @@
-// The .hgrm files, against the format that HdrHistogram's plotters read.
+// Checks .hgrm files against the format read by HdrHistogram's plotters.
 #include "ipc/histogram.hpp"
 
 #include <algorithm>
@@ -22,7 +22,7 @@ struct Row {
   double value_ms = 0.0;
   double share = 0.0;
   std::uint64_t count = 0;
-  double inverse = 0.0;  ///< 1/(1-share); 0 in the last row, which has none
+  double inverse = 0.0;  ///< 1/(1-share); 0 in the last row, which has no such column
 };
 
 struct Distribution {
@@ -30,7 +30,7 @@ struct Distribution {
   std::string mean, deviation, max, count, buckets, sub_buckets;
 };
 
-/// Reads what a plotter reads, and refuses all else.
+/// Reads the lines that a plotter reads and rejects all others.
 Distribution parse(const std::string& text) {
   Distribution result;
   std::istringstream in(text);
@@ -84,7 +84,7 @@ TEST_CASE(
       REQUIRE(row.value_ms >= before.value_ms);
       REQUIRE(row.share > before.share);
       REQUIRE(row.count >= before.count);
-      // Five steps to each halving of the distance to one.
+      // Five steps per halving of the distance to one.
       if (i + 1 < found.rows.size()) REQUIRE(1.0 - row.share >= (1.0 - before.share) * 0.79);
     }
     const auto not_above =

@@ -30,7 +30,7 @@ using nilio::tests::eventually;
 using nilio::tests::TemporaryFolder;
 using Kind = PublisherEvent::Kind;
 
-// A shell script that plays the publisher, in a folder of its own.
+// Shell script in a folder of its own that replaces the publisher.
 class FakePublisher {
  public:
   explicit FakePublisher(const std::string& script) {
@@ -39,7 +39,7 @@ class FakePublisher {
   }
 
   [[nodiscard]] std::filesystem::path path() const { return folder_.path() / "publisher.sh"; }
-  // What the script wrote into a file, waiting until it ends with a line end.
+  // File content written by the script; waits until it ends with a line end.
   [[nodiscard]] std::string output(const std::string& name) const {
     std::string text;
     REQUIRE(eventually([&] {
@@ -92,7 +92,7 @@ TEST_CASE("the publisher gets its settings as arguments and no descriptors but i
                             Contains("--interface=10.0.0.7"));
   CHECK_THAT(arguments, Contains("--odom-frame=my odom") && Contains("--topic-prefix=car"));
   CHECK_THAT(arguments, Contains("--parent-pid=" + std::to_string(getpid())));
-  // 0 to 7; ls itself has one more for the folder it lists, and the shell may have one for its script.
+  // Descriptors 0 to 7; ls has one more for the folder it lists, and the shell may have one for its script.
   std::istringstream descriptors(fake.output("descriptors"));
   int descriptor = -1;
   int count = 0;
@@ -179,7 +179,7 @@ TEST_CASE("a publisher that dies is started again with growing pauses") {
     CHECK_THAT(died.message, Contains("ended with status 3"));
     const PublisherEvent started = wait_for_event(**process);
     const auto after = std::chrono::steady_clock::now();
-    // Between two starts, whenever in between the death was seen.
+    // Time between two starts, independent of when the exit was detected.
     const std::chrono::duration<double, std::milli> pause = after - std::exchange(before, after);
     REQUIRE(started.kind == Kind::kStarted);
     CHECK(started.restarts == restart + 1);
@@ -228,7 +228,7 @@ TEST_CASE("a publisher that reads nothing although poses wait is killed") {
   REQUIRE(process.ok());
   REQUIRE((*process)->start().ok());
   std::this_thread::sleep_for(std::chrono::milliseconds(150));
-  CHECK_FALSE((*process)->poll().has_value());  // nothing to read is no reason
+  CHECK_FALSE((*process)->poll().has_value());  // an empty ring is no reason
   CHECK((*process)->publish({}));
   CHECK(wait_for_event(**process).kind == Kind::kHung);
   CHECK(wait_for_event(**process).signal == SIGKILL);

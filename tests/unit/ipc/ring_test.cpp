@@ -41,7 +41,7 @@ bool is_intact(const Item& item) {
   return item.checksum == std::accumulate(item.payload.begin(), item.payload.end(), item.value);
 }
 
-// The header of a shared ring, as a misbehaving process that maps it could write it.
+// Header of a shared ring as a misbehaving process could write it.
 class RawHeader {
  public:
   explicit RawHeader(int file_descriptor)
@@ -102,7 +102,7 @@ TEST_CASE("write spans end at the wrap and at the reader") {
   ring.consume(5);
   CHECK(ring.begin_write(100).size() == 2);  // up to the wrap
   ring.commit(2);
-  CHECK(ring.begin_write(100).size() == 5);  // up to the one not read
+  CHECK(ring.begin_write(100).size() == 5);  // up to the unread slot
   CHECK(ring.begin_write(3).size() == 3);
   ring.commit(0);
   CHECK(ring.size() == 3);
@@ -201,8 +201,7 @@ TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it
   constexpr std::uint64_t item_count = 60'000;
   auto ring = Ring<Item>::in_shared_memory(256);
   REQUIRE(ring.ok());
-  // Each reader checks order from the place it takes over, and reports in shared memory how far it got and
-  // what was wrong.
+  // Each reader checks the order from its first slot and reports progress and errors in shared memory.
   struct Report {
     std::atomic<std::uint64_t> next{0};
     std::atomic<std::uint64_t> wrong{0};
@@ -221,7 +220,7 @@ TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it
         std::this_thread::yield();
         continue;
       }
-      // A kill between these two lines makes the next reader see the value again, never miss one.
+      // After a kill between these two lines, the next reader sees the value again and misses none.
       const std::uint64_t value = slots.front().value;
       if (!is_intact(slots.front()) || value > report->next || value + 1 < report->next) ++report->wrong;
       report->next = value + 1;
@@ -289,7 +288,7 @@ TEST_CASE("what a consumer scribbles over the header never moves the producer ou
     header->written = random();
     header->capacity = random();
     header->high_water = random();
-    // Half of the time near the truth, where a check could be off by one.
+    // Half of the values are near the true one, where a check could be off by one.
     header->consumed = random() % 2 == 0 ? random() : accepted - 20 + random() % 40;
     const auto slots = ring->begin_write(1 + random() % 20);
     REQUIRE(slots.size() <= 16);
