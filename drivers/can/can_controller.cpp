@@ -1,8 +1,9 @@
 #include "nilio/drivers/can/can_controller.hpp"
 
+#include "nilio/core/clock.hpp"
+
 #include "drivers/can/can_monitor.hpp"
-#include "drivers/can/can_settings.hpp"
-#include "drivers/can/socketcan/state.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
 
 #include <chrono>
 #include <condition_variable>
@@ -17,7 +18,7 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
-constexpr std::chrono::milliseconds kLookPeriod{100};
+constexpr std::chrono::milliseconds kCheckPeriod{100};
 /// Far more than any driver takes and a starved thread waits: that frames are missing is known sooner.
 constexpr std::chrono::seconds kLongestSilence{10};
 constexpr std::chrono::milliseconds kLongestGoodbye{300};
@@ -25,10 +26,6 @@ constexpr std::chrono::milliseconds kLongestGoodbye{300};
 constexpr unsigned kMostHelpers = 8;
 /// Events of a caller that does not take them.
 constexpr std::size_t kMostEvents = 64;
-
-std::int64_t monotonic_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
-}
 
 }  // namespace
 
@@ -88,7 +85,7 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
   std::unique_lock lock(shared->mutex);
   while (goes_on()) {
     lock.unlock();
-    seen = look_at_can_interface(config.interface_name);
+    seen = read_can_interface(config.interface_name);
     lock.lock();
     if (!goes_on()) break;
     shared->last_sign = Clock::now();
@@ -98,7 +95,7 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
       if (action == Action::kSetUp)
         set_up_can_interface(config.interface_name, config.bitrate, config.restart_ms);
       if (action == Action::kRestart) restart_can_controller(config.interface_name, seen.driver);
-      seen = look_at_can_interface(config.interface_name);
+      seen = read_can_interface(config.interface_name);
       lock.lock();
       if (!goes_on()) break;
       shared->last_sign = Clock::now();
@@ -106,7 +103,7 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
     }
     for (CanEvent& event : shared->monitor.take_events())
       if (shared->events.size() < kMostEvents) shared->events.push_back(std::move(event));
-    shared->changed.wait_for(lock, kLookPeriod, [&] { return !goes_on(); });
+    shared->changed.wait_for(lock, kCheckPeriod, [&] { return !goes_on(); });
   }
   if (shared->generation == generation) {
     shared->running = false;

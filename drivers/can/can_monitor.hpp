@@ -2,7 +2,7 @@
 
 #include "nilio/drivers/can/can_controller.hpp"
 
-#include "drivers/can/socketcan/state.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
 
 #include <cstdint>
 #include <optional>

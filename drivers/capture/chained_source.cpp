@@ -1,7 +1,5 @@
-#include "nilio/drivers/capture/chained_source.hpp"
-
-#include "nilio/drivers/can/can_capture.hpp"
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
 #include <functional>
 #include <mutex>
@@ -12,7 +10,7 @@ namespace {
 
 using core::Error;
 
-/// Problems told in full; more are counted.
+/// Problems reported in full; further ones are counted.
 constexpr std::size_t kNotesKept = 3;
 
 SourceStats operator+(const SourceStats& a, const SourceStats& b) {
@@ -35,7 +33,7 @@ class ChainedSource final : public Source<Slot> {
     while (!is_over_ && (current_ || open_next())) {
       const SourceRead result = current_->read(slots, timeout);
       if (result.state != SourceState::kEnd && result.state != SourceState::kFailed) return result;
-      // The last file stays open: closing it and noting how it ended is not for the thread that reads.
+      // The last file stays open: closing it would block the reading thread.
       is_over_ =
           next_ == paths_.size() && result.state == SourceState::kEnd && current_->stats().malformed == 0;
       if (!is_over_) finish_current(result.state);
@@ -102,7 +100,8 @@ class ChainedSource final : public Source<Slot> {
   std::size_t next_ = 0;
   bool read_any_ = false;
   bool is_over_ = false;
-  /// Only the reading thread changes what follows, so it may look without the lock.
+  /// Guards the members below against status(); only the reading thread changes them, so it reads without the
+  /// lock.
   mutable std::mutex mutex_;
   File current_;
   SourceStats finished_;
@@ -116,7 +115,7 @@ core::Result<std::unique_ptr<Source<Slot>>> chain(std::vector<std::string> paths
                                                   typename ChainedSource<Slot>::Opener opener) {
   if (paths.empty()) return Error{"no files to read: name at least one"};
   auto source = std::make_unique<ChainedSource<Slot>>(std::move(paths), std::move(opener));
-  // status() begins with the first problem, which is what the caller can do something about.
+  // status() begins with the first problem.
   if (!source->open_next()) return Error{source->status()};
   return std::unique_ptr<Source<Slot>>(std::move(source));
 }

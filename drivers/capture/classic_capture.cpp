@@ -1,7 +1,4 @@
 #include "nilio/drivers/capture/capture_reader.hpp"
-#include "nilio/drivers/network/udp_in_frame.hpp"
-
-#include "drivers/can/can_in_frame.hpp"
 
 #include <array>
 #include <cstring>
@@ -32,7 +29,7 @@ class ClassicCapture final : public CaptureReader {
       return truncated ? CaptureRead::kTruncated : CaptureRead::kDamaged;
     }
     frame.link_type = link_type_;
-    // The capture was opened with nanoseconds, so tv_usec counts those.
+    // The capture was opened with nanosecond precision: tv_usec holds nanoseconds.
     frame.stamp_ns = static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 + header->ts.tv_usec;
     frame.bytes = {bytes, header->caplen};
     frame.is_cut = header->caplen < header->len;
@@ -45,7 +42,7 @@ class ClassicCapture final : public CaptureReader {
   int link_type_;
 };
 
-/// Nothing when frames of this link type can carry the content.
+/// Error unless frames of this link type can carry the content.
 std::optional<core::Error> check_link_type(int link_type, CaptureContent content) {
   const std::string beginning = "is a capture of link type " + link_type_name(link_type);
   if (content == CaptureContent::kUdp && !is_known_link_type(link_type)) {
@@ -75,7 +72,7 @@ core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle fil
     return core::Error{std::string("is no capture that can be read (") + message.data() +
                        "); expected pcap or pcapng as tcpdump or Wireshark write them, uncompressed"};
   }
-  // libpcap closes it from now on.
+  // libpcap owns the file from here on.
   static_cast<void>(file.release());
   if (auto problem = check_link_type(pcap_datalink(capture.get()), content)) return *problem;
   return std::unique_ptr<CaptureReader>(std::make_unique<ClassicCapture>(std::move(capture)));

@@ -1,19 +1,14 @@
-#include "nilio/drivers/capture/capture_reader.hpp"
+#include "nilio/core/clock.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
-#include "nilio/drivers/network/udp_in_frame.hpp"
 
-#include "drivers/common/key_counter.hpp"
-#include "drivers/common/source_support.hpp"
-#include "drivers/network/ipv4_address.hpp"
+#include "drivers/capture/capture_source.hpp"
+#include "drivers/network/interfaces.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <memory>
-#include <mutex>
 #include <optional>
 
 namespace nilio::drivers {
@@ -21,61 +16,32 @@ namespace {
 
 using core::Error;
 
-class PcapSource final : public PacketSource {
+class PcapSource final : public CaptureSource<Packet> {
  public:
   PcapSource(std::unique_ptr<CaptureReader> reader, std::string path, const PcapSourceConfig& config,
              std::uint32_t accepted_sender)
-      : reader_(std::move(reader)),
-        path_(std::move(path)),
+      : CaptureSource(std::move(reader), std::move(path)),
         config_(config),
         accepted_sender_(accepted_sender) {}
 
-  SourceRead read(std::span<Packet> slots, core::Duration timeout) override;
-  [[nodiscard]] SourceStats stats() const override { return counters_.read(); }
   [[nodiscard]] std::string status() const override;
 
  private:
-  bool accept(const CapturedFrame& frame, Packet& slot);
+  bool accept(const CapturedFrame& frame, Packet& slot) override;
   bool accept_datagram(const CapturedFrame& frame, const CapturedDatagram& datagram, Packet& slot);
-  void end(CaptureRead how);
   [[nodiscard]] std::string describe_rest(const SourceStats& stats) const;
   [[nodiscard]] std::string explain_nothing() const;
 
-  std::unique_ptr<CaptureReader> reader_;
-  const std::string path_;
   const PcapSourceConfig config_;
-  /// 0 = any.
+  /// Host byte order; 0 = any.
   const std::uint32_t accepted_sender_;
-  SourceCounters counters_;
   KeyCounter<std::uint16_t, 12> other_ports_;
-  /// Of packets to the ports wanted.
+  /// Senders of packets to the wanted ports.
   KeyCounter<std::uint32_t, 16> senders_;
   KeyCounter<int, 8> unread_link_types_;
   std::atomic<std::uint64_t> cut_packets_{0};
   std::atomic<std::uint64_t> fragments_{0};
-  std::atomic<SourceState> state_{SourceState::kData};
-  /// Why it ended before the end of the file; written once, before `state_`.
-  mutable std::mutex end_mutex_;
-  std::string end_reason_;
 };
-
-SourceRead PcapSource::read(std::span<Packet> slots, core::Duration /*timeout*/) {
-  std::size_t count = 0;
-  while (count < slots.size() && state_.load(std::memory_order_relaxed) == SourceState::kData) {
-    CapturedFrame frame;
-    const CaptureRead result = reader_->next(frame);
-    if (result == CaptureRead::kFrame) {
-      if (accept(frame, slots[count])) ++count;
-    } else if (result == CaptureRead::kSkipped) {
-      counters_.add_malformed(1);
-    } else {
-      end(result);
-    }
-  }
-  counters_.add_delivered(count);
-  if (count > 0 || slots.empty()) return {SourceState::kData, count};
-  return {state_.load(std::memory_order_relaxed), 0};
-}
 
 bool PcapSource::accept(const CapturedFrame& frame, Packet& slot) {
   const CapturedDatagram datagram = find_datagram(frame.link_type, frame.bytes);
@@ -117,7 +83,7 @@ bool PcapSource::accept_datagram(const CapturedFrame& frame, const CapturedDatag
     return false;
   }
   slot.stamp.ns = frame.stamp_ns;
-  slot.received_ns = clock_ns(CLOCK_MONOTONIC);
+  slot.received_ns = monotonic_ns();
   slot.sender_address = datagram.source_address;
   slot.sender_port = datagram.source_port;
   slot.destination_port = port;
@@ -127,34 +93,17 @@ bool PcapSource::accept_datagram(const CapturedFrame& frame, const CapturedDatag
   return true;
 }
 
-void PcapSource::end(CaptureRead how) {
-  if (how == CaptureRead::kTruncated) {
-    counters_.add_malformed(1);
-    const std::lock_guard lock(end_mutex_);
-    end_reason_ =
-        "the file ends in the middle of a packet (recording not closed properly, or copied in part); "
-        "everything before was read";
-  } else if (how == CaptureRead::kDamaged) {
-    const std::lock_guard lock(end_mutex_);
-    end_reason_ = reader_->problem();
-  }
-  state_.store(how == CaptureRead::kDamaged ? SourceState::kFailed : SourceState::kEnd,
-               std::memory_order_relaxed);
-}
-
 std::string PcapSource::status() const {
   const SourceStats stats = counters_.read();
   std::string text = path_ + ": " + std::to_string(stats.delivered) + " packets to UDP port" +
                      (config_.position_port == 0 ? " " : "s ") + std::to_string(config_.data_port) +
                      (config_.position_port == 0 ? "" : " and " + std::to_string(config_.position_port));
   text += describe_rest(stats);
-  const SourceState state = state_.load(std::memory_order_relaxed);
-  if (state == SourceState::kEnd && stats.delivered == 0) text += "; " + explain_nothing();
-  const std::lock_guard lock(end_mutex_);
-  return end_reason_.empty() ? text : text + "; " + end_reason_;
+  if (state() == SourceState::kEnd && stats.delivered == 0) text += "; " + explain_nothing();
+  return with_end_reason(text);
 }
 
-/// What there was beside the packets delivered; empty or beginning with "; ".
+/// Traffic other than the delivered packets; empty or beginning with "; ".
 std::string PcapSource::describe_rest(const SourceStats& stats) const {
   std::string text;
   const std::string senders = senders_.describe([](std::uint32_t address, std::uint64_t count) {
@@ -182,7 +131,7 @@ std::string PcapSource::describe_rest(const SourceStats& stats) const {
   return text;
 }
 
-/// What to do when a whole capture had nothing to deliver.
+/// Cause and remedy when a whole capture delivered nothing.
 std::string PcapSource::explain_nothing() const {
   if (senders_.keys() > 0 && accepted_sender_ != 0)
     return "set the sender address to one of these, or leave it empty";
@@ -196,7 +145,7 @@ std::string PcapSource::explain_nothing() const {
          std::to_string(config_.data_port) + "'";
 }
 
-/// What is wrong with the file as such.
+/// Error for a file that is missing, a folder or empty.
 std::optional<Error> check_file(const std::string& path) {
   std::error_code code;
   const std::filesystem::file_status info = std::filesystem::status(path, code);

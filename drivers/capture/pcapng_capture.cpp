@@ -1,6 +1,6 @@
 #include "nilio/drivers/capture/capture_reader.hpp"
 
-#include "drivers/capture/pcapng_time.hpp"
+#include "drivers/common/byte_order.hpp"
 
 #include <algorithm>
 #include <array>
@@ -26,14 +26,59 @@ constexpr std::uint16_t kOffsetOption = 14;
 constexpr std::uint16_t kRawIpInFiles = 101;
 /// Type, length, and length again.
 constexpr std::uint32_t kBlockFrame = 12;
-/// What a block is read into; of longer packets the rest is passed over. As much as libpcap reads.
+/// Size of the block buffer, the same as libpcap's; the rest of longer packets is skipped.
 constexpr std::size_t kBuffer = 262'144 + 64;
 constexpr std::size_t kMostInterfaces = 256;
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+/// Largest number of seconds whose nanoseconds fit int64.
+constexpr std::int64_t kLargestSeconds = 9'000'000'000;
+
+std::uint64_t power_of_ten(unsigned exponent) {
+  std::uint64_t power = 1;
+  for (unsigned i = 0; i < exponent; ++i) power *= 10;
+  return power;
+}
+
+/// Time base of an interface: 10^exponent or 2^exponent ticks per second, and an offset.
+struct PcapngClock {
+  bool binary = false;
+  unsigned exponent = 6;
+  std::int64_t offset_s = 0;
+
+  /// Sets the resolution option's byte (if_tsresol); false when a second of such ticks exceeds 64 bits.
+  bool set_resolution(std::uint8_t option) {
+    binary = (option & 0x80) != 0;
+    exponent = option & 0x7FU;
+    return exponent <= (binary ? 63U : 19U);
+  }
+
+  /// Nanoseconds since 1970, finer parts cut off; nothing when they do not fit int64.
+  [[nodiscard]] std::optional<std::int64_t> time_ns(std::uint64_t ticks) const {
+    const std::uint64_t rate = binary ? std::uint64_t{1} << exponent : power_of_ten(exponent);
+    const std::uint64_t whole = ticks / rate;
+    const bool fits = whole <= static_cast<std::uint64_t>(kLargestSeconds) && offset_s >= -kLargestSeconds &&
+                      offset_s <= kLargestSeconds;
+    if (!fits) return std::nullopt;
+    const std::int64_t seconds = static_cast<std::int64_t>(whole) + offset_s;
+    if (seconds > kLargestSeconds) return std::nullopt;
+    return seconds * kNsPerSecond + static_cast<std::int64_t>(fraction_ns(ticks % rate));
+  }
+
+ private:
+  [[nodiscard]] std::uint64_t fraction_ns(std::uint64_t fraction) const {
+    if (!binary) {
+      return exponent <= 9 ? fraction * power_of_ten(9 - exponent) : fraction / power_of_ten(exponent - 9);
+    }
+    // Bits beyond the 30th are below a nanosecond and would overflow the product.
+    const unsigned bits = std::min(exponent, 30U);
+    return ((fraction >> (exponent - bits)) * static_cast<std::uint64_t>(kNsPerSecond)) >> bits;
+  }
+};
 
 struct Interface {
   int link_type = 0;
   std::uint32_t snap_length = 0;
-  /// Nothing when its resolution is one that cannot be.
+  /// Nothing when its resolution is invalid.
   std::optional<PcapngClock> clock;
   std::string name;
 };
@@ -48,23 +93,19 @@ class PcapngCapture final : public CaptureReader {
  private:
   using Bytes = std::span<const std::uint8_t>;
 
-  /// Numbers at the front of `bytes`, which must be there.
+  /// Numbers at the front of `bytes`, which must hold them, in the section's byte order.
   [[nodiscard]] std::uint16_t u16(Bytes bytes) const {
-    return static_cast<std::uint16_t>(big_endian_ ? (bytes[0] << 8) | bytes[1] : bytes[0] | (bytes[1] << 8));
+    return big_endian_ ? load_be16(bytes.data()) : load_le16(bytes.data());
   }
   [[nodiscard]] std::uint32_t u32(Bytes bytes) const {
-    const std::uint32_t first = u16(bytes);
-    const std::uint32_t second = u16(bytes.subspan(2));
-    return big_endian_ ? (first << 16) | second : first | (second << 16);
+    return big_endian_ ? load_be32(bytes.data()) : load_le32(bytes.data());
   }
   [[nodiscard]] std::uint64_t u64(Bytes bytes) const {
-    const std::uint64_t first = u32(bytes);
-    const std::uint64_t second = u32(bytes.subspan(4));
-    return big_endian_ ? (first << 32) | second : first | (second << 32);
+    return big_endian_ ? load_be64(bytes.data()) : load_le64(bytes.data());
   }
 
   bool read(std::span<std::uint8_t> bytes);
-  bool pass_over(std::uint64_t count);
+  bool skip(std::uint64_t count);
   CaptureRead damaged(const std::string& what);
   CaptureRead read_block(std::uint32_t& type, Bytes& body);
   std::optional<CaptureRead> begin_section(std::span<std::uint8_t> head);
@@ -93,7 +134,7 @@ bool PcapngCapture::read(std::span<std::uint8_t> bytes) {
   return count == bytes.size();
 }
 
-bool PcapngCapture::pass_over(std::uint64_t count) {
+bool PcapngCapture::skip(std::uint64_t count) {
   std::array<std::uint8_t, 4096> scratch{};
   while (count > 0) {
     const std::size_t part = std::min<std::uint64_t>(count, scratch.size());
@@ -115,12 +156,12 @@ CaptureRead PcapngCapture::next(CapturedFrame& frame) {
     Bytes body;
     if (const CaptureRead block = read_block(type, body); block != CaptureRead::kFrame) return block;
     const CaptureRead used = use_block(type, body, frame);
-    // Blocks that are no packets: kEnd says "nothing in here".
+    // use_block() returns kEnd for blocks without a packet.
     if (used != CaptureRead::kEnd) return used;
   }
 }
 
-/// kFrame when there is a block; `body` is its first part, as far as the buffer takes it.
+/// Returns kFrame for a complete block; `body` is as much of it as the buffer holds.
 CaptureRead PcapngCapture::read_block(std::uint32_t& type, Bytes& body) {
   block_position_ = position_;
   std::array<std::uint8_t, 12> head{};
@@ -140,7 +181,7 @@ CaptureRead PcapngCapture::read_block(std::uint32_t& type, Bytes& body) {
   const std::size_t rest = length - kBlockFrame - inside;
   const std::size_t kept = std::min(rest, buffer_.size());
   std::array<std::uint8_t, 4> again{};
-  if (!read(std::span(buffer_).first(kept)) || !pass_over(rest - kept) || !read(again)) {
+  if (!read(std::span(buffer_).first(kept)) || !skip(rest - kept) || !read(again)) {
     return CaptureRead::kTruncated;
   }
   if (u32(again) != length) return damaged("a block with two different lengths");
@@ -148,7 +189,7 @@ CaptureRead PcapngCapture::read_block(std::uint32_t& type, Bytes& body) {
   return CaptureRead::kFrame;
 }
 
-/// Reads the byte order, which holds from the length before it on; nothing when all is well.
+/// Reads the byte order, which also holds for the length before it; returns an error or nothing.
 std::optional<CaptureRead> PcapngCapture::begin_section(std::span<std::uint8_t> head) {
   if (!read(head.subspan(8, 4))) return CaptureRead::kTruncated;
   big_endian_ = false;
@@ -185,7 +226,7 @@ CaptureRead PcapngCapture::add_interface(Bytes body) {
   }
   Interface& interface = interfaces_[interface_count_++];
   const std::uint16_t link_type = u16(body);
-  // The only one of those read here that files number otherwise than libpcap on this system.
+  // The only supported link type whose number in files differs from libpcap's DLT value.
   interface.link_type = link_type == kRawIpInFiles ? DLT_RAW : link_type;
   interface.snap_length = u32(body.subspan(4));
   interface.clock = PcapngClock{};
@@ -201,8 +242,9 @@ void PcapngCapture::read_options(Bytes options, Interface& interface) const {
     const std::size_t padded = (length + 3) / 4 * 4;
     options = options.subspan(4);
     if (code == 0 || options.size() < padded) return;
-    if (code == kResolutionOption && length == 1 && interface.clock) {
-      interface.clock = with_resolution(*interface.clock, options[0]);
+    if (code == kResolutionOption && length == 1 && interface.clock &&
+        !interface.clock->set_resolution(options[0])) {
+      interface.clock.reset();
     }
     if (code == kOffsetOption && length == 8 && interface.clock) {
       interface.clock->offset_s = static_cast<std::int64_t>(u64(options));
@@ -226,11 +268,11 @@ void PcapngCapture::fill(const Interface& interface, std::int64_t stamp_ns, Byte
   frame.big_endian_host = big_endian_;
 }
 
-/// An enhanced or an obsolete packet block: both have time, lengths and data in the same place.
+/// Reads an enhanced or an obsolete packet block: both have time, lengths and data in the same place.
 CaptureRead PcapngCapture::read_packet(Bytes body, std::uint32_t interface, CapturedFrame& frame) {
   if (interface >= interface_count_ || !interfaces_[interface].clock) return CaptureRead::kSkipped;
   const std::uint64_t ticks = (std::uint64_t{u32(body.subspan(4))} << 32) | u32(body.subspan(8));
-  const auto stamp_ns = pcapng_time_ns(ticks, *interfaces_[interface].clock);
+  const auto stamp_ns = interfaces_[interface].clock->time_ns(ticks);
   if (!stamp_ns) return CaptureRead::kSkipped;
   const std::size_t captured = u32(body.subspan(12));
   const std::size_t original = u32(body.subspan(16));
@@ -239,7 +281,7 @@ CaptureRead PcapngCapture::read_packet(Bytes body, std::uint32_t interface, Capt
   return CaptureRead::kFrame;
 }
 
-/// Simple packets have no time of their own: they get that of the packet before.
+/// Simple packets have no time stamp: they get that of the previous packet.
 CaptureRead PcapngCapture::read_simple_packet(Bytes body, CapturedFrame& frame) {
   if (body.size() < 4 || interface_count_ == 0) return CaptureRead::kSkipped;
   const std::size_t original = u32(body);

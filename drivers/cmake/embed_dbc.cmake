@@ -1,10 +1,8 @@
-# cmake -DINPUTS="a.dbc;b.dbc" -DOUTPUT=x.cpp -P embed_dbc.cmake: the files' texts as constants, named by their stems.
-set(code "#include \"drivers/can/dbc/embedded_dbc.hpp\"\n\nnamespace nilio::drivers {\n\n")
-string(APPEND code "namespace {\n\nconstexpr EmbeddedDbc kFiles[] = {\n")
+# cmake -DINPUTS="a.dbc;b.dbc" -DOUTPUT=x.inc -P embed_dbc.cmake: initialisers {"stem", "text"}, for imu/presets.cpp.
+set(code "")
 foreach(input IN LISTS INPUTS)
   file(READ ${input} text)
   get_filename_component(stem ${input} NAME_WE)
-  string(APPEND code "    {\"${stem}\", R\"nilio_dbc(${text})nilio_dbc\"},\n")
+  string(APPEND code "{\"${stem}\", R\"nilio_dbc(${text})nilio_dbc\"},\n")
 endforeach()
-string(APPEND code "};\n\n}  // namespace\n\nstd::span<const EmbeddedDbc> embedded_dbc_files() { return kFiles; }\n\n}  // namespace nilio::drivers\n")
 file(WRITE ${OUTPUT} "${code}")

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "nilio/drivers/source.hpp"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -10,24 +12,51 @@
 
 namespace nilio::drivers {
 
-/// Counts by key, for the first `kCapacity` keys seen; the others are counted together. One thread counts
-/// while any may read, without locks and, in count(), without allocation.
+/// Counter with one writer and any number of readers: no read-modify-write instruction needed.
+inline void add_to(std::atomic<std::uint64_t>& counter, std::uint64_t n) {
+  counter.store(counter.load(std::memory_order_relaxed) + n, std::memory_order_relaxed);
+}
+
+/// SourceStats that one thread counts and others read.
+class SourceCounters {
+ public:
+  void add_delivered(std::uint64_t n) { add_to(delivered_, n); }
+  void add_kernel_dropped(std::uint64_t n) { add_to(kernel_dropped_, n); }
+  void add_malformed(std::uint64_t n) { add_to(malformed_, n); }
+  void add_other(std::uint64_t n) { add_to(other_, n); }
+
+  [[nodiscard]] SourceStats read() const {
+    return {.delivered = delivered_.load(std::memory_order_relaxed),
+            .kernel_dropped = kernel_dropped_.load(std::memory_order_relaxed),
+            .malformed = malformed_.load(std::memory_order_relaxed),
+            .other = other_.load(std::memory_order_relaxed)};
+  }
+
+ private:
+  std::atomic<std::uint64_t> delivered_{0};
+  std::atomic<std::uint64_t> kernel_dropped_{0};
+  std::atomic<std::uint64_t> malformed_{0};
+  std::atomic<std::uint64_t> other_{0};
+};
+
+/// Counts by key, for the first `kCapacity` keys; further keys share one count. One thread counts, any thread
+/// reads, without locks. count() does not allocate.
 template <class Key, std::size_t kCapacity>
 class KeyCounter {
  public:
   void count(const Key& key) {
     const std::size_t used = used_.load(std::memory_order_relaxed);
     for (std::size_t i = 0; i < used; ++i) {
-      if (entries_[i].key == key) return add(entries_[i].count);
+      if (entries_[i].key == key) return add_to(entries_[i].count, 1);
     }
-    if (used == kCapacity) return add(further_);
+    if (used == kCapacity) return add_to(further_, 1);
     entries_[used].key = key;
-    add(entries_[used].count);
-    // A key never changes once it can be seen.
+    add_to(entries_[used].count, 1);
+    // Published last: a key never changes once readers see it.
     used_.store(used + 1, std::memory_order_release);
   }
 
-  /// Different keys seen, at most the capacity.
+  /// Number of different keys, at most the capacity.
   [[nodiscard]] std::size_t keys() const { return used_.load(std::memory_order_acquire); }
 
   /// "{text_of(key, count)}, ...", the most frequent first; empty when nothing was counted.
@@ -57,10 +86,6 @@ class KeyCounter {
     Key key{};
     std::atomic<std::uint64_t> count{0};
   };
-
-  static void add(std::atomic<std::uint64_t>& counter) {
-    counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
-  }
 
   std::array<Entry, kCapacity> entries_{};
   std::atomic<std::size_t> used_{0};

@@ -2,15 +2,22 @@
 #include "nilio/drivers/common/nearest_name.hpp"
 #include "nilio/drivers/imu/mapping.hpp"
 
-#include "drivers/can/dbc/embedded_dbc.hpp"
-
 namespace nilio::drivers {
 namespace {
+
+/// A file of config/dbc; the list is generated at build time (cmake/embed_dbc.cmake).
+struct EmbeddedDbc {
+  std::string_view name;
+  std::string_view text;
+};
+constexpr EmbeddedDbc kEmbeddedDbc[] = {
+#include "embedded_dbc.inc"
+};
 
 constexpr double kStandardGravity = 9.80665;
 constexpr std::int64_t kMicrosecond = 1'000;
 
-/// Two descriptions of the protocol give its time in microseconds and in ticks of 100 microseconds.
+/// The two protocol descriptions differ in the time's unit: 1 us or 100 us.
 ImuMapping xsens_mti() {
   return {.name = "xsens_mti",
           .angular_velocity = {{{"RateOfTurn", "gyrX", 1.0},
@@ -27,7 +34,7 @@ ImuMapping xsens_mti() {
           .temperature = ImuSignal{"Temperature", "Temperature"}};
 }
 
-/// Vehicle axes x forward, y right, z down and degrees: y and z change sign.
+/// Vehicle axes x forward, y right, z down: y and z change sign. Angular rates in degrees per second.
 ImuMapping oxts_rt3003() {
   return {.name = "oxts_rt3003",
           .angular_velocity = {{{"RateVehicle", "AngRateX", kRadiansPerDegree},
@@ -38,7 +45,7 @@ ImuMapping oxts_rt3003() {
                                    {"AccelVehicle", "AccelZ", -1.0}}}};
 }
 
-/// Axes x forward, y right, z down. Status: communication, self-test and each of the six sensors.
+/// Axes x forward, y right, z down. Status bits: communication, self-test and each of the six sensors.
 ImuMapping sbg_ellipse() {
   return {.name = "sbg_ellipse",
           .angular_velocity = {{{"ImuGyro", "GyroX", 1.0},
@@ -53,7 +60,7 @@ ImuMapping sbg_ellipse() {
           .temperature = ImuSignal{"ImuInfo", "Temperature"}};
 }
 
-/// No pitch rate. Roll as in the message; its sign differs between customer variants.
+/// Has no pitch rate. Roll as in the message; its sign differs between customer variants.
 ImuMapping bosch_mm5_10() {
   return {.name = "bosch_mm5_10",
           .angular_velocity = {{{"RollRateAx", "RollRate", kRadiansPerDegree},
@@ -64,7 +71,7 @@ ImuMapping bosch_mm5_10() {
                                    {"Az", "Az", kStandardGravity}}}};
 }
 
-/// Roll counts the other way round. Status: not available, failure, initialising.
+/// The roll rate has the opposite sign. Status bits: not available, failure, initialising.
 ImuMapping bosch_mm7_10() {
   constexpr std::uint64_t kFaults = 7;
   return {.name = "bosch_mm7_10",
@@ -84,9 +91,9 @@ ImuMapping bosch_mm7_10() {
           .temperature = ImuSignal{"YawRateAy", "Temperature"}};
 }
 
-/// Axes as the manufacturer names them, x forward, y right, z down.
+/// Axes of the manufacturer: x forward, y right, z down.
 ImuMapping aceinna_openimu() {
-  // SAE J1939-71: two-byte values from here on are errors or not available.
+  // SAE J1939-71: two-byte values from here on mean "error" or "not available".
   constexpr std::uint64_t kNoValue = 0xFE00;
   return {.name = "aceinna_openimu",
           .angular_velocity = {{{"AngularRate", "RateX", kRadiansPerDegree, kNoValue},
@@ -103,7 +110,7 @@ core::Result<ImuPreset> imu_preset(std::string_view name) {
   for (const ImuMapping& mapping :
        {xsens_mti(), oxts_rt3003(), sbg_ellipse(), bosch_mm5_10(), bosch_mm7_10(), aceinna_openimu()}) {
     if (mapping.name != name) continue;
-    for (const EmbeddedDbc& file : embedded_dbc_files()) {
+    for (const EmbeddedDbc& file : kEmbeddedDbc) {
       if (file.name != name) continue;
       core::Result<DbcDatabase> database = parse_dbc(file.text, "built-in " + mapping.name + ".dbc");
       if (!database) return database.error();
@@ -116,7 +123,7 @@ core::Result<ImuPreset> imu_preset(std::string_view name) {
 
 std::vector<std::string> imu_preset_names() {
   std::vector<std::string> names;
-  for (const EmbeddedDbc& file : embedded_dbc_files()) names.emplace_back(file.name);
+  for (const EmbeddedDbc& file : kEmbeddedDbc) names.emplace_back(file.name);
   return names;
 }
 

@@ -2,7 +2,8 @@
 
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "drivers/network/ipv4_address.hpp"
+#include "drivers/common/byte_order.hpp"
+#include "drivers/network/interfaces.hpp"
 
 #include <arpa/inet.h>
 #include <cerrno>
@@ -17,7 +18,7 @@ namespace {
 
 constexpr std::size_t kUdpHeader = 8;
 constexpr std::uint32_t kLongestHeaders = 60 + kUdpHeader;
-/// Packets looked at in one call, so that a flood does not hold the receive thread.
+/// Bounds the time of one call in the receive thread.
 constexpr int kPacketsPerCall = 256;
 constexpr std::uint8_t kProtocolUdp = 17;
 
@@ -45,11 +46,6 @@ std::array<sock_filter, 11> make_filter() {
           statement(BPF_RET | BPF_K, 0)};
 }
 
-std::uint16_t load_be16(const std::uint8_t* p) { return static_cast<std::uint16_t>((p[0] << 8) | p[1]); }
-std::uint32_t load_be32(const std::uint8_t* p) {
-  return (static_cast<std::uint32_t>(load_be16(p)) << 16) | load_be16(p + 2);
-}
-
 }  // namespace
 
 void IdleProbe::idle(std::int64_t now_ns) {
@@ -66,7 +62,7 @@ void IdleProbe::idle(std::int64_t now_ns) {
   if (now_ns - idle_since_ns_ < timing_.patience.ns || !rested) return;
   open();
   opened_ns_ = now_ns;
-  // Without the capability there is nothing to try every time.
+  // Without the capability the next attempt waits for the rest period, too.
   if (!socket_.is_open()) closed_ns_ = now_ns;
 }
 
@@ -77,7 +73,7 @@ void IdleProbe::stop() {
 
 void IdleProbe::open() {
   window_ = {};
-  // Protocol 0 hears nothing, so that nothing comes in before the filter is in place.
+  // Protocol 0 receives nothing until bind(), when the filter is in place.
   socket_ = FileDescriptor(::socket(AF_PACKET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   std::array<sock_filter, 11> filter = make_filter();
   const sock_fprog program{.len = static_cast<unsigned short>(filter.size()), .filter = filter.data()};
@@ -129,8 +125,8 @@ void IdleProbe::publish() {
 
 std::string IdleProbe::describe(std::uint16_t port) const {
   if (const int error = open_error_.load(std::memory_order_relaxed); error != 0) {
-    return "what arrives on other ports cannot be seen (" + std::string(std::strerror(error)) +
-           "): that takes the capability CAP_NET_RAW";
+    return "traffic on other ports is not visible (" + std::string(std::strerror(error)) +
+           "): it needs the capability CAP_NET_RAW";
   }
   if (listenings_.load(std::memory_order_acquire) == 0) return {};
   std::string seen;
@@ -148,8 +144,8 @@ std::string IdleProbe::describe(std::uint16_t port) const {
   }
   if (seen.empty()) return "no packets of Velodyne's sizes reach this computer on any port";
   return "on the wire within " + std::to_string(timing_.listening.ns / 1'000'000) + " ms: " + seen +
-         (own_port ? "; what goes to this port and is not received is held back by a firewall, by "
-                     "net.ipv4.conf.*.rp_filter, or is for another computer's address"
+         (own_port ? "; packets to this port are blocked by a firewall or by "
+                     "net.ipv4.conf.*.rp_filter, or are addressed to another computer"
                    : "; set the LiDAR's port to the one that the sensor sends to");
 }
 

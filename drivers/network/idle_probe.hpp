@@ -2,7 +2,7 @@
 
 #include "nilio/core/time.hpp"
 
-#include "drivers/common/file_descriptor.hpp"
+#include "drivers/common/socket.hpp"
 
 #include <array>
 #include <atomic>
@@ -12,27 +12,27 @@
 
 namespace nilio::drivers {
 
-/// Why does nothing arrive? Listens below the sockets (AF_PACKET) for UDP packets of Velodyne's sizes to any
-/// address and port, for short whiles and only as long as the source is idle. What it saw counts only when
-/// the source stayed idle for the whole while. Needs CAP_NET_RAW, and says so.
+/// Finds out why a UDP source receives no packets: listens below the sockets (AF_PACKET) for UDP packets of
+/// Velodyne's sizes to any address and port, for short periods and only while the source is idle. A listening
+/// period counts only when the source stayed idle throughout. Needs CAP_NET_RAW; describe() reports a lack of
+/// it.
 ///
 /// The receive thread calls idle() and stop(), which never block, throw or allocate; any thread describe().
 class IdleProbe {
  public:
   struct Timing {
-    core::Duration patience{1'000'000'000};  ///< idle for so long before the first listening
+    core::Duration patience{1'000'000'000};  ///< idle time before the first listening period
     core::Duration listening{1'000'000'000};
-    core::Duration rest{9'000'000'000};  ///< between one listening and the next
+    core::Duration rest{9'000'000'000};  ///< between two listening periods
   };
   explicit IdleProbe(const Timing& timing) : timing_(timing) {}
   IdleProbe() : IdleProbe(Timing{}) {}
 
-  /// The source waited in vain; `now_ns` is CLOCK_MONOTONIC.
+  /// Call when the source received nothing within its timeout; `now_ns` is CLOCK_MONOTONIC.
   void idle(std::int64_t now_ns);
-  /// Something arrived.
+  /// Call when a packet arrived.
   void stop();
-  /// What the last listening saw, and what that means for a source that listens on `port`. Empty as long as
-  /// there was none.
+  /// Result of the last listening period and its meaning for a source on `port`. Empty before the first.
   [[nodiscard]] std::string describe(std::uint16_t port) const;
 
   [[nodiscard]] bool is_listening() const { return socket_.is_open(); }
@@ -50,7 +50,7 @@ class IdleProbe {
     std::uint64_t count = 0;
     Stream stream;
   };
-  /// Each part whole by itself; a reader in the middle of an update sees old and new streams mixed.
+  /// Each member is consistent by itself; a reader during an update can see old and new streams mixed.
   struct Published {
     std::atomic<std::uint64_t> count{0};
     std::atomic<std::uint64_t> addresses{0};

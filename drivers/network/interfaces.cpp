@@ -1,7 +1,7 @@
-#include "drivers/can/socketcan/link_state.hpp"
+#include "drivers/network/interfaces.hpp"
 
-#include "drivers/network/ipv4_address.hpp"
-
+#include <arpa/inet.h>
+#include <array>
 #include <bit>
 #include <fstream>
 #include <ifaddrs.h>
@@ -54,8 +54,8 @@ std::map<std::string, Interface> list_interfaces(const std::string& wanted) {
   return interfaces;
 }
 
-/// Of those that software made, only the ones with an address can receive.
-bool can_have_a_cable(const std::string& name) {
+/// Virtual interfaces have no device; they can receive only with an address.
+bool has_device(const std::string& name) {
   std::error_code ignored;
   return std::filesystem::exists(std::filesystem::path(kSysfs) / name / "device", ignored);
 }
@@ -67,9 +67,29 @@ std::string describe(const std::string& name, const Interface& interface) {
 
 }  // namespace
 
+std::string format_ipv4(std::uint32_t address) {
+  std::array<char, INET_ADDRSTRLEN> text{};
+  const in_addr network{htonl(address)};
+  inet_ntop(AF_INET, &network, text.data(), text.size());
+  return text.data();
+}
+
+core::Result<std::uint32_t> parse_ipv4(const std::string& text, const std::string& use) {
+  in_addr address{};
+  if (inet_pton(AF_INET, text.c_str(), &address) != 1) {
+    return core::Error{"'" + text + "' is no IPv4 address for the " + use + "; write it as 192.168.1.201"};
+  }
+  return ntohl(address.s_addr);
+}
+
+core::Result<std::uint32_t> parse_optional_ipv4(const std::string& text, const std::string& use) {
+  if (text.empty()) return std::uint32_t{0};
+  return parse_ipv4(text, use);
+}
+
 std::string describe_link(const std::string& interface, const std::filesystem::path& sysfs) {
   const std::string state = read_word(sysfs / interface / "operstate");
-  // The kernel refuses to read the carrier of an interface that is switched off.
+  // Reading the carrier fails while the interface is switched off.
   const std::string carrier = read_word(sysfs / interface / "carrier");
   if (carrier == "1") return state == "dormant" ? "link up, but waiting for authentication" : "link up";
   if (carrier == "0") return "no link: check the cable and the sensor's power";
@@ -81,8 +101,7 @@ std::string describe_interfaces(const std::string& wanted) {
   const bool all = wanted.empty() || wanted == "0.0.0.0";
   std::string text;
   for (const auto& [name, interface] : list_interfaces(wanted)) {
-    const bool is_candidate =
-        !interface.is_loopback && (!interface.networks.empty() || can_have_a_cable(name));
+    const bool is_candidate = !interface.is_loopback && (!interface.networks.empty() || has_device(name));
     if (all ? !is_candidate : !interface.is_wanted) continue;
     text += (text.empty() ? "" : "; ") + describe(name, interface);
   }

@@ -1,6 +1,6 @@
 #include "drivers/network/udp_socket.hpp"
 
-#include "drivers/network/ipv4_address.hpp"
+#include "drivers/network/interfaces.hpp"
 
 #include <array>
 #include <cerrno>
@@ -18,27 +18,8 @@ namespace {
 using core::Error;
 using core::Result;
 
-/// What is wrong, or nothing.
+/// Empty when all is well.
 using Problem = std::optional<Error>;
-
-template <class Value>
-bool set_option(int descriptor, int level, int option, const Value& value) {
-  return setsockopt(descriptor, level, option, &value, sizeof(value)) == 0;
-}
-
-Result<int> enlarge_receive_buffer(int descriptor, int wanted) {
-  // Beyond net.core.rmem_max only with CAP_NET_ADMIN; without it, as much as is allowed.
-  if (!set_option(descriptor, SOL_SOCKET, SO_RCVBUFFORCE, wanted)) {
-    set_option(descriptor, SOL_SOCKET, SO_RCVBUF, wanted);
-  }
-  int obtained = 0;
-  socklen_t length = sizeof(obtained);
-  if (getsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &obtained, &length) != 0) {
-    return Error{std::string("the receive buffer cannot be read back: ") + std::strerror(errno)};
-  }
-  // The kernel reports twice what was asked, the second half being for its own bookkeeping.
-  return obtained / 2;
-}
 
 std::string bind_advice(int error, std::uint16_t port, bool is_position_port) {
   if (error == EADDRINUSE) {
@@ -52,7 +33,7 @@ std::string bind_advice(int error, std::uint16_t port, bool is_position_port) {
   return "check the address and the port";
 }
 
-/// The interface as IP_ADD_MEMBERSHIP wants it, from an address, a name or nothing.
+/// Request for IP_ADD_MEMBERSHIP from an address, an interface name or an empty text.
 Result<ip_mreqn> find_multicast_interface(const UdpSourceConfig& config) {
   ip_mreqn request{};
   const std::string& wanted =
@@ -74,9 +55,9 @@ Problem join(int descriptor, const UdpSourceConfig& config, std::uint32_t group)
   Result<ip_mreqn> request = find_multicast_interface(config);
   if (!request) return request.error();
   request->imr_multiaddr.s_addr = htonl(group);
-  // Groups that other programs joined are not for this socket.
-  if (!set_option(descriptor, IPPROTO_IP, IP_MULTICAST_ALL, 0) ||
-      !set_option(descriptor, IPPROTO_IP, IP_ADD_MEMBERSHIP, *request)) {
+  // Without this, the socket also receives groups that other programs joined.
+  if (!set_socket_option(descriptor, IPPROTO_IP, IP_MULTICAST_ALL, 0) ||
+      !set_socket_option(descriptor, IPPROTO_IP, IP_ADD_MEMBERSHIP, *request)) {
     return Error{"cannot join the multicast group " + config.multicast_group + ": " + std::strerror(errno) +
                  "; name the interface that the sensor is on, by its address or name"};
   }
@@ -111,16 +92,16 @@ Result<UdpSocket> open_socket(const UdpSourceConfig& config, std::uint16_t port)
   if (!group) return group.error();
   FileDescriptor descriptor(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   if (!descriptor.is_open()) return Error{std::string("no socket: ") + std::strerror(errno)};
-  if (!set_option(descriptor.get(), SOL_SOCKET, SO_TIMESTAMPNS, 1) ||
-      !set_option(descriptor.get(), SOL_SOCKET, SO_RXQ_OVFL, 1)) {
-    return Error{std::string("kernel time stamps and drop counts cannot be had: ") + std::strerror(errno)};
+  if (!set_socket_option(descriptor.get(), SOL_SOCKET, SO_TIMESTAMPNS, 1) ||
+      !set_socket_option(descriptor.get(), SOL_SOCKET, SO_RXQ_OVFL, 1)) {
+    return Error{std::string("no kernel time stamps and drop counts: ") + std::strerror(errno)};
   }
-  const Result<int> buffer = enlarge_receive_buffer(descriptor.get(), config.receive_buffer_bytes);
-  if (!buffer) return buffer.error();
+  const std::optional<int> buffer = request_receive_buffer(descriptor.get(), config.receive_buffer_bytes);
+  if (!buffer) return Error{std::string("the receive buffer cannot be read back: ") + std::strerror(errno)};
   const bool has_group = *group != 0;
-  // Each program that has joined gets a copy of what is sent to a group; of other datagrams only one would.
-  if (has_group && (!set_option(descriptor.get(), SOL_SOCKET, SO_REUSEADDR, 1) ||
-                    !set_option(descriptor.get(), SOL_SOCKET, SO_REUSEPORT, 1))) {
+  // Multicast datagrams are copied to every socket of the group, so that programs can share the port.
+  if (has_group && (!set_socket_option(descriptor.get(), SOL_SOCKET, SO_REUSEADDR, 1) ||
+                    !set_socket_option(descriptor.get(), SOL_SOCKET, SO_REUSEPORT, 1))) {
     return Error{std::string("the port cannot be shared: ") + std::strerror(errno)};
   }
   const std::uint32_t address = has_group ? *group : *local;
@@ -145,7 +126,7 @@ std::optional<std::uint32_t> count_kernel_drops(int descriptor) {
   std::array<std::uint32_t, SK_MEMINFO_VARS> values{};
   socklen_t length = sizeof(values);
   if (getsockopt(descriptor, SOL_SOCKET, SO_MEMINFO, values.data(), &length) != 0) return std::nullopt;
-  // Kernels before 4.12 have no such option.
+  // Kernels before 4.12 do not report drops.
   if (length <= SK_MEMINFO_DROPS * sizeof(std::uint32_t)) return std::nullopt;
   return values[SK_MEMINFO_DROPS];
 }

@@ -1,8 +1,8 @@
-#include "drivers/network/udp_sightings.hpp"
+#include "drivers/network/udp_traffic.hpp"
 
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "drivers/network/ipv4_address.hpp"
+#include "drivers/network/interfaces.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -14,16 +14,11 @@ std::string sender_text(std::uint32_t address, std::uint64_t count) {
   return std::to_string(count) + " from " + format_ipv4(address);
 }
 
-void increment(std::atomic<std::uint64_t>& counter) {
-  counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
-}
-
 }  // namespace
 
-void UdpSightings::note_accepted(const Packet& packet, std::size_t sent_bytes,
-                                 const UdpSourceConfig& config) {
+void UdpTraffic::on_accepted(const Packet& packet, std::size_t sent_bytes, const UdpSourceConfig& config) {
   const bool is_data = packet.destination_port == config.port;
-  increment(is_data ? data_packets_ : position_packets_);
+  add_to(is_data ? data_packets_ : position_packets_, 1);
   if (is_data) senders_.count(packet.sender_address);
   if (sent_bytes != (is_data ? kDataPacketSize : kPositionPacketSize)) {
     wrong_sizes_.count({packet.destination_port, static_cast<std::uint16_t>(sent_bytes)});
@@ -31,13 +26,13 @@ void UdpSightings::note_accepted(const Packet& packet, std::size_t sent_bytes,
   last_ns_.store(packet.received_ns, std::memory_order_relaxed);
 }
 
-std::int64_t UdpSightings::age_ns(std::int64_t now_ns) const {
+std::int64_t UdpTraffic::age_ns(std::int64_t now_ns) const {
   const std::int64_t last = last_ns_.load(std::memory_order_relaxed);
-  // The other thread may have read its clock after this one.
+  // The receive thread may have read its clock after this thread.
   return last == 0 ? std::numeric_limits<std::int64_t>::max() : std::max<std::int64_t>(now_ns - last, 0);
 }
 
-std::string UdpSightings::describe_packets(const UdpSourceConfig& config, std::int64_t now_ns) const {
+std::string UdpTraffic::describe_packets(const UdpSourceConfig& config, std::int64_t now_ns) const {
   std::string text = std::to_string(data_packets_.load(std::memory_order_relaxed));
   if (config.position_port != 0) {
     text += " data and " + std::to_string(position_packets_.load(std::memory_order_relaxed)) + " position";
@@ -49,7 +44,7 @@ std::string UdpSightings::describe_packets(const UdpSourceConfig& config, std::i
   return text + ", the last " + std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " s ago";
 }
 
-std::string UdpSightings::describe_oddities(const UdpSourceConfig& config) const {
+std::string UdpTraffic::describe_problems(const UdpSourceConfig& config) const {
   std::string text;
   const std::string others = other_senders_.describe(sender_text);
   if (!others.empty())

@@ -3,7 +3,7 @@
 #include "nilio/drivers/network/udp.hpp"
 #include "nilio/drivers/packet.hpp"
 
-#include "drivers/common/key_counter.hpp"
+#include "drivers/common/counters.hpp"
 
 #include <atomic>
 #include <cstddef>
@@ -12,19 +12,19 @@
 
 namespace nilio::drivers {
 
-/// Everything that came to a UDP source's ports, for its status line. The receive thread notes, any thread
-/// describes; noting neither locks nor allocates.
-class UdpSightings {
+/// Counts the datagrams on a UDP source's ports for its status line. The receive thread calls on_*(), which
+/// neither lock nor allocate; any thread calls describe_*().
+class UdpTraffic {
  public:
   /// `sent_bytes` is the datagram's size before it was cut to the slot.
-  void note_accepted(const Packet& packet, std::size_t sent_bytes, const UdpSourceConfig& config);
-  void note_other_sender(std::uint32_t address) { other_senders_.count(address); }
+  void on_accepted(const Packet& packet, std::size_t sent_bytes, const UdpSourceConfig& config);
+  void on_other_sender(std::uint32_t address) { other_senders_.count(address); }
 
   /// "12 data and 3 position packets, the last 0.1 s ago". `now_ns` is CLOCK_MONOTONIC.
   [[nodiscard]] std::string describe_packets(const UdpSourceConfig& config, std::int64_t now_ns) const;
-  /// What was seen beside good packets of one sensor and what to do about it; empty or beginning with "; ".
-  [[nodiscard]] std::string describe_oddities(const UdpSourceConfig& config) const;
-  /// Since the last accepted packet; the largest value when there was none.
+  /// Traffic other than good packets of one sensor, and the remedy; empty or beginning with "; ".
+  [[nodiscard]] std::string describe_problems(const UdpSourceConfig& config) const;
+  /// Time since the last accepted packet; the largest value before the first.
   [[nodiscard]] std::int64_t age_ns(std::int64_t now_ns) const;
 
  private:
@@ -39,7 +39,7 @@ class UdpSightings {
   KeyCounter<PortAndSize, 8> wrong_sizes_;
   std::atomic<std::uint64_t> data_packets_{0};
   std::atomic<std::uint64_t> position_packets_{0};
-  /// 0 = never.
+  /// CLOCK_MONOTONIC of the last accepted packet; 0 = none yet.
   std::atomic<std::int64_t> last_ns_{0};
 };
 

@@ -1,7 +1,7 @@
 #include "drivers/velodyne/azimuth_steps.hpp"
 
-#include "drivers/common/little_endian.hpp"
-#include "drivers/velodyne/layout.hpp"
+#include "drivers/common/byte_order.hpp"
+#include "drivers/velodyne/packet_bytes.hpp"
 
 #include <algorithm>
 #include <cstdlib>
@@ -61,13 +61,13 @@ void AzimuthReader::read_steps(std::span<const std::uint8_t> payload, PacketAzim
   const std::size_t blocks = layout_.blocks_per_azimuth;
   for (std::size_t s = 0; s < out.count; ++s) {
     AzimuthStep& step = out.steps[s];
-    step.azimuth = load_u16(payload.data() + s * blocks * kBlockSize + kAzimuthOffset);
+    step.azimuth = load_le16(payload.data() + s * blocks * kBlockSize + kAzimuthOffset);
     step.usable = step.azimuth <= kAzimuthModulus;
     for (std::size_t b = s * blocks; b < (s + 1) * blocks; ++b) {
       if (layout_.contents[b] == BlockContent::kPadding || layout_.contents[b] == BlockContent::kConfidence)
         continue;
       const std::uint8_t* block = payload.data() + b * kBlockSize;
-      if (load_u16(block) != layout_.block_flags[b] || load_u16(block + kAzimuthOffset) != step.azimuth)
+      if (load_le16(block) != layout_.block_flags[b] || load_le16(block + kAzimuthOffset) != step.azimuth)
         step.usable = false;
     }
     // Sensors do send 36000 now and then.

@@ -28,7 +28,7 @@ bool BlindSector::Sector::is_like(const Sector& other) const {
   return near(from, other.from) && near(to, other.to) && std::abs(width() - other.width()) <= 2 * kTolerance;
 }
 
-void BlindSector::see_inside_packet(std::uint16_t from, std::uint16_t to) {
+void BlindSector::on_gap_inside_packet(std::uint16_t from, std::uint16_t to) {
   const Sector seen{from, to};
   if (seen.width() < kSmallest) return;
   sector_ = seen;
@@ -61,7 +61,7 @@ bool BlindSector::explains(const Gap& gap, std::uint32_t& wrongly_counted) {
 
 bool BlindSector::ends_at(std::uint16_t azimuth) const { return known_ && near(azimuth, sector_.to); }
 
-void BlindSector::see_firing(std::uint16_t azimuth) {
+void BlindSector::on_firing(std::uint16_t azimuth) {
   if (!known_) return;
   const int inside = modulo(static_cast<int>(azimuth) - static_cast<int>(sector_.from));
   if (inside > kTolerance && inside < sector_.width() - kTolerance) known_ = false;

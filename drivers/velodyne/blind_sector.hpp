@@ -20,12 +20,12 @@ class BlindSector {
   };
 
   /// A gap inside a packet: the sensor did not fire from azimuth `from` to `to` (0.01 degree).
-  void see_inside_packet(std::uint16_t from, std::uint16_t to);
+  void on_gap_inside_packet(std::uint16_t from, std::uint16_t to);
   /// True: the sensor does not fire there, nothing was lost. `wrongly_counted` gets the packets that earlier
   /// calls took for lost.
   bool explains(const Gap& gap, std::uint32_t& wrongly_counted);
   /// The sensor fired here: a sector that holds it is forgotten.
-  void see_firing(std::uint16_t azimuth);
+  void on_firing(std::uint16_t azimuth);
   /// The sensor begins to fire again at about this azimuth.
   [[nodiscard]] bool ends_at(std::uint16_t azimuth) const;
   /// 0 = none.

@@ -1,8 +1,7 @@
 #include "nilio/drivers/velodyne/detect.hpp"
 
-#include "drivers/common/little_endian.hpp"
-#include "drivers/velodyne/layout.hpp"
-#include "drivers/velodyne/packet_shape.hpp"
+#include "drivers/common/byte_order.hpp"
+#include "drivers/velodyne/packet_bytes.hpp"
 
 #include <algorithm>
 #include <array>
@@ -48,7 +47,7 @@ Evidence gather(std::span<const Packet> packets) {
     const std::optional<bool> pairs = azimuths_in_pairs(payload, shape == PacketShape::kAlternating ? 2 : 1);
     evidence.paired += static_cast<std::size_t>(pairs == true);
     evidence.unpaired += static_cast<std::size_t>(pairs == false);
-    const std::uint32_t now_us = load_u32(payload.data() + kTimestampOffset);
+    const std::uint32_t now_us = load_le32(payload.data() + kTimestampOffset);
     if (previous_us && now_us > *previous_us) evidence.steps_us.push_back(now_us - *previous_us);
     previous_us = now_us;
   }

@@ -1,7 +1,7 @@
 #include "drivers/velodyne/firing_decoder.hpp"
 
-#include "drivers/common/little_endian.hpp"
-#include "drivers/velodyne/layout.hpp"
+#include "drivers/common/byte_order.hpp"
+#include "drivers/velodyne/packet_bytes.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -29,7 +29,7 @@ std::uint32_t intensity_of(std::uint32_t word) { return (word >> 16) & 0xFFU; }
 std::array<std::uint32_t, kEntriesPerBlock> load_entries(const std::uint8_t* block) {
   std::array<std::uint32_t, kEntriesPerBlock> words;
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
-    words[c] = load_u32(block + kEntriesOffset + kEntrySize * c);
+    words[c] = load_le32(block + kEntriesOffset + kEntrySize * c);
   return words;
 }
 
@@ -214,7 +214,7 @@ void FiringDecoder::correct_intensity(const Lane& lane, const Words& words, Poin
 FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> payload, std::size_t step,
                                                  std::int32_t time_ns, std::span<core::Point> points) const {
   const std::uint8_t* const blocks = payload.data() + step * blocks_per_step_ * kBlockSize;
-  const SinCos azimuth = (*azimuths_)[load_u16(blocks + kAzimuthOffset)];
+  const SinCos azimuth = (*azimuths_)[load_le16(blocks + kAzimuthOffset)];
   std::int32_t returns = 0;
   core::Point* out = points.data();
   for (std::size_t b = 0; b < blocks_per_step_; ++b) {

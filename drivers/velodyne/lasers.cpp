@@ -1,4 +1,4 @@
-#include "drivers/velodyne/lasers.hpp"
+#include "drivers/velodyne/tables.hpp"
 
 #include <array>
 

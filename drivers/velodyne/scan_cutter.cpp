@@ -12,8 +12,8 @@ std::int64_t floor_divide(std::int64_t a, std::int64_t b) { return a / b - (a % 
 
 }  // namespace
 
-ScanCutter::Action ScanCutter::judge(std::uint16_t azimuth, std::int64_t time_ns, float rate,
-                                     std::int64_t azimuth_period_ns, bool room, bool may_cut) {
+ScanCutter::Action ScanCutter::evaluate(std::uint16_t azimuth, std::int64_t time_ns, float rate,
+                                        std::int64_t azimuth_period_ns, bool room, bool may_cut) {
   track(azimuth, time_ns, rate, azimuth_period_ns);
   if (state_ != State::kFilling) return Action::kOpen;
   if (!may_cut) return Action::kAppend;

@@ -26,8 +26,8 @@ class ScanCutter {
   /// What to do with the azimuth step at `time_ns`; `rate` is the advance per `azimuth_period_ns` in 0.01
   /// degree. `room` says whether the open scan has room for it; `may_cut` whether a complete scan could be
   /// taken over. Follow with open(), unless it is to be appended, and append().
-  Action judge(std::uint16_t azimuth, std::int64_t time_ns, float rate, std::int64_t azimuth_period_ns,
-               bool room, bool may_cut);
+  Action evaluate(std::uint16_t azimuth, std::int64_t time_ns, float rate, std::int64_t azimuth_period_ns,
+                  bool room, bool may_cut);
   /// The step judged last begins a scan.
   void open();
   /// Whether the step after the last one will pass the cut: nothing more will come of the open scan.

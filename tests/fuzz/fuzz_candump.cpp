@@ -1,7 +1,6 @@
 // Bytes as a candump log, as its lines, and as a capture.
 
-#include "nilio/drivers/can/can_capture.hpp"
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
 #include "tests/fuzz/fuzz_support.hpp"
 

@@ -3,7 +3,8 @@
 
 #include "nilio/drivers/imu/decoder.hpp"
 
-#include "drivers/can/can_in_frame.hpp"
+#include "nilio/drivers/capture/capture_reader.hpp"
+
 #include "tests/fuzz/fuzz_support.hpp"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // Bytes as a capture file, and as a frame of every link type.
 
+#include "nilio/drivers/capture/capture_reader.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
-#include "nilio/drivers/network/udp_in_frame.hpp"
 
 #include "tests/fuzz/fuzz_support.hpp"
 

@@ -1,6 +1,6 @@
 // Writes the inputs that the fuzz targets start from: fuzz_seeds FOLDER SOURCES makes a folder per target.
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"

@@ -1,6 +1,6 @@
 #include "nilio/drivers/can/socketcan/socketcan.hpp"
 
-#include "drivers/can/socketcan/state.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
 #include "tests/vm/vm_support.hpp"
 
 #include <ctime>

@@ -1,8 +1,7 @@
 #include "nilio/drivers/can/can_controller.hpp"
 #include "nilio/drivers/can/socketcan/socketcan.hpp"
 
-#include "drivers/can/can_settings.hpp"
-#include "drivers/can/socketcan/state.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
 #include "tests/vm/controller_log.hpp"
 #include "tests/vm/slcan_adapter.hpp"
 #include "tests/vm/vm_support.hpp"

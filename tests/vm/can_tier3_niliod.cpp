@@ -1,5 +1,4 @@
-#include "drivers/can/can_settings.hpp"
-#include "drivers/can/socketcan/state.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
 #include "tests/vm/emulated_controllers.hpp"
 #include "tests/vm/niliod_run.hpp"
 #include "tests/vm/vm_support.hpp"
@@ -40,7 +39,7 @@ TEST_CASE(
   drivers::set_up_can_interface("can0", 500000, 0);
   REQUIRE(eventually([] { return has_listener("can1"); }));
   play = run.start_playing("can0");
-  CHECK(niliod->says("info: IMU frames again after"));
+  CHECK(niliod->says("info: IMU frames received again after"));
   CHECK(poses_go_on(*niliod));
   CHECK(play->stop(SIGTERM) >= 0);
 

@@ -1,6 +1,6 @@
 #include "tests/vm/emulated_controllers.hpp"
 
-#include "drivers/can/can_settings.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
 #include "tests/vm/vm_support.hpp"
 
 #include <cstdlib>

@@ -1,6 +1,4 @@
-#include "drivers/can/log/asc_log.hpp"
-
-#include "drivers/can/log/candump_words.hpp"
+#include "drivers/can/log/log_lines.hpp"
 
 #include <array>
 #include <charconv>
@@ -10,14 +8,14 @@ namespace nilio::drivers {
 namespace {
 
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-/// Longer is no recording; sums with a date stay 64 bits.
+/// Upper limit of a recording's length; sums with a date stay within 64 bits.
 constexpr double kLongestSeconds = 1e9;
 constexpr unsigned kMostChannels = 255;
 constexpr std::uint32_t kLargestStandardId = 0x7FF;
 constexpr std::uint32_t kLargestExtendedId = 0x1FFFFFFF;
 constexpr std::array<std::string_view, 12> kMonths{"jan", "feb", "mar", "apr", "may", "jun",
                                                    "jul", "aug", "sep", "oct", "nov", "dec"};
-/// German ones that begin otherwise.
+/// German abbreviations that differ from the English ones.
 constexpr std::array<std::pair<std::string_view, int>, 5> kFurtherMonths{
     {{"m\xE4r", 2}, {"m\xC3\xA4", 2}, {"mai", 4}, {"okt", 9}, {"dez", 11}}};
 
@@ -41,7 +39,7 @@ std::optional<int> month_of(std::string_view word) {
   return std::nullopt;
 }
 
-/// "22:13:20" or "22:13:20.123".
+/// Parses "22:13:20" or "22:13:20.123".
 bool parse_clock(std::string_view word, std::tm& date, double& fraction) {
   const std::size_t dot = std::min(word.find('.'), word.size());
   if (dot < word.size() && !parse_seconds(word.substr(dot), fraction)) return false;
@@ -86,7 +84,7 @@ AscLog::Kind AscLog::read(std::string_view line, CandumpLine& result) {
   std::string_view after_channel = rest;
   const std::string_view kind = take_word(after_channel);
   if (kind == "CANFD") return read_flexible(after_channel, result) ? Kind::kFrame : Kind::kBroken;
-  // Events of other buses and statistics do not go on with a channel and an identifier.
+  // Events of other buses and statistics have no channel and identifier here.
   unsigned channel = 0;
   if (!parse_whole(kind, channel)) return Kind::kOther;
   const std::string_view next = take_word(after_channel);
@@ -94,7 +92,7 @@ AscLog::Kind AscLog::read(std::string_view line, CandumpLine& result) {
   return read_classic(rest, result) ? Kind::kFrame : Kind::kBroken;
 }
 
-/// "Tue Nov 14 22:13:20.123 pm 2023"
+/// Parses "Tue Nov 14 22:13:20.123 pm 2023".
 void AscLog::read_date(std::string_view rest) {
   std::tm date{};
   double fraction = 0.0;
@@ -116,7 +114,7 @@ void AscLog::read_date(std::string_view rest) {
       static_cast<std::int64_t>(timegm(&date)) * kNsPerSecond + core::Duration::from_seconds(fraction).ns;
 }
 
-/// "1  1ABCDEF0x  Rx  d 3 01 02 FF", "1  123  Rx  r 0", "1  ErrorFrame"
+/// Parses "1  1ABCDEF0x  Rx  d 3 01 02 FF", "1  123  Rx  r 0" or "1  ErrorFrame".
 bool AscLog::read_classic(std::string_view rest, CandumpLine& result) const {
   CanFrame& frame = result.frame;
   if (!take_channel(rest, result)) return false;
@@ -134,18 +132,18 @@ bool AscLog::read_classic(std::string_view rest, CandumpLine& result) const {
   if (frame.remote && length.empty()) return true;
   unsigned code = 0;
   if (!parse_whole(length, code, 16) || code > 15) return false;
-  // Codes beyond 8 mean 8 bytes, too.
+  // Length codes above 8 also mean 8 bytes.
   frame.length = static_cast<std::uint8_t>(std::min(code, 8U));
   return frame.remote || read_data(rest, frame);
 }
 
-/// "1 Rx  123  [name]  1 0 9 12 01 02 ...": bit rate switch, error state, length code, length, data
+/// Parses "1 Rx  123  [name]  1 0 9 12 01 02 ...": bit rate switch, error state, length code, length, data.
 bool AscLog::read_flexible(std::string_view rest, CandumpLine& result) const {
   CanFrame& frame = result.frame;
   if (!take_channel(rest, result) || !is_direction(take_word(rest)) || !read_id(take_word(rest), frame))
     return false;
   std::string_view word = take_word(rest);
-  // A name never is one digit.
+  // The optional name is never a single digit.
   if (word != "0" && word != "1") word = take_word(rest);
   if (word != "0" && word != "1") return false;
   take_word(rest);

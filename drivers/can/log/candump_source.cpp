@@ -1,8 +1,9 @@
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/core/clock.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/capture_reader.hpp"
 
-#include "drivers/can/log/asc_log.hpp"
-#include "drivers/can/log/candump_words.hpp"
-#include "drivers/common/source_support.hpp"
+#include "drivers/can/log/log_lines.hpp"
+#include "drivers/common/counters.hpp"
 
 #include <array>
 #include <atomic>
@@ -20,24 +21,19 @@ namespace {
 using core::Error;
 
 constexpr std::size_t kQuotedLength = 60;
-/// A CAN FD frame of 64 bytes needs about 300 characters; what is longer is no frame.
+/// A CAN FD frame of 64 bytes needs about 300 characters; a longer line is no frame.
 constexpr std::size_t kLongestLine = 512;
-
-/// A silence of a day is no log any more, and sums stay 64 bits.
+/// Upper limit of one time difference, so that sums stay within 64 bits.
 constexpr std::int64_t kLongestStepNs = 86'400'000'000'000;
 constexpr std::int64_t kLatestNs = 4'000'000'000'000'000'000;
-/// Enough lines that differences in a row are not all rising by chance.
-constexpr int kLinesLookedAt = 1000;
-
-struct FileCloser {
-  void operator()(std::FILE* file) const { std::fclose(file); }
-};
+/// Lines read ahead: differences do not rise by chance over so many lines.
+constexpr int kLinesReadAhead = 1000;
 
 class CandumpSource final : public FrameSource {
  public:
-  CandumpSource(std::unique_ptr<std::FILE, FileCloser> file, std::string path, std::string interface_name)
+  CandumpSource(FileHandle file, std::string path, std::string interface_name)
       : file_(std::move(file)), path_(std::move(path)), interface_name_(std::move(interface_name)) {
-    look_ahead();
+    detect_format();
   }
 
   SourceRead read(std::span<CanFrame> slots, core::Duration timeout) override;
@@ -45,18 +41,18 @@ class CandumpSource final : public FrameSource {
   [[nodiscard]] std::string status() const override;
 
  private:
-  void look_ahead();
+  void detect_format();
   std::optional<std::string_view> next_line();
   bool accept_line(std::string_view line, CanFrame& slot);
   AscLog::Kind parse_line(std::string_view line, CandumpLine& parsed);
   AscLog::Kind parse_text_line(std::string_view line, CandumpLine& parsed);
   void note_broken(std::string_view line);
 
-  std::unique_ptr<std::FILE, FileCloser> file_;
+  FileHandle file_;
   const std::string path_;
   const std::string interface_name_;
   std::optional<AscLog> asc_;
-  /// Relative times are those since the line before (candump -td).
+  /// Relative times count from the previous line (candump -td).
   bool times_are_steps_ = false;
   core::Time last_stamp_;
   SourceCounters counters_;
@@ -84,7 +80,7 @@ SourceRead CandumpSource::read(std::span<CanFrame> slots, core::Duration /*timeo
   return {read_error_.load(std::memory_order_relaxed) != 0 ? SourceState::kFailed : SourceState::kEnd, 0};
 }
 
-/// The next line, without its end when it is longer than any frame's.
+/// Reads the next line; a line longer than any frame's is cut.
 std::optional<std::string_view> CandumpSource::next_line() {
   errno = 0;
   if (std::fgets(line_.data(), static_cast<int>(line_.size()), file_.get()) == nullptr) {
@@ -100,13 +96,13 @@ std::optional<std::string_view> CandumpSource::next_line() {
   return line;
 }
 
-/// What the beginning says about the rest: the format, and whether relative times ever fall, as differences
-/// do.
-void CandumpSource::look_ahead() {
-  // A pipe cannot be read twice: it is taken for what candump -L writes.
+/// Detects the format, and whether relative times are differences: those ever fall, times since the first
+/// line do not.
+void CandumpSource::detect_format() {
+  // A pipe cannot be read twice: candump -L is assumed.
   if (std::fseek(file_.get(), 0, SEEK_CUR) != 0) return;
   core::Time last;
-  for (int i = 0; i < kLinesLookedAt; ++i) {
+  for (int i = 0; i < kLinesReadAhead; ++i) {
     const std::optional<std::string_view> line = next_line();
     if (!line) break;
     if (i == 0 && AscLog::is_first_line(*line)) {
@@ -126,7 +122,7 @@ void CandumpSource::look_ahead() {
 
 AscLog::Kind CandumpSource::parse_line(std::string_view line, CandumpLine& parsed) {
   if (asc_) return asc_->read(line, parsed);
-  // What candump shows is indented and has the length in brackets.
+  // Terminal output is indented and has the length in brackets.
   if (line.starts_with(' ')) return parse_text_line(line, parsed);
   if (!line.starts_with('(')) return AscLog::Kind::kOther;
   std::optional<CandumpLine> log_line = parse_candump_line(line);
@@ -170,7 +166,7 @@ bool CandumpSource::accept_line(std::string_view line, CanFrame& slot) {
     return false;
   }
   slot = parsed.frame;
-  slot.received_ns = clock_ns(CLOCK_MONOTONIC);
+  slot.received_ns = monotonic_ns();
   return true;
 }
 
@@ -196,7 +192,7 @@ std::string CandumpSource::status() const {
   }
   if (const auto untimed = untimed_.load(std::memory_order_relaxed); untimed > 0) {
     text += ", " + std::to_string(untimed) +
-            " frames without a time, which no IMU can be read from: record with candump -L";
+            " frames without a time, which IMU samples need: record with candump -L";
   }
   if (const int error = read_error_.load(std::memory_order_relaxed); error != 0) {
     return text + "; reading failed: " + std::strerror(error);
@@ -211,7 +207,7 @@ std::string CandumpSource::status() const {
 
 core::Result<std::unique_ptr<FrameSource>> open_candump(const std::string& path,
                                                         const std::string& interface_name) {
-  std::unique_ptr<std::FILE, FileCloser> file(std::fopen(path.c_str(), "re"));
+  FileHandle file(std::fopen(path.c_str(), "re"));
   if (!file)
     return Error{path + ": cannot be opened (" + std::strerror(errno) +
                  "); check the path and its permissions"};

@@ -1,6 +1,6 @@
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 
-#include "drivers/common/little_endian.hpp"
+#include "drivers/common/byte_order.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -28,19 +28,19 @@ constexpr MotionScale kTemperature{0.1453, 25.0};
 constexpr MotionScale kAcceleration{0.001221 * kStandardGravity, 0.0};
 
 double load_motion(const std::uint8_t* p, MotionScale scale) {
-  const int bits = load_u16(p) & 0x0FFF;
+  const int bits = load_le16(p) & 0x0FFF;
   return scale.unit * (bits >= 0x0800 ? bits - 0x1000 : bits) + scale.zero;
 }
 
 void store_motion(std::uint8_t* p, unsigned tag, MotionScale scale, double value) {
   const double steps = std::clamp(std::round((value - scale.zero) / scale.unit), -2048.0, 2047.0);
   const auto bits = static_cast<unsigned>(static_cast<int>(steps)) & 0x0FFFU;
-  store_u16(p, static_cast<std::uint16_t>((tag << 12) | bits));
+  store_le16(p, static_cast<std::uint16_t>((tag << 12) | bits));
 }
 
 bool has_motion(const std::uint8_t* words) {
   for (std::size_t word = 0; word < 12; ++word) {
-    if (load_u16(words + 2 * word) >> 12 != static_cast<int>(word % 4)) return false;
+    if (load_le16(words + 2 * word) >> 12 != static_cast<int>(word % 4)) return false;
   }
   return true;
 }
@@ -74,8 +74,8 @@ SensorHealth load_health(const std::uint8_t* packet) {
   return {.top_board_degc = p[0],
           .bottom_board_degc = p[1],
           .adc_calibration_degc = p[2],
-          .temperature_change_degc = static_cast<std::int16_t>(load_u16(p + 3)),
-          .adc_calibration_age_s = load_u32(p + 5),
+          .temperature_change_degc = static_cast<std::int16_t>(load_le16(p + 3)),
+          .adc_calibration_age_s = load_le32(p + 5),
           .adc_calibration_reason = p[9],
           .adc_calibration_status = p[10],
           .thermal_status = after_pps[0],
@@ -88,8 +88,8 @@ void store_health(std::uint8_t* packet, const SensorHealth& health) {
   p[0] = health.top_board_degc;
   p[1] = health.bottom_board_degc;
   p[2] = health.adc_calibration_degc;
-  store_u16(p + 3, static_cast<std::uint16_t>(health.temperature_change_degc));
-  store_u32(p + 5, health.adc_calibration_age_s);
+  store_le16(p + 3, static_cast<std::uint16_t>(health.temperature_change_degc));
+  store_le32(p + 5, health.adc_calibration_age_s);
   p[9] = health.adc_calibration_reason;
   p[10] = health.adc_calibration_status;
   std::uint8_t* after_pps = packet + kPpsOffset + 1;
@@ -125,7 +125,7 @@ std::optional<PositionPacket> parse_position_packet(std::span<const std::uint8_t
   if (payload.size() != kPositionPacketSize) return std::nullopt;
   const std::uint8_t* p = payload.data();
   PositionPacket packet;
-  packet.timestamp_us = load_u32(p + kTimestampOffset);
+  packet.timestamp_us = load_le32(p + kTimestampOffset);
   packet.health = load_health(p);
   packet.pps = to_pps(p[kPpsOffset], packet.health);
   packet.motion = load_boards(p + kMotionOffset);
@@ -138,7 +138,7 @@ std::optional<PositionPacket> parse_position_packet(std::span<const std::uint8_t
 
 std::array<std::uint8_t, kPositionPacketSize> encode_position_packet(const PositionPacket& packet) {
   std::array<std::uint8_t, kPositionPacketSize> bytes{};
-  store_u32(bytes.data() + kTimestampOffset, packet.timestamp_us);
+  store_le32(bytes.data() + kTimestampOffset, packet.timestamp_us);
   store_health(bytes.data(), packet.health);
   bytes[kPpsOffset] = from_pps(packet.pps, packet.health);
   if (packet.motion) store_boards(bytes.data() + kMotionOffset, *packet.motion);

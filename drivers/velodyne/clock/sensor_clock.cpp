@@ -120,7 +120,7 @@ void SensorClock::remember(std::uint32_t timestamp_us, std::uint16_t azimuth, co
 /// Where sensor time is asked for, a locked receiver knows better than the host.
 bool SensorClock::gps_tells_hour(core::Time stamp) const {
   return source_ == TimeSource::kSensor && gps_ && gps_->pulse_locked && gps_->utc &&
-         std::abs((stamp - gps_heard_).ns) < kReportLifetimeNs;
+         std::abs((stamp - gps_received_).ns) < kReportLifetimeNs;
 }
 
 /// The hour was the host's guess, and the first position packet says another one.
@@ -147,9 +147,9 @@ void SensorClock::observe(core::Time stamp) {
   fit_.observe(line_ns_, stamp.ns - packet_period_ns_ - line_ns_);
 }
 
-void SensorClock::hear(const GpsReport& report, core::Time stamp) {
+void SensorClock::on_gps_report(const GpsReport& report, core::Time stamp) {
   gps_ = report;
-  gps_heard_ = stamp;
+  gps_received_ = stamp;
 }
 
 void SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns) {
@@ -173,7 +173,7 @@ void SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end
 
 core::ClockSource SensorClock::source() const {
   if (!has_clock_ || source_ == TimeSource::kHost) return core::ClockSource::kHost;
-  const bool heard = gps_ && std::abs((last_stamp_ - gps_heard_).ns) < kReportLifetimeNs;
+  const bool heard = gps_ && std::abs((last_stamp_ - gps_received_).ns) < kReportLifetimeNs;
   if (heard && gps_->pulse_locked) return core::ClockSource::kPpsLocked;
   if (heard && gps_->utc) return core::ClockSource::kNmeaOnly;
   return agrees_ ? core::ClockSource::kPtp : core::ClockSource::kFreeRunning;

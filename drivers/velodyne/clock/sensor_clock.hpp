@@ -55,7 +55,7 @@ class SensorClock {
                        std::int64_t previous_pause_ns);
   /// Begins a new time line with a packet that arrived as kJump; returns its time on it.
   std::int64_t restart(std::uint32_t timestamp_us, std::uint16_t first_azimuth, core::Time stamp);
-  void hear(const GpsReport& report, core::Time stamp);
+  void on_gps_report(const GpsReport& report, core::Time stamp);
   /// The same shift applies until the next update_shift(), so that a scan is not torn.
   [[nodiscard]] core::Time to_time(std::int64_t line_ns) const { return {line_ns + shift_ns_}; }
   /// Between two scans: follows the fit, slowly enough for time never to go back.
@@ -103,7 +103,7 @@ class SensorClock {
   std::int64_t emitted_ns_ = INT64_MIN;
   ClockFit fit_;
   std::optional<GpsReport> gps_;
-  core::Time gps_heard_;
+  core::Time gps_received_;
 };
 
 }  // namespace nilio::drivers

@@ -1,6 +1,6 @@
 #include "drivers/velodyne/hdl64e/table.hpp"
 
-#include "drivers/common/little_endian.hpp"
+#include "drivers/common/byte_order.hpp"
 #include "drivers/velodyne/calibration/calibration_fields.hpp"
 
 #include <algorithm>
@@ -60,7 +60,7 @@ bool is_focus(const CalibrationField& field) {
 std::optional<LaserCalibration> decode_laser(std::span<const std::uint8_t, kLaserBytes> bytes) {
   LaserCalibration laser;
   for (std::size_t word = 0; word < kWordsPerLaser; ++word) {
-    const auto steps = static_cast<std::int16_t>(load_u16(bytes.data() + 1 + 2 * word));
+    const auto steps = static_cast<std::int16_t>(load_le16(bytes.data() + 1 + 2 * word));
     laser.*kWords[word].target = steps * kWords[word].step;
   }
   bool focus_known = true;
@@ -85,7 +85,7 @@ bool encode_laser(const LaserCalibration& laser, std::size_t id, std::uint8_t* b
     const double steps = std::round(laser.*kWords[word].target / kWords[word].step);
     using Limits = std::numeric_limits<std::int16_t>;
     if (!(steps >= Limits::min() && steps <= Limits::max())) return false;
-    store_u16(bytes + 1 + 2 * word, static_cast<std::uint16_t>(static_cast<std::int16_t>(steps)));
+    store_le16(bytes + 1 + 2 * word, static_cast<std::uint16_t>(static_cast<std::int16_t>(steps)));
   }
   bytes[kLaserBytes - 2] = laser.min_intensity;
   bytes[kLaserBytes - 1] = laser.max_intensity;
@@ -109,10 +109,10 @@ void encode_unit(const Hdl64eUnit& unit, std::uint8_t* table) {
     std::copy(date.begin(), date.end(), table + at(kDateCycle));
   }
   table[at(kDateCycle, 6)] = unit.humidity_percent;
-  store_u16(table + at(kMotorCycle), static_cast<std::uint16_t>(unit.motor_rpm));
-  store_u16(table + at(kMotorCycle, 2), unit.field_of_view_start);
-  store_u16(table + at(kMotorCycle, 4), unit.field_of_view_end);
-  store_u16(table + at(kMotorCycle, 6), unit.life_hours);
+  store_le16(table + at(kMotorCycle), static_cast<std::uint16_t>(unit.motor_rpm));
+  store_le16(table + at(kMotorCycle, 2), unit.field_of_view_start);
+  store_le16(table + at(kMotorCycle, 4), unit.field_of_view_end);
+  store_le16(table + at(kMotorCycle, 6), unit.life_hours);
   store_address(table + at(kAddressCycle, 1), unit.source_address);
   store_address(table + at(kAddressCycle, 5), unit.destination_address);
   table[at(kLastCycle, 2)] = static_cast<std::uint8_t>(unit.returns);
@@ -180,10 +180,10 @@ Hdl64eUnit hdl64e_unit(Hdl64eTable table) {
           .lower_threshold = p[at(0, 6)],
           .calibrated = hdl64e_time(std::span<const std::uint8_t, 6>(p + at(kDateCycle), 6)),
           .humidity_percent = p[at(kDateCycle, 6)],
-          .motor_rpm = static_cast<std::int16_t>(load_u16(p + at(kMotorCycle))),
-          .field_of_view_start = load_u16(p + at(kMotorCycle, 2)),
-          .field_of_view_end = load_u16(p + at(kMotorCycle, 4)),
-          .life_hours = load_u16(p + at(kMotorCycle, 6)),
+          .motor_rpm = static_cast<std::int16_t>(load_le16(p + at(kMotorCycle))),
+          .field_of_view_start = load_le16(p + at(kMotorCycle, 2)),
+          .field_of_view_end = load_le16(p + at(kMotorCycle, 4)),
+          .life_hours = load_le16(p + at(kMotorCycle, 6)),
           .source_address = load_address(p + at(kAddressCycle, 1)),
           .destination_address = load_address(p + at(kAddressCycle, 5)),
           .returns = returns <= 2 ? static_cast<Hdl64eReturn>(returns) : Hdl64eReturn::kUnknown,
@@ -203,7 +203,7 @@ std::uint16_t hdl64e_crc(std::span<const std::uint8_t> bytes) {
   return static_cast<std::uint16_t>(remainder);
 }
 
-std::uint16_t hdl64e_sent_crc(Hdl64eTable table) { return load_u16(table.data() + at(kLastCycle, 5)); }
+std::uint16_t hdl64e_sent_crc(Hdl64eTable table) { return load_le16(table.data() + at(kLastCycle, 5)); }
 
 std::uint16_t hdl64e_computed_crc(Hdl64eTable table, Hdl64eCrcOrder order) {
   constexpr std::size_t kCovered = kLaserBytes - 1;
@@ -232,7 +232,7 @@ core::Result<std::array<std::uint8_t, kHdl64eTableSize>> hdl64e_make_table(
   encode_unit(unit, table.data());
   const std::uint16_t crc =
       checksum == Hdl64eChecksum::kNone ? kHdl64eNoCrc : hdl64e_computed_crc(table, Hdl64eCrcOrder::kManual);
-  store_u16(table.data() + at(kLastCycle, 5), crc);
+  store_le16(table.data() + at(kLastCycle, 5), crc);
   return table;
 }
 

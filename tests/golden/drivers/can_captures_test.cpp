@@ -1,6 +1,6 @@
 // CAN frames in every kind of capture that LiDAR and CAN are recorded into together.
 
-#include "nilio/drivers/can/can_capture.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 

@@ -1,7 +1,7 @@
 // Real DBC files and a minute of a real car's bus.
 
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/can/dbc/dbc.hpp"
-#include "nilio/drivers/can/log/candump.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/support/drivers_support.hpp"

@@ -1,4 +1,4 @@
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "tests/support/read_all.hpp"

@@ -1,4 +1,4 @@
-#include "nilio/drivers/velodyne/calibration/calibration.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
 
 #include "nilio/core/units.hpp"
 

@@ -1,6 +1,6 @@
 // Logs that are not of the form that candump -L writes.
 
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
 #include "tests/support/drivers_support.hpp"
 

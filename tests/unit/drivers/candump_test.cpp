@@ -1,4 +1,4 @@
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/test_data.hpp"

@@ -1,7 +1,8 @@
-#include "nilio/drivers/capture/chained_source.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
-#include "nilio/drivers/capture/pcap_format.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
 #include "tests/support/drivers_support.hpp"
 

@@ -89,7 +89,7 @@ TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off
   clock.set_packet_period(1'327'104);
   const std::int64_t true_ns = kEpochNs;
   const core::Time host{true_ns - 7 * 3'600'000'000'000};
-  clock.hear({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
+  clock.on_gps_report({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
   const auto timestamp_us = static_cast<std::uint32_t>(true_ns / 1000 % 3'600'000'000);
   const PacketArrival arrival = clock.arrive(timestamp_us, 0, host, 0);
   CHECK(arrival.line_ns == true_ns);
@@ -99,7 +99,7 @@ TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off
   SensorClock late(TimeSource::kSensor, true);
   late.set_packet_period(1'327'104);
   CHECK(late.arrive(timestamp_us, 0, host, 0).line_ns == host.ns);
-  late.hear({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
+  late.on_gps_report({.pulse_locked = true, .utc = core::Time{true_ns - 900'000'000}}, host);
   const core::Time next{host.ns + 1'327'000};
   CHECK(late.arrive(timestamp_us + 1327, 50, next, 0).order == PacketOrder::kJump);
   CHECK(late.restart(timestamp_us + 1327, 50, next) == true_ns + 1'327'000);
@@ -114,7 +114,7 @@ TEST_CASE("what the time rests on is said as telemetry tells it") {
                                 const std::optional<GpsReport>& report) {
     SensorClock clock(wanted, true);
     clock.set_packet_period(1'327'104);
-    if (report) clock.hear(*report, host);
+    if (report) clock.on_gps_report(*report, host);
     clock.arrive(stamp_us, 0, host, 0);
     return clock.source();
   };

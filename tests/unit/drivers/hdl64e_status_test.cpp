@@ -1,5 +1,5 @@
-#include "nilio/drivers/velodyne/calibration/calibration.hpp"
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
 
 #include "tests/support/hdl64e_support.hpp"
 #include "tests/support/test_data.hpp"

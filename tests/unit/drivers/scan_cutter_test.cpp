@@ -19,7 +19,7 @@ struct Driver {
 
   Action step(int azimuth_deg, bool room = true, bool may_cut = true) {
     time_ns += kPeriodNs;
-    const Action action = cutter.judge(static_cast<std::uint16_t>(azimuth_deg % 360 * 100), time_ns, 100.0F,
+    const Action action = cutter.evaluate(static_cast<std::uint16_t>(azimuth_deg % 360 * 100), time_ns, 100.0F,
                                        kPeriodNs, room, may_cut);
     if (action != Action::kAppend) cutter.open();
     cutter.append();
@@ -54,7 +54,7 @@ TEST_CASE("an azimuth that jitters back over the cut does not cut twice") {
   CHECK(driver.step(180) == Action::kCutAtAzimuth);
   // 0.5 degree back and on again.
   driver.time_ns += kPeriodNs;
-  CHECK(driver.cutter.judge(17950, driver.time_ns, 100.0F, kPeriodNs, true, true) == Action::kAppend);
+  CHECK(driver.cutter.evaluate(17950, driver.time_ns, 100.0F, kPeriodNs, true, true) == Action::kAppend);
   CHECK(driver.step(181) == Action::kAppend);
 }
 
@@ -78,7 +78,7 @@ TEST_CASE("a scan whose next step passes the cut may be ended before it, and is 
   CHECK_FALSE(driver.cutter.next_step_cuts(100.0F));
   // It did not turn as far as it was expected to: the step is of the next scan all the same.
   driver.time_ns += kPeriodNs;
-  CHECK(driver.cutter.judge(17990, driver.time_ns, 100.0F, kPeriodNs, true, true) == Action::kOpen);
+  CHECK(driver.cutter.evaluate(17990, driver.time_ns, 100.0F, kPeriodNs, true, true) == Action::kOpen);
   driver.cutter.open();
   driver.cutter.append();
   std::vector<int> cuts;
@@ -93,7 +93,7 @@ TEST_CASE("a standing motor is cut by time") {
   std::vector<std::int64_t> starts;
   for (int i = 0; i < 10'000; ++i) {
     driver.time_ns += kPeriodNs;
-    const Action action = driver.cutter.judge(4500, driver.time_ns, 0.0F, kPeriodNs, true, true);
+    const Action action = driver.cutter.evaluate(4500, driver.time_ns, 0.0F, kPeriodNs, true, true);
     if (action != Action::kAppend) {
       driver.cutter.open();
       starts.push_back(driver.time_ns);

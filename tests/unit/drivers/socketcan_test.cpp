@@ -1,7 +1,7 @@
 #include "nilio/drivers/can/socketcan/socketcan.hpp"
 
-#include "drivers/can/socketcan/frame.hpp"
-#include "drivers/can/socketcan/state.hpp"
+#include "drivers/can/socketcan/can_interface.hpp"
+#include "drivers/can/socketcan/can_socket.hpp"
 
 #include <cerrno>
 #include <linux/can/netlink.h>

@@ -1,5 +1,5 @@
-#include "drivers/can/socketcan/link_state.hpp"
 #include "drivers/network/idle_probe.hpp"
+#include "drivers/network/interfaces.hpp"
 #include "tests/support/udp_support.hpp"
 
 #include <algorithm>

@@ -1,11 +1,11 @@
-#include "nilio/drivers/can/log/candump.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/support/test_data.hpp"
 #include "tests/support/tools_trajectory_support.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/convert/convert.hpp"
 #include "tools/convert/kitti_raw.hpp"
-#include "tools/convert/kitti_raw_check.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"
 
 #include <algorithm>
@@ -17,6 +17,7 @@ using nilio::core::Time;
 using nilio::tests::run_command;
 using nilio::tests::TemporaryFolder;
 using namespace nilio::tools;
+using namespace nilio::tools::convert;
 
 namespace {
 

@@ -1,11 +1,12 @@
-#include "tools/bench/common/looped_source.hpp"
+#include "tools/bench/common/looping_source.hpp"
 
-#include "nilio/drivers/capture/chained_source.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
 #include <atomic>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -32,7 +33,7 @@ Result<std::unique_ptr<drivers::FrameSource>> open_lap(const SensorDrive& drive,
   return drivers::chain_can_logs(drive.files.can_logs, drive.config.imu.interface_name);
 }
 
-/// The sensor's clock begins each lap at the stamp of its first packet, which is later than all before.
+/// Sets the sensor's time at the start of each lap to the stamp of its first packet, so that it increases.
 class SensorClock {
  public:
   void begin_lap() { restamper_.begin_again(); }
@@ -40,13 +41,13 @@ class SensorClock {
   void move(CanFrame& /*frame*/) {}
 
  private:
-  Restamper restamper_;
+  play::Restamper restamper_;
 };
 
 template <class Slot>
-class LoopedSource final : public drivers::Source<Slot> {
+class LoopingSource final : public drivers::Source<Slot> {
  public:
-  explicit LoopedSource(LoopPlan plan) : plan_(std::move(plan)) {}
+  explicit LoopingSource(LoopPlan plan) : plan_(std::move(plan)) {}
 
   SourceRead read(std::span<Slot> slots, Duration timeout) override {
     while (next_lap_ <= plan_.laps.size()) {
@@ -75,7 +76,7 @@ class LoopedSource final : public drivers::Source<Slot> {
     return {.delivered = delivered_.load(std::memory_order_relaxed)};
   }
   [[nodiscard]] std::string status() const override {
-    return std::string("drives in a loop") + (failed_.load() ? ", of which one cannot be opened again" : "");
+    return std::string("drives in a loop") + (failed_.load() ? "; one of them cannot be opened again" : "");
   }
 
  private:
@@ -89,7 +90,7 @@ class LoopedSource final : public drivers::Source<Slot> {
     return std::monostate{};
   }
 
-  /// Moves stamps on, and what belongs to the plan to the front.
+  /// Shifts stamps and moves the packets of the plan to the front. Returns their number.
   std::size_t move(std::span<Slot> slots) {
     const auto& lap = plan_.laps[next_lap_ - 1];
     std::size_t kept = 0;
@@ -128,7 +129,7 @@ Result<std::pair<Time, Time>> find_span(const SensorDrive& drive) {
     for (std::size_t i = 0; i < read.count; ++i) span.second = std::max(span.second, slots[i].stamp);
   }
   if (!begun || span.second <= span.first)
-    return Error{drive.name + ": has no packets to go on with: " + (*source)->status()};
+    return Error{drive.name + ": has no packets (" + (*source)->status() + ") - leave it out"};
   return span;
 }
 
@@ -141,7 +142,7 @@ Result<LoopPlan> plan_laps(std::span<const SensorDrive> drives, Duration length)
     if (!span) return span.error();
     spans.push_back(*span);
   }
-  if (spans.empty()) return Error{"there is no drive to go round on: name one"};
+  if (spans.empty()) return Error{"no drive to play in a loop - name one"};
   LoopPlan plan;
   Time next = spans.front().first;
   plan.end = next + length;
@@ -154,17 +155,16 @@ Result<LoopPlan> plan_laps(std::span<const SensorDrive> drives, Duration length)
 }
 
 Result<std::unique_ptr<drivers::PacketSource>> loop_packets(const LoopPlan& plan) {
-  return std::unique_ptr<drivers::PacketSource>(new LoopedSource<Packet>(plan));
+  return std::unique_ptr<drivers::PacketSource>(new LoopingSource<Packet>(plan));
 }
 
 Result<std::unique_ptr<drivers::FrameSource>> loop_frames(const LoopPlan& plan) {
   for (const LoopPlan::Lap& lap : plan.laps) {
     if (lap.drive->files.can_logs.empty())
       return Error{lap.drive->name +
-                   ": has no CAN log, as others of the drives have: leave it out, or give "
-                   "imu.enabled=false"};
+                   ": has no CAN log, unlike other drives - leave it out, or set imu.enabled=false"};
   }
-  return std::unique_ptr<drivers::FrameSource>(new LoopedSource<CanFrame>(plan));
+  return std::unique_ptr<drivers::FrameSource>(new LoopingSource<CanFrame>(plan));
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

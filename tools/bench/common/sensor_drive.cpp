@@ -1,8 +1,7 @@
 #include "tools/bench/common/sensor_drive.hpp"
 
-#include "nilio/drivers/can/log/candump.hpp"
-#include "nilio/drivers/capture/chained_source.hpp"
-#include "nilio/drivers/capture/pcap_format.hpp"
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
 #include "daemon/input/input.hpp"
 
@@ -12,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -23,7 +22,7 @@ using core::Result;
 constexpr std::size_t kBatch = 64;
 
 Error cannot_write(const fs::path& path) {
-  return Error{path.string() + ": cannot be written: check the space on the disk"};
+  return Error{path.string() + ": cannot be written - check the space on the disk"};
 }
 
 Result<std::unique_ptr<drivers::PacketSource>> open_packets(const SensorDrive& drive) {
@@ -34,7 +33,7 @@ Result<std::unique_ptr<drivers::PacketSource>> open_packets(const SensorDrive& d
   return drivers::chain_captures(drive.files.captures, config);
 }
 
-/// Returns the stamp at which the part ends.
+/// Writes the packets. Returns the end of the part.
 Result<core::Time> write_packets(const SensorDrive& drive, core::Duration length, const fs::path& path,
                                  DrivePart& part) {
   auto source = open_packets(drive);
@@ -102,16 +101,18 @@ Result<SensorDrive> open_sensor_drive(const std::string& argument) {
   if (!files) return files.error();
   drive.files = std::move(files).value();
   if (drive.files.captures.empty())
-    return Error{path +
-                 ": has no packets to send; 'nilio convert kitti-raw' makes packets of KITTI's raw drives"};
+    return Error{
+        path +
+        ": has no packets to send - make packets of KITTI's raw drives with 'nilio convert kitti-raw'"};
   Result<daemon::Config> config = daemon::replay_config(drive.files, "");
   if (!config) return config.error();
   drive.config = std::move(config).value();
   const auto& more = drive.config.more_lidars;
   if (std::any_of(more.begin(), more.end(), [](const auto& lidar) { return lidar.enabled; }))
-    return Error{path +
-                 ": is of several LiDARs, and only one can be sent here: set lidar2.enabled and the like to "
-                 "false in its nilio.yaml"};
+    return Error{
+        path +
+        ": has several LiDARs, and only one can be sent - set lidar2.enabled and the like to false in "
+        "its nilio.yaml"};
   if (truth.empty()) return drive;
   Result<Trajectory> trajectory = read_trajectory(truth);
   if (!trajectory) return trajectory.error();
@@ -144,4 +145,4 @@ Result<DrivePart> write_beginning(const SensorDrive& drive, core::Duration lengt
   return part;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

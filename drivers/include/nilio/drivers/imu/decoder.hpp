@@ -92,9 +92,9 @@ class ImuDecoder {
   [[nodiscard]] std::optional<double> temperature_degc() const;
 
  private:
-  struct State;
-  explicit ImuDecoder(std::unique_ptr<State> state);
-  std::unique_ptr<State> state_;
+  struct Impl;
+  explicit ImuDecoder(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
 };
 
 /// The inverse of decoding, for simulation and conversion: the frames (in mapping order, grouped by message)

@@ -108,8 +108,8 @@ class ScanAssembler {
   [[nodiscard]] const VelodyneSensor& sensor() const;
 
  private:
-  class State;
-  std::unique_ptr<State> state_;
+  class Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace nilio::drivers

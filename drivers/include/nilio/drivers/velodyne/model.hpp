@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 namespace nilio::drivers {
@@ -160,5 +161,12 @@ std::string_view return_mode_name(ReturnMode mode);
 /// refused with a word on units. Errors name file, line, laser and key. Lasers that the file switches off
 /// keep their geometry and have `enabled` false (see disabled_lasers()).
 core::Result<VelodyneSensor> with_calibration_file(VelodyneSensor sensor, const std::string& path);
+
+/// Saves the lasers in the YAML form of the ROS Velodyne driver. with_calibration_file() reads exactly the
+/// same numbers back. The file is replaced atomically; an error names it.
+core::Result<std::monostate> write_calibration_yaml(const VelodyneSensor& sensor, const std::string& path);
+
+/// Ids of the lasers that the calibration file switches off, ascending.
+std::vector<std::uint16_t> disabled_lasers(const VelodyneSensor& sensor);
 
 }  // namespace nilio::drivers

@@ -1,9 +1,10 @@
 #include "nilio/drivers/can/socketcan/socketcan.hpp"
 
-#include "drivers/can/socketcan/frame.hpp"
-#include "drivers/can/socketcan/socket.hpp"
-#include "drivers/can/socketcan/state.hpp"
-#include "drivers/common/source_support.hpp"
+#include "nilio/core/clock.hpp"
+
+#include "drivers/can/socketcan/can_interface.hpp"
+#include "drivers/can/socketcan/can_socket.hpp"
+#include "drivers/common/counters.hpp"
 
 #include <algorithm>
 #include <array>
@@ -15,6 +16,8 @@
 #include <net/if.h>
 #include <poll.h>
 #include <sys/socket.h>
+#include <unistd.h>
+#include <utility>
 
 namespace nilio::drivers {
 namespace {
@@ -23,8 +26,8 @@ using core::Error;
 
 /// Frames per system call.
 constexpr std::size_t kBatch = 64;
-/// How often an interface that is gone is looked for, and an idle one is checked to be still the same.
-constexpr std::int64_t kLookPeriodNs = 200'000'000;
+/// Period of the checks for a missing interface and for an idle one that was replaced.
+constexpr std::int64_t kCheckPeriodNs = 200'000'000;
 
 struct OpenedCan {
   BoundCanSocket bound;
@@ -43,11 +46,6 @@ class SocketCanSource final : public FrameSource {
   [[nodiscard]] std::string status() const override;
 
  private:
-  struct Control {
-    alignas(
-        cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec)) + CMSG_SPACE(sizeof(std::uint32_t))> bytes{};
-  };
-
   int receive(std::size_t count);
   std::size_t take(std::size_t received, std::span<CanFrame> slots);
   SourceRead interrupted(int error);
@@ -55,7 +53,6 @@ class SocketCanSource final : public FrameSource {
   bool reopen(core::Duration timeout);
   void check_same_interface();
   void note_error_frame(const CanFrame& frame);
-  core::Time read_control(msghdr& header);
 
   BoundCanSocket bound_;
   const SocketCanConfig config_;
@@ -66,23 +63,22 @@ class SocketCanSource final : public FrameSource {
   std::atomic<std::uint64_t> bus_offs_{0};
   std::atomic<int> failure_{0};
   std::uint32_t last_drop_count_ = 0;
-  std::int64_t next_look_ns_ = 0;
+  std::int64_t next_check_ns_ = 0;
   std::array<mmsghdr, kBatch> messages_{};
   std::array<iovec, kBatch> buffers_{};
   std::array<canfd_frame, kBatch> frames_{};
-  std::array<Control, kBatch> controls_{};
+  std::array<ControlBuffer, kBatch> controls_{};
 };
 
 bool wait_for(int descriptor, core::Duration timeout) {
-  const std::int64_t ns = std::max<std::int64_t>(timeout.ns, 0);
-  const timespec limit{.tv_sec = ns / 1'000'000'000, .tv_nsec = ns % 1'000'000'000};
+  const timespec limit = to_timespec(timeout);
   pollfd waited{.fd = descriptor, .events = POLLIN, .revents = 0};
   return ppoll(&waited, descriptor >= 0 ? 1 : 0, &limit, nullptr) > 0;
 }
 
 SourceRead SocketCanSource::read(std::span<CanFrame> slots, core::Duration timeout) {
   if (failure_.load(std::memory_order_relaxed) != 0) return {SourceState::kFailed, 0};
-  if (slots.empty() || (bound_.socket.get() < 0 && !reopen(timeout))) return {SourceState::kIdle, 0};
+  if (slots.empty() || (!bound_.socket.is_open() && !reopen(timeout))) return {SourceState::kIdle, 0};
   const std::size_t count = std::min(slots.size(), kBatch);
   int received = receive(count);
   if (received < 0 && errno == EAGAIN) {
@@ -98,7 +94,7 @@ SourceRead SocketCanSource::read(std::span<CanFrame> slots, core::Duration timeo
   return {kept > 0 ? SourceState::kData : SourceState::kIdle, kept};
 }
 
-/// As recvmmsg: the number of frames, or -1 and errno.
+/// Returns as recvmmsg() does: the number of frames, or -1 and errno.
 int SocketCanSource::receive(std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     buffers_[i] = {.iov_base = &frames_[i], .iov_len = sizeof(canfd_frame)};
@@ -113,10 +109,14 @@ int SocketCanSource::receive(std::size_t count) {
 }
 
 std::size_t SocketCanSource::take(std::size_t received, std::span<CanFrame> slots) {
-  const std::int64_t received_ns = clock_ns(CLOCK_MONOTONIC);
+  const std::int64_t received_ns = monotonic_ns();
   std::size_t kept = 0;
   for (std::size_t i = 0; i < received; ++i) {
-    const core::Time stamp = read_control(messages_[i].msg_hdr);
+    const ReceivedControl control = read_control(messages_[i].msg_hdr);
+    if (control.drops) {
+      counters_.add_kernel_dropped(*control.drops - last_drop_count_);
+      last_drop_count_ = *control.drops;
+    }
     const std::optional<CanFrame> frame = from_kernel_frame(frames_[i], messages_[i].msg_len);
     if (!frame) {
       counters_.add_malformed(1);
@@ -124,31 +124,11 @@ std::size_t SocketCanSource::take(std::size_t received, std::span<CanFrame> slot
     }
     CanFrame& slot = slots[kept++];
     slot = *frame;
-    slot.stamp = stamp;
+    slot.stamp = control.stamp;
     slot.received_ns = received_ns;
     if (slot.error) note_error_frame(slot);
   }
   return kept;
-}
-
-core::Time SocketCanSource::read_control(msghdr& header) {
-  core::Time stamp;
-  for (cmsghdr* control = CMSG_FIRSTHDR(&header); control != nullptr;
-       control = CMSG_NXTHDR(&header, control)) {
-    if (control->cmsg_level != SOL_SOCKET) continue;
-    if (control->cmsg_type == SCM_TIMESTAMPNS) {
-      timespec time{};
-      std::memcpy(&time, CMSG_DATA(control), sizeof(time));
-      stamp.ns = static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
-    } else if (control->cmsg_type == SO_RXQ_OVFL) {
-      std::uint32_t drops = 0;
-      std::memcpy(&drops, CMSG_DATA(control), sizeof(drops));
-      counters_.add_kernel_dropped(drops - last_drop_count_);
-      last_drop_count_ = drops;
-    }
-  }
-  if (stamp.ns == 0) stamp.ns = clock_ns(CLOCK_REALTIME);
-  return stamp;
 }
 
 void SocketCanSource::note_error_frame(const CanFrame& frame) {
@@ -156,8 +136,8 @@ void SocketCanSource::note_error_frame(const CanFrame& frame) {
   if ((frame.id & CAN_ERR_BUSOFF) != 0) bus_offs_.fetch_add(1, std::memory_order_relaxed);
 }
 
-/// An interface that is down answers once with ENETDOWN, keeps the socket and goes on when it is up again.
-/// One that was removed answers once with ENODEV, and the socket is dead without further notice.
+/// An interface that goes down reports ENETDOWN once; the socket works again when it is up. A removed
+/// interface reports ENODEV once; its socket then stays silent for ever.
 SourceRead SocketCanSource::interrupted(int error) {
   if (error == EAGAIN || error == EINTR) return {SourceState::kIdle, 0};
   if (error != ENETDOWN && error != ENODEV) {
@@ -174,14 +154,14 @@ void SocketCanSource::close_socket() {
   last_drop_count_ = 0;
 }
 
-/// Looks for the interface; waits for the next look, at most `timeout`.
+/// Opens the interface again if it is back; waits for the next check, at most `timeout`.
 bool SocketCanSource::reopen(core::Duration timeout) {
-  const std::int64_t left = next_look_ns_ - clock_ns(CLOCK_MONOTONIC);
+  const std::int64_t left = next_check_ns_ - monotonic_ns();
   if (left > 0) {
     wait_for(-1, {std::min(left, timeout.ns)});
     if (left > timeout.ns) return false;
   }
-  next_look_ns_ = clock_ns(CLOCK_MONOTONIC) + kLookPeriodNs;
+  next_check_ns_ = monotonic_ns() + kCheckPeriodNs;
   core::Result<OpenedCan> opened = open_for_receiving(config_);
   if (!opened) return false;
   bound_ = std::move(opened->bound);
@@ -189,11 +169,11 @@ bool SocketCanSource::reopen(core::Duration timeout) {
   return true;
 }
 
-/// An adapter that was pulled and plugged in again has the old name and another number.
+/// Detects an adapter that was unplugged and plugged in again: it has the old name and a new number.
 void SocketCanSource::check_same_interface() {
-  const std::int64_t now = clock_ns(CLOCK_MONOTONIC);
-  if (now < next_look_ns_) return;
-  next_look_ns_ = now + kLookPeriodNs;
+  const std::int64_t now = monotonic_ns();
+  if (now < next_check_ns_) return;
+  next_check_ns_ = now + kCheckPeriodNs;
   if (if_nametoindex(config_.interface_name.c_str()) == bound_.interface_index) return;
   interruptions_.fetch_add(1, std::memory_order_relaxed);
   close_socket();
@@ -215,12 +195,8 @@ std::string SocketCanSource::status() const {
   add(stats.kernel_dropped, " dropped by the kernel");
   add(stats.malformed, " malformed");
   add(interruptions_.load(std::memory_order_relaxed), " times down or gone");
-  const int obtained = buffer_bytes_.load(std::memory_order_relaxed);
-  text += ", receive buffer " + std::to_string(obtained / 1024) + " KiB";
-  if (obtained < config_.receive_buffer_bytes)
-    text += " of " + std::to_string(config_.receive_buffer_bytes / 1024) +
-            " KiB requested; allow it with 'sysctl -w net.core.rmem_max=" +
-            std::to_string(config_.receive_buffer_bytes) + "'";
+  text += ", " + describe_receive_buffer(buffer_bytes_.load(std::memory_order_relaxed),
+                                         config_.receive_buffer_bytes);
   if (stats.delivered == 0 && state.up)
     text += "; nothing arrives: check bit rate, wiring and that the IMU sends";
   return text;
@@ -229,14 +205,12 @@ std::string SocketCanSource::status() const {
 /// Sets the options and returns the receive buffer obtained.
 core::Result<int> configure(int descriptor, const SocketCanConfig& config) {
   const std::string where = "CAN " + config.interface_name + ": ";
-  const int on = 1;
-  const can_err_mask_t all_errors = CAN_ERR_MASK;
-  if (setsockopt(descriptor, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof(on)) != 0 ||
-      setsockopt(descriptor, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof(on)) != 0 ||
-      setsockopt(descriptor, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &all_errors, sizeof(all_errors)) != 0)
-    return Error{where + "kernel time stamps, drop counts and error frames cannot be had: " +
-                 std::strerror(errno) + "; check the kernel"};
-  // An empty list would let nothing through.
+  if (!set_socket_option(descriptor, SOL_SOCKET, SO_TIMESTAMPNS, 1) ||
+      !set_socket_option(descriptor, SOL_SOCKET, SO_RXQ_OVFL, 1) ||
+      !set_socket_option(descriptor, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, can_err_mask_t{CAN_ERR_MASK}))
+    return Error{where + "no kernel time stamps, drop counts and error frames: " + std::strerror(errno) +
+                 "; check the kernel"};
+  // An empty filter list would block every frame.
   if (!config.filters.empty()) {
     std::vector<can_filter> filters;
     for (const CanFilter& filter : config.filters) {
@@ -250,19 +224,11 @@ core::Result<int> configure(int descriptor, const SocketCanConfig& config) {
       return Error{where + std::to_string(filters.size()) + " filters are refused: " + std::strerror(errno) +
                    "; the kernel takes 512"};
   }
-  const int wanted = config.receive_buffer_bytes;
-  // Beyond net.core.rmem_max only with CAP_NET_ADMIN; without it, as much as is allowed.
-  if (setsockopt(descriptor, SOL_SOCKET, SO_RCVBUFFORCE, &wanted, sizeof(wanted)) != 0)
-    setsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &wanted, sizeof(wanted));
-  int obtained = 0;
-  socklen_t length = sizeof(obtained);
-  getsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &obtained, &length);
-  // The kernel reports twice what was asked, the second half being for its own bookkeeping.
-  return obtained / 2;
+  return request_receive_buffer(descriptor, config.receive_buffer_bytes).value_or(0);
 }
 
 core::Result<OpenedCan> open_for_receiving(const SocketCanConfig& config) {
-  core::Result<CanSocket> socket = make_can_socket(config.interface_name);
+  core::Result<FileDescriptor> socket = make_can_socket(config.interface_name);
   if (!socket) return socket.error();
   const core::Result<int> buffer = configure(socket->get(), config);
   if (!buffer) return buffer.error();
@@ -276,13 +242,40 @@ core::Result<OpenedCan> open_for_receiving(const SocketCanConfig& config) {
 core::Result<std::unique_ptr<FrameSource>> open_socketcan(const SocketCanConfig& config) {
   core::Result<OpenedCan> opened = open_for_receiving(config);
   if (!opened) {
-    // What is there and cannot be used, and a kernel without CAN, do not mend themselves.
+    // Only a missing interface can appear later; a kernel without CAN or a wrong interface is an error.
     const bool may_come = config.wait_for_interface && make_can_socket(config.interface_name).ok() &&
                           if_nametoindex(config.interface_name.c_str()) == 0;
     if (!may_come) return opened.error();
     opened = OpenedCan{{}, config.receive_buffer_bytes};
   }
   return std::unique_ptr<FrameSource>(std::make_unique<SocketCanSource>(std::move(opened).value(), config));
+}
+
+core::Result<CanSender> CanSender::open(const std::string& interface_name) {
+  core::Result<FileDescriptor> socket = make_can_socket(interface_name);
+  if (!socket) return socket.error();
+  // An empty filter list: the socket receives no frames that would fill its buffer.
+  if (setsockopt(socket->get(), SOL_CAN_RAW, CAN_RAW_FILTER, nullptr, 0) != 0)
+    return core::Error{"CAN " + interface_name + ": receiving cannot be switched off; check the kernel"};
+  core::Result<BoundCanSocket> bound = bind_can_socket(std::move(socket).value(), interface_name);
+  if (!bound) return bound.error();
+  return CanSender(bound->socket.release());
+}
+
+CanSender::CanSender(CanSender&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
+
+CanSender::~CanSender() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+CanSendResult CanSender::send(const CanFrame& frame) {
+  const std::optional<KernelFrame> kernel = to_kernel_frame(frame);
+  if (!kernel) return CanSendResult::kRefused;
+  const ssize_t written = ::write(descriptor_, &kernel->frame, kernel->size);
+  if (written == static_cast<ssize_t>(kernel->size)) return CanSendResult::kSent;
+  if (errno == ENOBUFS || errno == EAGAIN || errno == EINTR) return CanSendResult::kQueueFull;
+  if (errno == ENETDOWN || errno == ENODEV || errno == ENXIO) return CanSendResult::kDown;
+  return CanSendResult::kRefused;
 }
 
 }  // namespace nilio::drivers

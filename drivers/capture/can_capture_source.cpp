@@ -1,26 +1,17 @@
-#include "nilio/drivers/can/can_capture.hpp"
-#include "nilio/drivers/capture/capture_reader.hpp"
+#include "nilio/core/clock.hpp"
+#include "nilio/drivers/can/can_files.hpp"
 
-#include "drivers/can/can_in_frame.hpp"
-#include "drivers/common/key_counter.hpp"
-#include "drivers/common/source_support.hpp"
+#include "drivers/capture/capture_source.hpp"
 
-#include <algorithm>
 #include <array>
-#include <atomic>
-#include <cerrno>
 #include <charconv>
-#include <cstdio>
-#include <cstring>
-#include <filesystem>
-#include <mutex>
 #include <optional>
 #include <system_error>
 
 namespace nilio::drivers {
 namespace {
 
-/// An interface for status(): its name or number, cut to what Linux allows.
+/// Name or number of an interface for status(), cut to Linux's length limit.
 using Label = std::array<char, 16>;
 
 Label label_of(std::string_view name) {
@@ -36,53 +27,26 @@ Label label_of(std::uint32_t index) {
   return label;
 }
 
-class CanCaptureSource final : public FrameSource {
+class CanCaptureSource final : public CaptureSource<CanFrame> {
  public:
   CanCaptureSource(std::unique_ptr<CaptureReader> reader, std::string path, std::string wanted)
-      : reader_(std::move(reader)), path_(std::move(path)), wanted_(std::move(wanted)) {
+      : CaptureSource(std::move(reader), std::move(path)), wanted_(std::move(wanted)) {
     std::uint32_t index = 0;
     const auto [end, code] = std::from_chars(wanted_.data(), wanted_.data() + wanted_.size(), index);
     if (code == std::errc{} && end == wanted_.data() + wanted_.size()) cooked_index_ = index;
   }
 
-  SourceRead read(std::span<CanFrame> slots, core::Duration timeout) override;
-  [[nodiscard]] SourceStats stats() const override { return counters_.read(); }
   [[nodiscard]] std::string status() const override;
 
  private:
-  bool accept(const CapturedFrame& captured, CanFrame& slot);
+  bool accept(const CapturedFrame& captured, CanFrame& slot) override;
   bool is_wanted(const CapturedFrame& captured, const CapturedCan& can);
-  void end(CaptureRead how);
 
-  std::unique_ptr<CaptureReader> reader_;
-  const std::string path_;
   const std::string wanted_;
-  /// Of cooked captures: the number wanted, or that of the first frame.
+  /// For cooked captures: the wanted interface number, or that of the first frame.
   std::optional<std::uint32_t> cooked_index_;
-  SourceCounters counters_;
   KeyCounter<Label, 16> seen_;
-  std::atomic<SourceState> state_{SourceState::kData};
-  mutable std::mutex end_mutex_;
-  std::string end_reason_;
 };
-
-SourceRead CanCaptureSource::read(std::span<CanFrame> slots, core::Duration /*timeout*/) {
-  std::size_t count = 0;
-  while (count < slots.size() && state_.load(std::memory_order_relaxed) == SourceState::kData) {
-    CapturedFrame frame;
-    const CaptureRead result = reader_->next(frame);
-    if (result == CaptureRead::kFrame) {
-      if (accept(frame, slots[count])) ++count;
-    } else if (result == CaptureRead::kSkipped) {
-      counters_.add_malformed(1);
-    } else {
-      end(result);
-    }
-  }
-  counters_.add_delivered(count);
-  if (count > 0 || slots.empty()) return {SourceState::kData, count};
-  return {state_.load(std::memory_order_relaxed), 0};
-}
 
 bool CanCaptureSource::accept(const CapturedFrame& captured, CanFrame& slot) {
   const CapturedCan can = find_can_frame(captured.link_type, captured.bytes, captured.big_endian_host);
@@ -96,7 +60,7 @@ bool CanCaptureSource::accept(const CapturedFrame& captured, CanFrame& slot) {
   }
   slot = can.frame;
   slot.stamp.ns = captured.stamp_ns;
-  slot.received_ns = clock_ns(CLOCK_MONOTONIC);
+  slot.received_ns = monotonic_ns();
   return true;
 }
 
@@ -112,21 +76,6 @@ bool CanCaptureSource::is_wanted(const CapturedFrame& captured, const CapturedCa
   return wanted_.empty() || captured.interface_name == wanted_;
 }
 
-void CanCaptureSource::end(CaptureRead how) {
-  if (how == CaptureRead::kTruncated) {
-    counters_.add_malformed(1);
-    const std::lock_guard lock(end_mutex_);
-    end_reason_ =
-        "the file ends in the middle of a packet (recording not closed properly, or copied in part); "
-        "everything before was read";
-  } else if (how == CaptureRead::kDamaged) {
-    const std::lock_guard lock(end_mutex_);
-    end_reason_ = reader_->problem();
-  }
-  state_.store(how == CaptureRead::kDamaged ? SourceState::kFailed : SourceState::kEnd,
-               std::memory_order_relaxed);
-}
-
 std::string CanCaptureSource::status() const {
   const SourceStats stats = counters_.read();
   std::string text = path_ + ": " + std::to_string(stats.delivered) + " CAN frames";
@@ -135,13 +84,11 @@ std::string CanCaptureSource::status() const {
   if (!seen.empty()) text += ", in the file " + seen;
   if (!wanted_.empty() && !seen.empty()) text += ", wanted '" + wanted_ + "'";
   if (stats.malformed > 0) text += "; " + std::to_string(stats.malformed) + " malformed";
-  const bool ended = state_.load(std::memory_order_relaxed) == SourceState::kEnd;
-  if (ended && stats.delivered == 0) {
+  if (state() == SourceState::kEnd && stats.delivered == 0) {
     text += seen.empty() ? "; it has no CAN frames, record with 'dumpcap -i can0' or 'tcpdump -i any'"
                          : "; set the CAN interface to one of these, or leave it empty";
   }
-  const std::lock_guard lock(end_mutex_);
-  return end_reason_.empty() ? text : text + "; " + end_reason_;
+  return with_end_reason(text);
 }
 
 }  // namespace
@@ -155,11 +102,11 @@ core::Result<std::unique_ptr<FrameSource>> open_can_capture(const std::string& p
 }
 
 bool has_can_frames(const std::string& path) {
-  constexpr int kRecordsToLookAt = 20'000;
+  constexpr int kRecordsToCheck = 20'000;
   const core::Result<std::unique_ptr<CaptureReader>> reader = open_capture(path, CaptureContent::kCan);
   if (!reader) return false;
   CapturedFrame frame;
-  for (int i = 0; i < kRecordsToLookAt; ++i) {
+  for (int i = 0; i < kRecordsToCheck; ++i) {
     const CaptureRead result = (*reader)->next(frame);
     if (result == CaptureRead::kSkipped) continue;
     if (result != CaptureRead::kFrame) return false;

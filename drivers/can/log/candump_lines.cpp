@@ -1,6 +1,4 @@
-#include "nilio/drivers/can/log/candump.hpp"
-
-#include "drivers/can/log/candump_words.hpp"
+#include "drivers/can/log/log_lines.hpp"
 
 #include <algorithm>
 #include <cstdio>
@@ -12,10 +10,10 @@ constexpr std::uint32_t kErrorFlag = 0x20000000U;
 constexpr std::uint32_t kExtendedMask = 0x1FFFFFFFU;
 constexpr std::uint32_t kStandardMask = 0x7FFU;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-/// Seconds that still are int64 nanoseconds.
+/// Largest number of seconds whose nanoseconds fit int64.
 constexpr std::int64_t kLargestSeconds = 9'000'000'000;
 
-/// Hexadecimal byte pairs, which may be separated by points.
+/// Parses hexadecimal byte pairs, optionally separated by points.
 bool parse_data(std::string_view text, CanFrame& frame, std::size_t largest) {
   std::size_t count = 0;
   while (!text.empty()) {
@@ -29,7 +27,7 @@ bool parse_data(std::string_view text, CanFrame& frame, std::size_t largest) {
   return true;
 }
 
-/// What follows "id#": data, "R" and a length, or "#", flags and data (CAN FD).
+/// Parses the text after "id#": data, "R" and a length, or "#", flags and data (CAN FD).
 bool parse_content(std::string_view text, CanFrame& frame) {
   if (text.starts_with('#')) {
     unsigned flags = 0;
@@ -37,7 +35,7 @@ bool parse_content(std::string_view text, CanFrame& frame) {
     frame.flexible_data_rate = true;
     return parse_data(text.substr(2), frame, frame.data.size());
   }
-  // Classic frames of 8 bytes can carry their raw length code, 9 to F.
+  // Classic frames of 8 bytes may end with their raw length code, 9 to F.
   if (text.size() >= 2 && text[text.size() - 2] == '_') text.remove_suffix(2);
   if (text.starts_with('R') || text.starts_with('r')) {
     frame.remote = true;
@@ -50,8 +48,7 @@ bool parse_content(std::string_view text, CanFrame& frame) {
   return parse_data(text, frame, 8);
 }
 
-}  // namespace
-
+/// Parses "(seconds.fraction)" exactly.
 bool parse_candump_stamp(std::string_view word, core::Time& stamp) {
   if (word.size() < 5 || word.front() != '(' || word.back() != ')') return false;
   word = word.substr(1, word.size() - 2);
@@ -69,6 +66,7 @@ bool parse_candump_stamp(std::string_view word, core::Time& stamp) {
   return true;
 }
 
+/// Parses 3 or 8 hexadecimal digits; bit 29 marks an error frame.
 bool parse_candump_id(std::string_view text, CanFrame& frame) {
   std::uint32_t id = 0;
   if (!parse_whole(text, id, 16)) return false;
@@ -82,6 +80,59 @@ bool parse_candump_id(std::string_view text, CanFrame& frame) {
   frame.id = id & kExtendedMask;
   return (id & ~(kExtendedMask | kErrorFlag)) == 0;
 }
+
+/// candump pads absolute seconds to ten digits, relative ones to three.
+constexpr std::size_t kAbsoluteDigits = 10;
+
+bool take_stamp(std::string_view& line, CandumpTextLine& result) {
+  std::string_view rest = line;
+  const std::string_view word = take_word(rest);
+  if (!word.starts_with('(')) return true;
+  if (!parse_candump_stamp(word, result.line.frame.stamp)) return false;
+  const bool absolute = word.find('.') > kAbsoluteDigits;
+  result.clock = absolute ? CandumpClock::kAbsolute : CandumpClock::kRelative;
+  line = rest;
+  return true;
+}
+
+/// Skips the direction added by -x: "RX - -" or "TX B E".
+void skip_direction(std::string_view& line) {
+  std::string_view rest = line;
+  const std::string_view word = take_word(rest);
+  if (word != "RX" && word != "TX") return;
+  take_word(rest);
+  take_word(rest);
+  line = rest;
+}
+
+/// Parses "[8]"; two digits mark CAN FD.
+bool take_length(std::string_view& line, CanFrame& frame) {
+  const std::string_view word = take_word(line);
+  if (word.size() < 3 || word.front() != '[' || word.back() != ']') return false;
+  const std::string_view digits = word.substr(1, word.size() - 2);
+  frame.flexible_data_rate = digits.size() == 2;
+  return parse_whole(digits, frame.length) && frame.length <= (frame.flexible_data_rate ? 64 : 8);
+}
+
+bool take_data(std::string_view line, CanFrame& frame) {
+  for (std::size_t i = 0; i < frame.length; ++i) {
+    const std::string_view word = take_word(line);
+    if (i == 0 && word == "remote") {
+      frame.remote = true;
+      return take_word(line) == "request";
+    }
+    if (word.size() != 2 || !parse_whole(word, frame.data[i], 16)) return false;
+  }
+  const std::string_view rest = take_word(line);
+  if (frame.length == 0 && rest == "remote") {
+    frame.remote = true;
+    return true;
+  }
+  // The rest may be the data as text (-a) or the mark of an error frame; the identifier marks it, too.
+  return rest.empty() || rest.starts_with('\'') || rest == "ERRORFRAME";
+}
+
+}  // namespace
 
 std::optional<CandumpLine> parse_candump_line(std::string_view line) {
   while (!line.empty() && (line.back() == '\n' || line.back() == '\r')) line.remove_suffix(1);
@@ -107,7 +158,7 @@ std::string format_candump_line(const CanFrame& frame, std::string_view interfac
   const std::int64_t stamp = std::max<std::int64_t>(frame.stamp.ns, 0);
   const long long seconds = stamp / kNsPerSecond;
   const long long fraction = stamp % kNsPerSecond;
-  // Six digits are what every tool reads; nine only where six would lose something.
+  // Every tool reads six digits; nine only where six would lose precision.
   if (fraction % 1000 == 0) {
     std::snprintf(text.data(), text.size(), "(%010lld.%06lld) ", seconds, fraction / 1000);
   } else {
@@ -130,6 +181,19 @@ std::string format_candump_line(const CanFrame& frame, std::string_view interfac
     line += text.data();
   }
   return line;
+}
+
+std::optional<CandumpTextLine> parse_candump_text_line(std::string_view line) {
+  while (!line.empty() && (line.back() == '\n' || line.back() == '\r')) line.remove_suffix(1);
+  CandumpTextLine result;
+  if (!take_stamp(line, result)) return std::nullopt;
+  CanFrame& frame = result.line.frame;
+  result.line.interface_name = take_word(line);
+  skip_direction(line);
+  if (!parse_candump_id(take_word(line), frame) || !take_length(line, frame) || !take_data(line, frame)) {
+    return std::nullopt;
+  }
+  return result;
 }
 
 }  // namespace nilio::drivers

@@ -1,7 +1,8 @@
-#include "drivers/velodyne/packet_shape.hpp"
+#include "drivers/velodyne/packet_bytes.hpp"
 
-#include "drivers/common/little_endian.hpp"
-#include "drivers/velodyne/layout.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
+
+#include "drivers/common/byte_order.hpp"
 
 #include <array>
 
@@ -9,17 +10,17 @@ namespace nilio::drivers {
 namespace {
 
 std::uint16_t flag_of(std::span<const std::uint8_t> payload, std::size_t block) {
-  return load_u16(payload.data() + block * kBlockSize);
+  return load_le16(payload.data() + block * kBlockSize);
 }
 
 std::uint16_t azimuth_of(std::span<const std::uint8_t> payload, std::size_t block) {
-  return load_u16(payload.data() + block * kBlockSize + kAzimuthOffset);
+  return load_le16(payload.data() + block * kBlockSize + kAzimuthOffset);
 }
 
 bool repeats(std::span<const std::uint8_t> payload, std::span<const std::uint16_t> flags) {
   for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
     const std::uint16_t expected = flags[b % flags.size()];
-    // 0 = any: padding.
+    // 0 = padding with any flag.
     if (expected != 0 && flag_of(payload, b) != expected) return false;
   }
   return true;
@@ -79,13 +80,54 @@ std::optional<ReturnMode> return_mode_of(std::span<const std::uint8_t> payload,
     if (shape == PacketShape::kFourBanksThrice) return ReturnMode::kDualConfidence;
     return std::nullopt;
   }
-  // Early firmware has anything in these bytes; then the other one is wrong, too.
+  // Early firmware fills both factory bytes at random: a wrong product byte makes the mode byte invalid, too.
   if (sensor.product_byte != 0 && payload[kProductOffset] == sensor.product_byte) {
     if (const std::optional<ReturnMode> mode = mode_of_byte(payload[kReturnModeOffset])) return mode;
   }
   const std::optional<bool> pairs = azimuths_in_pairs(payload, banks);
   if (!pairs) return std::nullopt;
   return *pairs ? ReturnMode::kDual : ReturnMode::kSingle;
+}
+
+std::array<std::uint8_t, kDataPacketSize> encode(const VelodyneDataPacket& packet) {
+  std::array<std::uint8_t, kDataPacketSize> bytes{};
+  for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
+    const VelodyneDataPacket::Block& block = packet.blocks[b];
+    std::uint8_t* out = bytes.data() + kBlockSize * b;
+    store_le16(out, block.flag);
+    store_le16(out + kAzimuthOffset, block.azimuth);
+    out += kEntriesOffset;
+    for (const VelodyneDataPacket::Entry& entry : block.entries) {
+      store_le16(out, entry.distance);
+      out[2] = entry.intensity;
+      out += kEntrySize;
+    }
+  }
+  store_le32(bytes.data() + kTimestampOffset, packet.timestamp_us);
+  bytes[kReturnModeOffset] = packet.factory_byte_1;
+  bytes[kProductOffset] = packet.factory_byte_2;
+  return bytes;
+}
+
+std::optional<VelodyneDataPacket> decode(std::span<const std::uint8_t> payload) {
+  if (payload.size() != kDataPacketSize) return std::nullopt;
+  VelodyneDataPacket packet;
+  for (std::size_t b = 0; b < kBlocksPerPacket; ++b) {
+    VelodyneDataPacket::Block& block = packet.blocks[b];
+    const std::uint8_t* in = payload.data() + kBlockSize * b;
+    block.flag = load_le16(in);
+    block.azimuth = load_le16(in + kAzimuthOffset);
+    in += kEntriesOffset;
+    for (VelodyneDataPacket::Entry& entry : block.entries) {
+      entry.distance = load_le16(in);
+      entry.intensity = in[2];
+      in += kEntrySize;
+    }
+  }
+  packet.timestamp_us = load_le32(payload.data() + kTimestampOffset);
+  packet.factory_byte_1 = payload[kReturnModeOffset];
+  packet.factory_byte_2 = payload[kProductOffset];
+  return packet;
 }
 
 }  // namespace nilio::drivers

@@ -1,14 +1,13 @@
-#include "drivers/can/socketcan/socket.hpp"
+#include "drivers/can/socketcan/can_socket.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <linux/can.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
 #include <net/if_arp.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 namespace nilio::drivers {
 namespace {
@@ -25,7 +24,7 @@ std::string no_socket_advice(int error) {
   return "check the kernel's CAN support with 'lsmod | grep can'";
 }
 
-/// True for ARPHRD_CAN; asks by the socket itself, which every network device answers.
+/// True for ARPHRD_CAN, read through the socket itself.
 bool is_can_interface(int descriptor, const std::string& name) {
   ifreq request{};
   std::strncpy(request.ifr_name, name.c_str(), IFNAMSIZ - 1);
@@ -34,26 +33,48 @@ bool is_can_interface(int descriptor, const std::string& name) {
 
 }  // namespace
 
-CanSocket::~CanSocket() {
-  if (descriptor_ >= 0) ::close(descriptor_);
+std::optional<CanFrame> from_kernel_frame(const canfd_frame& frame, std::size_t size) {
+  const bool flexible = size == CANFD_MTU;
+  const std::size_t largest = flexible ? CANFD_MAX_DLEN : CAN_MAX_DLEN;
+  if ((size != CAN_MTU && size != CANFD_MTU) || frame.len > largest) return std::nullopt;
+  CanFrame result;
+  result.error = (frame.can_id & CAN_ERR_FLAG) != 0;
+  result.extended = !result.error && (frame.can_id & CAN_EFF_FLAG) != 0;
+  result.remote = !result.error && (frame.can_id & CAN_RTR_FLAG) != 0;
+  result.id = frame.can_id & (result.error || result.extended ? CAN_EFF_MASK : CAN_SFF_MASK);
+  result.flexible_data_rate = flexible;
+  result.length = frame.len;
+  std::copy_n(frame.data, frame.len, result.data.begin());
+  return result;
 }
 
-core::Result<CanSocket> make_can_socket(const std::string& interface_name) {
+std::optional<KernelFrame> to_kernel_frame(const CanFrame& frame) {
+  const std::size_t largest = frame.flexible_data_rate ? CANFD_MAX_DLEN : CAN_MAX_DLEN;
+  const std::uint32_t largest_id = frame.extended ? CAN_EFF_MASK : CAN_SFF_MASK;
+  if (frame.error || frame.length > largest || frame.id > largest_id) return std::nullopt;
+  KernelFrame result;
+  result.size = frame.flexible_data_rate ? CANFD_MTU : CAN_MTU;
+  result.frame.can_id = frame.id | (frame.extended ? CAN_EFF_FLAG : 0U) | (frame.remote ? CAN_RTR_FLAG : 0U);
+  result.frame.len = frame.length;
+  if (!frame.remote) std::copy_n(frame.data.begin(), frame.length, result.frame.data);
+  return result;
+}
+
+core::Result<FileDescriptor> make_can_socket(const std::string& interface_name) {
   const std::string where = "CAN " + interface_name + ": ";
   if (interface_name.empty() || interface_name.size() >= IFNAMSIZ)
     return Error{where + "is no interface name; write it as 'ip link' shows it, such as can0"};
-  CanSocket socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC | SOCK_NONBLOCK, CAN_RAW));
-  if (socket.get() < 0) {
+  FileDescriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC | SOCK_NONBLOCK, CAN_RAW));
+  if (!socket.is_open()) {
     const int error = errno;
     return Error{where + "no CAN socket: " + std::strerror(error) + "; " + no_socket_advice(error)};
   }
-  const int on = 1;
-  if (setsockopt(socket.get(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof(on)) != 0)
+  if (!set_socket_option(socket.get(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1))
     return Error{where + "no CAN FD frames: " + std::strerror(errno) + "; Linux 3.6 or newer has them"};
   return socket;
 }
 
-core::Result<BoundCanSocket> bind_can_socket(CanSocket socket, const std::string& interface_name) {
+core::Result<BoundCanSocket> bind_can_socket(FileDescriptor socket, const std::string& interface_name) {
   const std::string where = "CAN " + interface_name + ": ";
   const unsigned index = if_nametoindex(interface_name.c_str());
   if (index == 0)

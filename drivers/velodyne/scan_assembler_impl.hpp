@@ -15,10 +15,10 @@
 
 namespace nilio::drivers {
 
-/// What ScanAssembler does: clock, cutter and decoder put together, and the scan under assembly.
-class ScanAssembler::State {
+/// Combines clock, cutter and decoder, and holds the scan under assembly.
+class ScanAssembler::Impl {
  public:
-  State(VelodyneSensor sensor, const ScanAssemblerConfig& config);
+  Impl(VelodyneSensor sensor, const ScanAssemblerConfig& config);
 
   bool add(const Packet& packet);
   bool finish();
@@ -32,7 +32,7 @@ class ScanAssembler::State {
   [[nodiscard]] const VelodyneSensor& sensor() const { return sensor_; }
 
  private:
-  /// A packet of data on its way through.
+  /// The data packet being processed.
   struct Current {
     std::span<const std::uint8_t> payload;
     std::int64_t received_ns = 0;
@@ -43,8 +43,8 @@ class ScanAssembler::State {
   bool admit(const Packet& packet);
   void follow_mode(std::span<const std::uint8_t> payload);
   void use_layout(std::size_t index);
-  void hear_position(const Packet& packet);
-  void hear_status(const PacketArrival& arrival, const Packet& packet);
+  void on_position_packet(const Packet& packet);
+  void on_status_byte(const PacketArrival& arrival, const Packet& packet);
   void measure_period(const PacketArrival& arrival);
   void account_gap(const PacketArrival& arrival, std::uint16_t first_azimuth);
   void add_in_order(Current& current);
@@ -71,15 +71,15 @@ class ScanAssembler::State {
   BlindSector blind_;
   bool has_status_stream_;
   Hdl64eStatusReader status_stream_;
-  std::size_t capacity_;  ///< of the sensor's own points
+  std::size_t capacity_;  ///< points of this sensor alone
   std::size_t buffer_capacity_;
 
-  /// As measured, or nominal.
+  /// Measured, or nominal.
   double packet_period_ns_ = 0.0;
   std::int64_t azimuth_period_ns_ = 0;
   std::uint32_t periods_measured_ = 0;
   int other_mode_packets_ = 0;
-  /// Of the last packet in order.
+  /// Azimuth rate and pause of the last packet in order.
   float rate_ = 0.0F;
   std::int64_t pause_ns_ = 0;
 
@@ -87,12 +87,12 @@ class ScanAssembler::State {
   std::array<core::Point, (kBlocksPerPacket + 1) * kEntriesPerBlock> scratch_;
   core::Scan current_;
   core::Scan completed_;
-  /// Takes the place of a buffer that is too small, when one is swapped in.
+  /// Replaces a buffer that is too small when take_scan() swaps it in.
   std::vector<core::Point> spare_;
-  /// A scan became complete in the packet at hand.
+  /// A scan became complete in the current packet.
   bool has_completed_ = false;
   bool after_time_jump_ = false;
-  /// Last firing of the scan under assembly, on the clock's time line.
+  /// Time of the last firing of the scan under assembly, on the clock's time line.
   std::int64_t end_ns_ = 0;
   std::uint64_t open_firings_ = 0;
 };
