@@ -99,10 +99,9 @@ void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decode
     input.notes.push_back("the IMU has no " + decoder.taken_as_zero() + ": taken as 0");
   if (config.time_offset_ms == 0.0) return;
   std::array<char, 160> text{};
-  std::snprintf(
-      text.data(), text.size(),
-      "imu.time_offset_ms: IMU stamps are %.3f ms %s than the LiDAR's and are corrected",
-      std::abs(config.time_offset_ms), config.time_offset_ms > 0.0 ? "later" : "earlier");
+  std::snprintf(text.data(), text.size(),
+                "imu.time_offset_ms: IMU stamps are %.3f ms %s than the LiDAR's and are corrected",
+                std::abs(config.time_offset_ms), config.time_offset_ms > 0.0 ? "later" : "earlier");
   input.notes.emplace_back(text.data());
 }
 

@@ -89,8 +89,7 @@ Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& conf
   }
   const std::vector<std::string> can_files = find_can_files(files);
   if (can_files.empty()) {
-    input.warnings.emplace_back(std::string("no CAN log and no CAN frames in the recording; ") +
-                                kNoImu);
+    input.warnings.emplace_back(std::string("no CAN log and no CAN frames in the recording; ") + kNoImu);
     return std::monostate{};
   }
   Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu);
@@ -182,9 +181,9 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
     if (!lidar.enabled) continue;
     const std::string section = extra_lidar_section(i);
     if (lidar.position_port != 0 && !position_ports.insert(lidar.position_port).second) {
-      input.warnings.push_back(section + ": position port " +
-                               std::to_string(lidar.position_port) +
-                               " is used by another LiDAR already; the position packets of this one are not received - configure a "
+      input.warnings.push_back(section + ": position port " + std::to_string(lidar.position_port) +
+                               " is used by another LiDAR already; the position packets of this one are not "
+                               "received - configure a "
                                "different port, or set " +
                                section + ".position_port to 0");
       lidar.position_port = 0;

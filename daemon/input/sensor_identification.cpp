@@ -157,21 +157,23 @@ SensorIdentification::State SensorIdentification::use_stream(const drivers::Hdl6
   notes_.push_back(model_text() + ", calibration from its own status stream (unit calibrated " +
                    (date ? "on " + date_text(*date) : "on an unknown date") + ")");
   if (calibration.checksum == drivers::Hdl64eChecksum::kNone) {
-    warnings_.push_back(section_ +
-                        ": the calibration from the status stream has no checksum: corrupted values are not detected - "
-                        "compare it with the unit's db.xml");
+    warnings_.push_back(
+        section_ +
+        ": the calibration from the status stream has no checksum: corrupted values are not detected - "
+        "compare it with the unit's db.xml");
   }
   return State::kIdentified;
 }
 
 SensorIdentification::State SensorIdentification::use_built_in(const std::string& reason) {
   notes_.push_back(model_text() + ", built-in geometry");
-  warnings_.push_back(section_ + ": every " + sensor_->name +
-                      " needs its own calibration; the built-in one belongs to another unit, and the status stream "
-                      "provides none (" +
-                      reason + "): set " + section_ +
-                      ".calibration to the unit's db.xml, or to a file from 'nilio inspect "
-                      "--write-calibration' of a recording");
+  warnings_.push_back(
+      section_ + ": every " + sensor_->name +
+      " needs its own calibration; the built-in one belongs to another unit, and the status stream "
+      "provides none (" +
+      reason + "): set " + section_ +
+      ".calibration to the unit's db.xml, or to a file from 'nilio inspect "
+      "--write-calibration' of a recording");
   return State::kIdentified;
 }
 

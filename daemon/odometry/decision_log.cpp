@@ -81,8 +81,7 @@ Result<std::vector<ScanDecision>> read_decisions(const std::string& path) {
   for (std::size_t number = 2; std::getline(file, line); ++number) {
     const std::optional<ScanDecision> decision = parse_decision(line);
     if (!decision)
-      return Error{path + ":" + std::to_string(number) +
-                   ": not a scan decision: " + line.substr(0, 80)};
+      return Error{path + ":" + std::to_string(number) + ": not a scan decision: " + line.substr(0, 80)};
     if (!decisions.empty() && decision->sequence <= decisions.back().sequence)
       return Error{path + ":" + std::to_string(number) + ": scan " + std::to_string(decision->sequence) +
                    " comes after scan " + std::to_string(decisions.back().sequence)};

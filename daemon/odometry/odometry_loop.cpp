@@ -183,7 +183,7 @@ void OdometryLoop::take_imu_samples(std::uint64_t count, const std::atomic<bool>
 
 bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
   // Stops at the first sample that covers the scan, so that the odometry's input depends on the data only.
-  while (!odometry_.latest_imu() || *odometry_.latest_imu() < end) {
+  while (!runtime_.latest_imu() || *runtime_.latest_imu() < end) {
     if (!take_imu_sample(counters)) return false;
   }
   return true;
@@ -192,7 +192,7 @@ bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
 /// True if the sample that covers the scan can arrive in time, by the sample period. The scan's last packet
 /// arrives at its end. Waiting for a sample that cannot arrive in time only costs registration time.
 bool OdometryLoop::imu_can_arrive(const core::Scan& scan, std::int64_t deadline) const {
-  const std::optional<core::Time> latest = odometry_.latest_imu();
+  const std::optional<core::Time> latest = runtime_.latest_imu();
   if (!latest || scan.received_ns == 0) return true;
   const std::optional<Duration> due = sample_period_.due_after(scan.end, *latest);
   return !due || scan.received_ns + due->ns <= deadline;
@@ -259,7 +259,7 @@ bool OdometryLoop::deliver(ipc::PoseRecord& record) {
     return false;
   }
   stamp_delivery(record);
-  const core::WorkBudget& budget = odometry_.budget();
+  const core::WorkBudget& budget = runtime_.budget();
   record.has_deadline = budget.mode() != core::BudgetMode::kOff;
   record.overshoot_ns = budget.overshoot_ns();
   if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);
@@ -278,7 +278,7 @@ void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bo
 void OdometryLoop::push_decision(const core::Scan& scan, bool superseded, bool guarded) {
   if (outputs_.decisions == nullptr) return;
   ScanDecision decision{scan.sequence, superseded, guarded, imu_samples_taken_, {}, feed_.merge_decision()};
-  if (!superseded) decision.budget = odometry_.budget().decisions();
+  if (!superseded) decision.budget = runtime_.budget().decisions();
   outputs_.decisions->try_push(decision);
 }
 
@@ -288,28 +288,28 @@ void OdometryLoop::arm_guard(const core::OdometryResult& prediction, const core:
   ipc::PoseRecord record = complete_record(prediction, scan, counters);
   record.guarded = true;
   // One iteration later than the deadline: a registration in its last iteration is better than a prediction.
-  const std::int64_t deadline = arrival_ns(scan) + odometry_.budget().budget().ns;
-  outputs_.guard->arm(record, deadline, deadline + odometry_.budget().iteration_ns());
+  const std::int64_t deadline = arrival_ns(scan) + runtime_.budget().budget().ns;
+  outputs_.guard->arm(record, deadline, deadline + runtime_.budget().iteration_ns());
 }
 
 void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecision* decision,
                                         const std::atomic<bool>& stop, OdometryCounters& counters) {
   const bool repeats_guard = decision != nullptr && decision->guarded;
   core::OdometryResult prediction;
-  if (outputs_.guard != nullptr || repeats_guard) prediction = odometry_.predict_pose(scan);
+  if (outputs_.guard != nullptr || repeats_guard) prediction = runtime_.predict_pose(scan);
   if (outputs_.guard != nullptr) arm_guard(prediction, scan, counters);
   core::OdometryResult result =
-      decision != nullptr ? odometry_.register_scan(scan, decision->budget) : odometry_.register_scan(scan);
+      decision != nullptr ? runtime_.register_scan(scan, decision->budget) : odometry_.register_scan(scan);
   if (result.imu_used) counters.scans_with_imu.fetch_add(1, std::memory_order_relaxed);
   ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan, counters);
   record.guarded = repeats_guard;
   const bool guarded = !deliver(record);
-  odometry_.note_handed_over(result);
+  runtime_.note_handed_over(result);
   push_decision(scan, false, guarded);
   // After the delivery of the pose, the map update has time until the next scan.
   odometry_.update_map(result);
   record.map_voxels = result.map_voxels;
-  record.iteration_ns = odometry_.budget().iteration_ns();
+  record.iteration_ns = runtime_.budget().iteration_ns();
   stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
   push_pose(record, stop);
   if (outputs_.clouds != nullptr) push_cloud(result);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/odometry.hpp"
+#include "nilio/core/odometry_runtime.hpp"
 
 #include "daemon/input/receive.hpp"
 #include "daemon/input/scan_feed.hpp"
@@ -77,8 +78,8 @@ class OdometryLoop {
                ipc::WakeEvent& data_event, const ReceiveState* imu_state, const OdometryOutputs& outputs,
                const OdometryLoopConfig& config);
 
-  /// See core::Odometry::warm_up().
-  int warm_up(const std::function<void()>& on_thread) { return odometry_.warm_up(on_thread); }
+  /// See core::OdometryRuntime::warm_up().
+  int warm_up(const std::function<void()>& on_thread) { return runtime_.warm_up(on_thread); }
   /// Runs until the end of the feed or `stop`.
   void run(const std::atomic<bool>& stop, OdometryCounters& counters);
 
@@ -104,6 +105,7 @@ class OdometryLoop {
   void push_imu_health(bool always);
 
   core::Odometry odometry_;
+  core::OdometryRuntime runtime_{odometry_};
   ScanFeed& feed_;
   ipc::Ring<core::ImuSample>* imu_ring_;
   ipc::WakeEvent& data_event_;

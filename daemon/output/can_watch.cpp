@@ -117,7 +117,8 @@ std::vector<CanEvent> ImuSilence::observe(std::int64_t now_ns, CanBusState bus) 
 std::string ImuSilence::seen_instead() const {
   const std::uint64_t others = traffic_->other_frames.load(std::memory_order_relaxed) - others_at_last_frame_;
   const std::uint64_t errors = traffic_->error_frames.load(std::memory_order_relaxed) - errors_at_last_frame_;
-  if (others + errors == 0) return "no other frames on the bus - check the IMU's power and cable, and the bit rate";
+  if (others + errors == 0)
+    return "no other frames on the bus - check the IMU's power and cable, and the bit rate";
   std::string text = "received instead: ";
   if (others > 0)
     text += std::to_string(others) + " frames of other identifiers (" + describe_ids(*traffic_) + ")";

@@ -96,10 +96,9 @@ class LogOutput::Sink final : public spdlog::sinks::base_sink<spdlog::details::n
     const std::size_t lost = pool_->overrun_counter();
     if (lost == lost_said_) return;
     std::array<char, 120> line{};
-    const int length =
-        std::snprintf(line.data(), line.size(),
-                      "niliod warning: %zu lines dropped: this output is not read fast enough\n",
-                      lost - std::exchange(lost_said_, lost));
+    const int length = std::snprintf(
+        line.data(), line.size(), "niliod warning: %zu lines dropped: this output is not read fast enough\n",
+        lost - std::exchange(lost_said_, lost));
     write_all({line.data(), static_cast<std::size_t>(length)});
   }
 

@@ -130,16 +130,15 @@ std::string BudgetReport::text(const core::BudgetConfig& budget) const {
   };
   const ipc::LatencySummary overshoot = ipc::summarize("", overshoot_);
   std::array<char, 320> line{};
-  std::snprintf(
-      line.data(), line.size(),
-      "budget %s, %.1f ms: poses with full registration %.1f %%, fewer points %.1f %%, "
-      "NDT or ICP only %.1f %%, prediction %.1f %%; %llu late poses, maximum %.0f us (p99 "
-      "%.0f us); %llu published by the guard",
-      core::name_of(budget.mode), static_cast<double>(budget.budget.ns) * 1e-6,
-      percent(degradation_levels_[0]), percent(degradation_levels_[1]),
-      percent(degradation_levels_[2] + degradation_levels_[3]), percent(degradation_levels_[4]),
-      static_cast<unsigned long long>(late_), overshoot.max_us, overshoot.p99_us,
-      static_cast<unsigned long long>(guarded_));
+  std::snprintf(line.data(), line.size(),
+                "budget %s, %.1f ms: poses with full registration %.1f %%, fewer points %.1f %%, "
+                "NDT or ICP only %.1f %%, prediction %.1f %%; %llu late poses, maximum %.0f us (p99 "
+                "%.0f us); %llu published by the guard",
+                core::name_of(budget.mode), static_cast<double>(budget.budget.ns) * 1e-6,
+                percent(degradation_levels_[0]), percent(degradation_levels_[1]),
+                percent(degradation_levels_[2] + degradation_levels_[3]), percent(degradation_levels_[4]),
+                static_cast<unsigned long long>(late_), overshoot.max_us, overshoot.p99_us,
+                static_cast<unsigned long long>(guarded_));
   return line.data();
 }
 

@@ -423,7 +423,8 @@ void Supervisor::report_merge(std::size_t index) const {
   const MergeCounters& merged = pipeline_->merge_counters(index);
   const drivers::ScanAssemblerStats stats = lidar.channel.stats();
   spdlog::info(
-      "{}: {} packets, {} lost in the network, {} dropped by niliod; {} points merged, {} unused; {} scans without "
+      "{}: {} packets, {} lost in the network, {} dropped by niliod; {} points merged, {} unused; {} scans "
+      "without "
       "it, {} "
       "processed before its packets arrived",
       lidar.channel.section(), stats.packets, stats.lost_packets, lidar.ring.dropped(), merged.points_merged,
@@ -454,8 +455,8 @@ void Supervisor::report_end() const {
   if (output_) spdlog::info("path {:.2f} m; outputs in {}", output_->path_length_m(), options_.output_folder);
   const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
   if (scans.lost_packets + scans.partial_scans + pipeline_->packets_dropped() > 0) {
-    spdlog::info("{} packets lost in the network, {} dropped by niliod, {} partial scans discarded", scans.lost_packets,
-                 pipeline_->packets_dropped(), scans.partial_scans);
+    spdlog::info("{} packets lost in the network, {} dropped by niliod, {} partial scans discarded",
+                 scans.lost_packets, pipeline_->packets_dropped(), scans.partial_scans);
   }
   for (std::size_t i = 1; i < pipeline_->lidars().size(); ++i) report_merge(i);
   const Input& input = pipeline_->input();

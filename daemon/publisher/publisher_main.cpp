@@ -88,13 +88,13 @@ void add_imu_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--imu-pose-ring-fd", options.imu_pose_ring_descriptor,
                  "Inherited memfd of the second pose ring");
   app.add_option("--imu-ring-fd", options.imu_ring_descriptor, "Inherited memfd of the IMU sample ring");
-  app.add_option("--imu-wake-fd", options.imu_wake_descriptor,
-                 "Inherited eventfd of these two rings");
+  app.add_option("--imu-wake-fd", options.imu_wake_descriptor, "Inherited eventfd of these two rings");
   app.add_option("--imu-orientation", options.imu_orientation_xyzw,
                  "Mounting of the IMU on the vehicle, quaternion x,y,z,w")
       ->delimiter(',')
       ->expected(4);
-  app.add_option("--imu-position", options.imu_position, "Mounting of the IMU on the vehicle, position x,y,z in m")
+  app.add_option("--imu-position", options.imu_position,
+                 "Mounting of the IMU on the vehicle, position x,y,z in m")
       ->delimiter(',')
       ->expected(3);
   ipc::ImuPoseConfig& poses = options.imu_poses;
@@ -194,8 +194,7 @@ int run(const PublisherOptions& options) {
     return kExitFailed;
   }
   if (!end_with_parent(options.parent)) {
-    spdlog::error("--parent-pid {}: not the parent of this process; exiting",
-                  options.parent);
+    spdlog::error("--parent-pid {}: not the parent of this process; exiting", options.parent);
     return kExitFailed;
   }
   if (options.lock_memory) lock_memory();
@@ -207,8 +206,7 @@ int run(const PublisherOptions& options) {
   auto ring = ipc::Ring<ipc::PoseRecord>::attach(options.ring_descriptor);
   auto wake_event = ipc::WakeEvent::adopt(options.wake_descriptor);
   if (!ring || !wake_event) {
-    spdlog::critical("inherited descriptors: {}",
-                     ring ? wake_event.error().message : ring.error().message);
+    spdlog::critical("inherited descriptors: {}", ring ? wake_event.error().message : ring.error().message);
     return kExitFailed;
   }
   dds::set_fastdds_log_handler([](const std::string& line) { spdlog::warn("{}", line); });

@@ -210,7 +210,8 @@ PlanOutcome check_workers(const ThreadPlan& plan, const std::vector<pid_t>& work
             true};
   }
   return {true, name + ": " + std::to_string(workers.size()) +
-                    (workers.size() == 1 ? " worker with the same scheduling" : " workers with the same scheduling")};
+                    (workers.size() == 1 ? " worker with the same scheduling"
+                                         : " workers with the same scheduling")};
 }
 
 PlanOutcome check_throttling(const ThreadPlan& plan) {
@@ -231,9 +232,8 @@ PlanOutcome check_throttling(const ThreadPlan& plan) {
   if (!covers_all || static_cast<std::size_t>(plan.odometry_threads) < own.size())
     return {true, "supervisor: has a CPU not used by the odometry; " + throttling};
   return {true,
-          "supervisor: the odometry's " + std::to_string(plan.odometry_threads) +
-              " threads may use all of " + processors_text(own) +
-              "; log, files and supervision then wait; " + throttling +
+          "supervisor: the odometry's " + std::to_string(plan.odometry_threads) + " threads may use all of " +
+              processors_text(own) + "; log, files and supervision then wait; " + throttling +
               " - exclude a CPU from realtime.odometry_cpus, or lower odometry.threads",
           true};
 }

@@ -169,9 +169,8 @@ void check_nothing_was_done() {
 
 }  // namespace
 
-TEST_CASE(
-    "2000 scans with every fault of sensors and network are registered without allocation, lock or throw",
-    "[drives]") {
+TEST_CASE("2000 scans with all sensor and network faults are registered without allocation, lock or throw",
+          "[realtime_pipeline][drives]") {
   Drive drive;
   drive.times = 3;
   drive.faults.enabled = true;
@@ -188,7 +187,8 @@ TEST_CASE(
   CHECK(outcome.with_imu < outcome.poses);
 }
 
-TEST_CASE("two threads that register with NDT before every ICP do not allocate, lock or throw", "[drives]") {
+TEST_CASE("registration with two threads and NDT before every ICP does not allocate, lock or throw",
+          "[realtime_pipeline][drives]") {
   daemon::Config config = drive_config(2);
   config.odometry.coarse = "always";
   Drive drive;
@@ -203,7 +203,8 @@ TEST_CASE("two threads that register with NDT before every ICP do not allocate, 
   CHECK(outcome.workers >= (std::thread::hardware_concurrency() > 1 ? 1U : 0U));
 }
 
-TEST_CASE("a drive from its files is read and registered without allocation, lock or throw", "[drives]") {
+TEST_CASE("a drive read from its files is registered without allocation, lock or throw",
+          "[realtime_pipeline][drives]") {
   const auto files = daemon::find_replay_files({tests::town_folder()});
   REQUIRE(files.ok());
   const daemon::Config config = drive_config(1);
@@ -214,8 +215,8 @@ TEST_CASE("a drive from its files is read and registered without allocation, loc
   CHECK(outcome.watched_scans >= 700);
 }
 
-TEST_CASE("scans that come faster than they are registered are superseded without allocation, lock or throw",
-          "[drives]") {
+TEST_CASE("scans faster than the registration are superseded without allocation, lock or throw",
+          "[realtime_pipeline][drives]") {
   Drive drive;
   drive.faults.enabled = true;
   drive.live = true;
@@ -227,7 +228,8 @@ TEST_CASE("scans that come faster than they are registered are superseded withou
   CHECK(outcome.watched_scans > 300);
 }
 
-TEST_CASE("every rung of the budget goes without allocation, lock or throw", "[drives]") {
+TEST_CASE("every degradation level of the budget works without allocation, lock or throw",
+          "[realtime_pipeline][drives]") {
   Drive drive;
   drive.faults.enabled = true;
   for (const double budget_ms : {0.8, 0.3, 0.2}) {
@@ -243,8 +245,8 @@ TEST_CASE("every rung of the budget goes without allocation, lock or throw", "[d
   }
 }
 
-TEST_CASE("a budget that no registration keeps is kept by the guard without allocation, lock or throw",
-          "[drives]") {
+TEST_CASE("the guard keeps an unreachable budget without allocation, lock or throw",
+          "[realtime_pipeline][drives]") {
   daemon::Config config = drive_config(1);
   config.odometry.budget_ms = 0.2;
   Drive drive;
@@ -258,8 +260,8 @@ TEST_CASE("a budget that no registration keeps is kept by the guard without allo
   CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::BudgetRung::kPredictionOnly)] > 100);
 }
 
-TEST_CASE("a live LiDAR is found out, falls silent and comes back without allocation, lock or throw",
-          "[drives]") {
+TEST_CASE("a live LiDAR is identified, falls silent and returns without allocation, lock or throw",
+          "[realtime_pipeline][drives]") {
   daemon::Config config = drive_config(1);
   const std::uint16_t port = tests::free_port();
   config.lidar.model = "auto";
@@ -309,7 +311,7 @@ TEST_CASE("a live LiDAR is found out, falls silent and comes back without alloca
   CHECK(outcome.stats.bad_length >= 10);
 }
 
-TEST_CASE("scans of two LiDARs are merged without allocation, lock or throw", "[drives]") {
+TEST_CASE("scans of two LiDARs are merged without allocation, lock or throw", "[realtime_pipeline][drives]") {
   Drive drive;
   drive.faults.enabled = true;
   daemon::Input input = memory_input(drive);
@@ -327,7 +329,8 @@ TEST_CASE("scans of two LiDARs are merged without allocation, lock or throw", "[
   CHECK(outcome.points_merged > 10'000'000);
 }
 
-TEST_CASE("an allocation planted in the odometry thread of a pipeline is caught and named", "[drives]") {
+TEST_CASE("a planted allocation in the odometry thread of a pipeline is detected and named",
+          "[realtime_pipeline][drives]") {
   Run run;
   std::unique_ptr<int> planted;
   run.observer = [&](const core::Scan& scan, const core::OdometryResult&, const core::Odometry&) {

@@ -110,8 +110,8 @@ std::vector<std::string> live_arguments() {
 
 }  // namespace
 
-TEST_CASE("without privileges niliod runs, and says of each thread and of the memory what to grant",
-          "[process]") {
+TEST_CASE("without privileges niliod runs and logs the missing grants of each thread and of the memory",
+          "[realtime_process][process]") {
   const tests::TemporaryFolder folder;
   PipedNiliod niliod(program_for_everybody(folder), live_arguments(), true);
   // It is processing when it reports missing scans.
@@ -126,7 +126,8 @@ TEST_CASE("without privileges niliod runs, and says of each thread and of the me
   CHECK(text.find("grant CAP_IPC_LOCK or LimitMEMLOCK=infinity") != std::string::npos);
 }
 
-TEST_CASE("without privileges a strict niliod ends at once and says what is missing", "[process]") {
+TEST_CASE("without privileges a strict niliod exits at once and states the missing grant",
+          "[realtime_process][process]") {
   const tests::TemporaryFolder folder;
   std::vector<std::string> arguments = live_arguments();
   arguments.insert(arguments.end(), {"--set", "realtime.strict=true"});
@@ -137,8 +138,8 @@ TEST_CASE("without privileges a strict niliod ends at once and says what is miss
   CHECK(text.find("niliod: realtime.strict: memory: locking refused") != std::string::npos);
 }
 
-TEST_CASE("a reader that reads nothing until the drive is over gets every line, the last one included",
-          "[process]") {
+TEST_CASE("a reader that starts after the end of the drive gets every line including the last",
+          "[realtime_process][process]") {
   const tests::TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 1.0, true);
   const fs::path run = folder.path() / "run";

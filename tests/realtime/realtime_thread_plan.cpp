@@ -47,8 +47,8 @@ Started start(const Config& config) {
 
 }  // namespace
 
-TEST_CASE("the odometry, its workers and the receive threads have the policy and the processors of the plan",
-          "[plan]") {
+TEST_CASE("odometry, workers and receive threads have the policy and CPUs of the plan",
+          "[realtime_thread_plan][plan]") {
   if (!may_have_fifo()) {
     WARN("skipped: no permission for FIFO threads");
     return;
@@ -83,9 +83,8 @@ TEST_CASE("the odometry, its workers and the receive threads have the policy and
   CHECK(any_contains(started.outcomes, true, "FIFO threads"));
 }
 
-TEST_CASE(
-    "a processor that is not there is said, with the key to correct, and refused when the plan is strict",
-    "[plan]") {
+TEST_CASE("a missing CPU is reported with the key to correct, and is an error in strict mode",
+          "[realtime_thread_plan][plan]") {
   Config config = live_config();
   config.realtime.policy = "other";
   config.realtime.odometry_cpus = "1000";
@@ -111,7 +110,7 @@ TEST_CASE(
   CHECK(outcomes.error().message.find("realtime.strict: nilio-odometry") != std::string::npos);
 }
 
-TEST_CASE("a list of processors that is none is an error that names the key", "[plan]") {
+TEST_CASE("an invalid CPU list is an error with its key", "[realtime_thread_plan][plan]") {
   Config config = live_config();
   config.realtime.imu_cpus = "1-x";
   const auto plan = make_thread_plan(config, true);
@@ -119,7 +118,7 @@ TEST_CASE("a list of processors that is none is an error that names the key", "[
   CHECK(plan.error().message.find("realtime.imu_cpus: '1-x'") == 0);
 }
 
-TEST_CASE("the supervisor's lack of a processor of its own is warned of", "[plan]") {
+TEST_CASE("a supervisor without a CPU of its own causes a warning", "[realtime_thread_plan][plan]") {
   Config config;
   const CpuList cpus = scheduling_of(0).cpus;
   config.odometry.threads = static_cast<int>(cpus.size());
@@ -130,7 +129,8 @@ TEST_CASE("the supervisor's lack of a processor of its own is warned of", "[plan
   CHECK_FALSE(check_throttling(make_thread_plan(config, true).value()).warns);
 }
 
-TEST_CASE("a worker that runs otherwise than the odometry is a refusal that names both", "[plan]") {
+TEST_CASE("a worker with other scheduling than the odometry is reported with both",
+          "[realtime_thread_plan][plan]") {
   const ThreadPlan plan = make_thread_plan(Config{}, false).value();
   CHECK(check_workers(plan, {gettid()}).granted);
   if (!may_have_fifo()) {

@@ -48,7 +48,8 @@ void* keep(void* memory) {
 
 }  // namespace
 
-TEST_CASE("an allocation planted in a watched thread is caught, whichever function makes it", "[watch]") {
+TEST_CASE("a planted allocation in a watched thread is detected in every allocating function",
+          "[realtime_watch][watch]") {
   CHECK(caught(Offence::kAllocation, [] {}) == 0);
   CHECK(caught(Offence::kAllocation, [] { keep(std::make_unique<int>(7).get()); }) == 1);
   CHECK(caught(Offence::kAllocation, [] { std::free(keep(std::malloc(100))); }) == 1);
@@ -64,7 +65,8 @@ TEST_CASE("an allocation planted in a watched thread is caught, whichever functi
   CHECK(caught(Offence::kRelease, [] { std::free(nullptr); }) == 0);
 }
 
-TEST_CASE("a lock, an exception and a line of output planted in a watched thread are caught", "[watch]") {
+TEST_CASE("a planted lock, exception or line of output in a watched thread is detected",
+          "[realtime_watch][watch]") {
   std::mutex mutex;
   CHECK(caught(Offence::kLock, [&] { const std::lock_guard lock(mutex); }) == 1);
   CHECK(caught(Offence::kThrow, [] {
@@ -78,7 +80,7 @@ TEST_CASE("a lock, an exception and a line of output planted in a watched thread
   CHECK(watch::total(caught([] { spdlog::info("a line planted in a watched thread"); })) > 0);
 }
 
-TEST_CASE("a thread that a watched one starts is watched with it, and others are not", "[watch]") {
+TEST_CASE("threads started by a watched thread are watched, others are not", "[realtime_watch][watch]") {
   watch::reset();
   const auto counts = caught([] {
     std::thread worker([] { keep(std::make_unique<int>(7).get()); });

@@ -8,7 +8,8 @@ using namespace nilio::daemon;
 using namespace nilio::tests;
 using drivers::kHdl64eStatusPackets;
 
-TEST_CASE("a live sensor's model is told from its packets, and none of them is lost", "[pipeline]") {
+TEST_CASE("a live sensor is identified from its packets, and none of them is lost",
+          "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   LiveRun run(live_config({port}));
   UdpSender sender;
@@ -25,8 +26,8 @@ TEST_CASE("a live sensor's model is told from its packets, and none of them is l
   CHECK_FALSE(run.poses.empty());
 }
 
-TEST_CASE("live packets of another model than configured are said once and wait for those that fit",
-          "[pipeline]") {
+TEST_CASE("live packets that contradict the configured model are logged once, later ones that fit are used",
+          "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   Config config = live_config({port});
   config.lidar.model = "HDL-64E-S2";
@@ -36,7 +37,8 @@ TEST_CASE("live packets of another model than configured are said once and wait 
   run.send(sender, 0, port, vlp16_packets(320));
   run.collect();
   CHECK(run.poses.empty());
-  CHECK(run.count_lines(LogLevel::kError, "lidar.model is HDL-64E-S2, but the packets come from VLP-16") == 1);
+  CHECK(run.count_lines(LogLevel::kError, "lidar.model is HDL-64E-S2, but the packets come from VLP-16") ==
+        1);
   CHECK(run.count_lines(LogLevel::kError, "") == 1);
   CHECK_FALSE(run.pipeline().finished());
   run.send(sender, 0, port, hdl64e_packets(1200, StatusStream::kWhole));
@@ -47,7 +49,8 @@ TEST_CASE("live packets of another model than configured are said once and wait 
   CHECK(run.pipeline().scan_stats().firings == 1200 * 384);
 }
 
-TEST_CASE("a live sensor whose model cannot be told gives an error and no end", "[pipeline]") {
+TEST_CASE("a live sensor that cannot be identified is an error and does not end the run",
+          "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   LiveRun run(live_config({port}));
   TurningSensor turning;
@@ -62,7 +65,8 @@ TEST_CASE("a live sensor whose model cannot be told gives an error and no end", 
   CHECK(run.count_lines(LogLevel::kError, "select one with lidar.model") == 1);
 }
 
-TEST_CASE("datagrams of other sizes before the first data packet are counted and not kept", "[pipeline]") {
+TEST_CASE("datagrams of other sizes before the first data packet are counted and discarded",
+          "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   LiveRun run(live_config({port}));
   drivers::Packet other;
@@ -76,8 +80,8 @@ TEST_CASE("datagrams of other sizes before the first data packet are counted and
   CHECK(run.pipeline().scan_stats().scans == 2);
 }
 
-TEST_CASE("a live HDL-64E is decoded with the calibration that it sends, from its first packet",
-          "[pipeline]") {
+TEST_CASE("a live HDL-64E is decoded with its transmitted calibration from the first packet",
+          "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   LiveRun run(live_config({port}));
   UdpSender sender;
@@ -93,7 +97,7 @@ TEST_CASE("a live HDL-64E is decoded with the calibration that it sends, from it
   CHECK_FALSE(run.poses.empty());
 }
 
-TEST_CASE("two live sensors on one port without a sender address are noticed", "[pipeline]") {
+TEST_CASE("two live sensors on one port without a sender address are detected", "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   LiveRun run(live_config({port}));
   UdpSender first("127.0.0.1");
@@ -106,7 +110,7 @@ TEST_CASE("two live sensors on one port without a sender address are noticed", "
   run.stop();
 }
 
-TEST_CASE("the state of a live stream is said once after the first scans", "[pipeline]") {
+TEST_CASE("the status of a live stream is logged once after the first scans", "[live_lidar][pipeline]") {
   const std::uint16_t port = free_port();
   LiveRun run(live_config({port}));
   UdpSender sender;

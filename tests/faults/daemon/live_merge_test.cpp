@@ -11,7 +11,8 @@ using namespace nilio::daemon;
 using namespace nilio::tests;
 
 // Excluded from the ThreadSanitizer run, in which poses cannot keep up with the sensors.
-TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the poses go on") {
+TEST_CASE("poses continue while an additional live LiDAR is silent, also after it comes back",
+          "[live_merge]") {
   const std::vector<std::uint16_t> ports = free_ports(2);
   Config config = live_config(ports);
   // Long enough for a busy computer.
@@ -69,7 +70,8 @@ TEST_CASE("a live LiDAR beside the first may fall silent and come back, and the 
   CHECK(run.pipeline().packets_dropped() == 0);
 }
 
-TEST_CASE("a live LiDAR whose first neighbour never sends does not fill its ring", "[pipeline]") {
+TEST_CASE("an additional live LiDAR does not fill its ring while the first one is silent",
+          "[live_merge][pipeline]") {
   const std::vector<std::uint16_t> ports = free_ports(2);
   LiveRun run(live_config(ports));
   UdpSender sender;

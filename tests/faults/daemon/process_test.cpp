@@ -101,8 +101,9 @@ std::string own_domain() { return "publisher.domain=" + std::to_string(100 + get
 }  // namespace
 
 TEST_CASE(
-    "a publisher killed in mid-drive is started again after a tenth of a second, and every pose is in the "
-    "trajectory") {
+    "a publisher killed during a drive is restarted after a tenth of a second, and the trajectory has every "
+    "pose",
+    "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 6.0, true);
   Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
@@ -126,7 +127,8 @@ TEST_CASE(
   CHECK(report["counters"]["scans"].get<std::size_t>() >= 59);
 }
 
-TEST_CASE("a replay without the publisher's executable still gives every pose and says what is missing") {
+TEST_CASE("a replay without the publisher's executable computes every pose and logs the missing file",
+          "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 1.0, false);
   const fs::path alone = folder.path() / "bin";
@@ -140,7 +142,8 @@ TEST_CASE("a replay without the publisher's executable still gives every pose an
   CHECK(count_lines(folder.path() / "run" / "trajectory.tum") >= 9);
 }
 
-TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies of all stages are plotted") {
+TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies of all stages are written",
+          "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 4.0, true);
   Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
@@ -171,7 +174,7 @@ TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies 
   }
 }
 
-TEST_CASE("SIGTERM ends a paced replay in order, with its outputs written") {
+TEST_CASE("SIGTERM ends a paced replay in order with its outputs written", "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 6.0, false);
   Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
@@ -185,7 +188,7 @@ TEST_CASE("SIGTERM ends a paced replay in order, with its outputs written") {
   CHECK(count_lines(folder.path() / "run" / "trajectory.tum") < 40);
 }
 
-TEST_CASE("inputs that nothing can be done with end in one message that says what, where and what to do") {
+TEST_CASE("unusable inputs end with one message that states problem, place and remedy", "[process]") {
   const TemporaryFolder folder;
   const std::string path = folder.path().string();
   const auto expect = [&](const std::vector<std::string>& arguments, const std::vector<std::string>& words) {
@@ -246,7 +249,7 @@ TEST_CASE("inputs that nothing can be done with end in one message that says wha
   }
 }
 
-TEST_CASE("inputs that are damaged are used as far as they go, and the damage is counted and said") {
+TEST_CASE("damaged inputs are used up to the damage, which is counted and logged", "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 3.0, true);
   const std::string path = folder.path().string();
@@ -276,7 +279,7 @@ TEST_CASE("inputs that are damaged are used as far as they go, and the damage is
   }
 }
 
-TEST_CASE("two LiDARs in one recording are reported each, and mixed ones are noticed") {
+TEST_CASE("two LiDARs in one recording have separate counters, and mixed ones are detected", "[process]") {
   const TemporaryFolder folder;
   tests::write_two_lidar_drive(folder.path(), s_curve, 1.5, 1.5);
   const std::string path = folder.path().string();
@@ -312,7 +315,8 @@ TEST_CASE("two LiDARs in one recording are reported each, and mixed ones are not
   }
 }
 
-TEST_CASE("live, niliod waits for a sensor, refuses one of another model and goes on waiting") {
+TEST_CASE("a live niliod waits for a sensor, rejects one of another model and continues to wait",
+          "[process]") {
   const TemporaryFolder folder;
   const std::uint16_t port = tests::free_port();
   Niliod niliod(folder, {"--set", kNoPublisher, "--set", "realtime.policy=other", "--set",

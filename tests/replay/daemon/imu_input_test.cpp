@@ -72,7 +72,7 @@ void write_one_capture(const std::filesystem::path& folder, const std::filesyste
 
 }  // namespace
 
-TEST_CASE("LiDAR and CAN in one capture give what they give in two files", "[pipeline]") {
+TEST_CASE("LiDAR and CAN in one capture give the same result as in two files", "[imu_input][pipeline]") {
   const TemporaryFolder apart;
   tests::write_room_drive(apart.path(), tests::s_curve, 3.0, true);
   const TemporaryFolder together;
@@ -91,7 +91,7 @@ TEST_CASE("LiDAR and CAN in one capture give what they give in two files", "[pip
   }
 }
 
-TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps, and said in words", "[pipeline]") {
+TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps and logged", "[imu_input][pipeline]") {
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 2.0, true);
   const ReplayRun sound = run_replay(folder.path().string());
@@ -120,7 +120,7 @@ TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps, and said in w
     CHECK(corrected.poses[i].position == sound.poses[i].position);
 }
 
-TEST_CASE("every IMU preset can be chosen in the configuration", "[pipeline]") {
+TEST_CASE("every IMU preset can be configured", "[imu_input][pipeline]") {
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
   const auto files = find_replay_files({folder.path().string()});
@@ -137,8 +137,8 @@ TEST_CASE("every IMU preset can be chosen in the configuration", "[pipeline]") {
   }
 }
 
-TEST_CASE("an own mapping takes counter, status, time and temperature, too, and needs its DBC file",
-          "[pipeline]") {
+TEST_CASE("a custom mapping supports counter, status, time and temperature and requires its DBC file",
+          "[imu_input][pipeline]") {
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
   const auto files = find_replay_files({folder.path().string()});

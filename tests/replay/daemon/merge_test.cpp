@@ -104,7 +104,7 @@ class Scans {
 
 }  // namespace
 
-TEST_CASE("merged scans have the points of both LiDARs where the walls are", "[pipeline]") {
+TEST_CASE("points of both LiDARs in merged scans lie on the walls", "[merge][pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 1.2, 1.2);
   const Config config = two_lidars();
@@ -142,7 +142,8 @@ TEST_CASE("merged scans have the points of both LiDARs where the walls are", "[p
   CHECK(merged.scans_without == 0);
 }
 
-TEST_CASE("a merged LiDAR's beams are raised about its own centre", "[pipeline]") {
+TEST_CASE("the elevation correction of a merged LiDAR rotates beams about its own centre",
+          "[merge][pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 0.3, 0.3);
   Config config = two_lidars();
@@ -171,7 +172,8 @@ TEST_CASE("a merged LiDAR's beams are raised about its own centre", "[pipeline]"
   CHECK(changed > plain.size() / 3);
 }
 
-TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with two threads", "[pipeline]") {
+TEST_CASE("poses from two LiDARs are accurate to centimetres and bit-identical with two threads",
+          "[merge][pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 2.0, 2.0);
   const ReplayRun one = run_replay(folder.text(), one_lidar());
@@ -192,8 +194,7 @@ TEST_CASE("poses from two LiDARs are good to centimetres, and the same bits with
   }
 }
 
-TEST_CASE("a run whose second LiDAR was late now and then is repeated from its decisions, to the bit",
-          "[pipeline]") {
+TEST_CASE("a run with a late second LiDAR is repeated bit by bit from its decisions", "[merge][pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 3.0, 3.0);
   Config config = two_lidars();
@@ -239,7 +240,7 @@ TEST_CASE("a run whose second LiDAR was late now and then is repeated from its d
   CHECK(plain.poses.back().position != live.poses.back().position);
 }
 
-TEST_CASE("when the second LiDAR falls silent the poses go on and it is said once", "[pipeline]") {
+TEST_CASE("poses continue without a silent second LiDAR, which is logged once", "[merge][pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 2.0, 1.0);
   const ReplayRun one = run_replay(folder.text(), one_lidar());
@@ -253,8 +254,8 @@ TEST_CASE("when the second LiDAR falls silent the poses go on and it is said onc
   CHECK(two.poses.back().points == one.poses.back().points);
 }
 
-TEST_CASE("LiDARs that would take the same packets are refused, one that the recording lacks is left out",
-          "[pipeline]") {
+TEST_CASE("LiDARs with the same packets are rejected, and one without packets is skipped",
+          "[merge][pipeline]") {
   const TemporaryFolder folder;
   write_two_lidar_drive(folder.path(), s_curve, 0.4, 0.4);
   const auto files = find_replay_files({folder.path().string()});

@@ -36,7 +36,7 @@ double path_error_m(const ReplayRun& run) {
 
 }  // namespace
 
-TEST_CASE("a recorded drive goes from packets and CAN frames to one pose per scan", "[pipeline]") {
+TEST_CASE("a recorded drive of packets and CAN frames yields one pose per scan", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 4.0, true);
   const ReplayRun run = run_pipeline(folder.path().string(), 1);
@@ -55,7 +55,7 @@ TEST_CASE("a recorded drive goes from packets and CAN frames to one pose per sca
   }
 }
 
-TEST_CASE("the same recording gives the same bits in a second run and with two threads", "[pipeline]") {
+TEST_CASE("a replay is bit-identical in a second run and with two threads", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 1.5, true);
   const ReplayRun reference = run_pipeline(folder.path().string(), 1);
@@ -70,8 +70,7 @@ TEST_CASE("the same recording gives the same bits in a second run and with two t
   }
 }
 
-TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the lack of it is said",
-          "[pipeline]") {
+TEST_CASE("a drive without a CAN log is tracked at constant velocity with a warning", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 3.0, false);
   const auto files = find_replay_files({folder.path().string()});
@@ -85,7 +84,7 @@ TEST_CASE("without a CAN log the drive is tracked at constant velocity, and the 
   CHECK(path_error_m(run) < 0.2);
 }
 
-TEST_CASE("an IMU log that ends half-way is used as far as it goes", "[pipeline]") {
+TEST_CASE("an IMU log that ends half-way is used up to its end", "[pipeline]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 4.0, true);
   const auto log = folder.path() / "imu.log";

@@ -22,7 +22,7 @@ drivers::CanFrame frame_of(std::uint32_t id, bool error = false) {
 
 }  // namespace
 
-TEST_CASE("an IMU that falls silent is told once, with what the bus carries instead") {
+TEST_CASE("a silent IMU is reported once, with the other traffic on the bus", "[can_watch]") {
   const auto traffic = std::make_shared<CanTraffic>();
   ImuSilence silence(traffic, "0x32, 0x34");
   const auto at = [&](double seconds) {
@@ -52,7 +52,7 @@ TEST_CASE("an IMU that falls silent is told once, with what the bus carries inst
   CHECK(silence.silences() == 1);
 }
 
-TEST_CASE("a bus without anything on it is told as such, also when the IMU was never there") {
+TEST_CASE("an empty bus is reported, also if no IMU frame was ever received", "[can_watch]") {
   ImuSilence silence(std::make_shared<CanTraffic>(), "0x32");
   CHECK(silence.observe(0, CanBusState::kGone).empty());
   const auto events = silence.observe(kSecondNs, CanBusState::kGone);
@@ -60,7 +60,7 @@ TEST_CASE("a bus without anything on it is told as such, also when the IMU was n
   CHECK_THAT(events[0].message, Contains("the bus is gone") && Contains("no other frames on the bus"));
 }
 
-TEST_CASE("many other identifiers are counted in full and named in part") {
+TEST_CASE("all other identifiers are counted and the first ones are listed", "[can_watch]") {
   const auto traffic = std::make_shared<CanTraffic>();
   for (std::uint32_t id = 0; id < 100; ++id) traffic->count(frame_of(id), false);
   ImuSilence silence(traffic, "0x32");

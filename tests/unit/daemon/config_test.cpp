@@ -18,13 +18,13 @@ std::string error_of(const std::string& yaml) {
 
 }  // namespace
 
-TEST_CASE("an unknown key is named with file, line and the nearest key") {
+TEST_CASE("an unknown key is reported with file, line and the nearest key", "[config]") {
   const std::string error = error_of("odometry:\n  thread: 2\n");
   CHECK(error.find("test.yaml:2: unknown key 'odometry.thread'") != std::string::npos);
   CHECK(error.find("odometry.threads") != std::string::npos);
 }
 
-TEST_CASE("a value of the wrong type is refused with what the key takes") {
+TEST_CASE("a value of the wrong type is rejected with the expected type", "[config]") {
   const std::string error = error_of("odometry:\n  threads: two\n");
   CHECK(error == "test.yaml:2: odometry.threads takes a whole number, not 'two'");
   CHECK(error_of("lidar:\n  extrinsic:\n    translation: [1, 2]\n").find("a list of three numbers in m") !=
@@ -32,37 +32,37 @@ TEST_CASE("a value of the wrong type is refused with what the key takes") {
   CHECK(error_of("imu: 3\n").find("'imu' is a section") != std::string::npos);
 }
 
-TEST_CASE("a value out of range is refused with the range and its unit") {
+TEST_CASE("a value out of range is rejected with the range and its unit", "[config]") {
   CHECK(error_of("lidar:\n  max_range_m: 1000\n") ==
         "test.yaml:2: lidar.max_range_m is 1000, allowed is 5 to 300 m");
   CHECK(error_of("lidar:\n  max_range_m: .nan\n").find("not finite") != std::string::npos);
   CHECK(error_of("lidar:\n  port: 0\n").find("1 to 65535") != std::string::npos);
 }
 
-TEST_CASE("a choice that does not exist is refused with the nearest one") {
+TEST_CASE("an unknown choice is rejected with the nearest one", "[config]") {
   CHECK(error_of("lidar:\n  model: VLP16\n").find("VLP-16") != std::string::npos);
 }
 
-TEST_CASE("all problems of a file are reported at once") {
+TEST_CASE("all problems of a file are reported at once", "[config]") {
   const std::string error = error_of("odometry:\n  threads: 0\nlidar:\n  portt: 1\n");
   CHECK(error.find("test.yaml:2:") != std::string::npos);
   CHECK(error.find("test.yaml:4:") != std::string::npos);
 }
 
-TEST_CASE("text that is not YAML is refused with its line") {
+TEST_CASE("text that is not YAML is rejected with its line", "[config]") {
   CHECK(error_of("lidar:\n  model: [\n").find("test.yaml:") == 0);
   CHECK(error_of("just text\n").find("is not a configuration") != std::string::npos);
   CHECK(error_of("").empty());
 }
 
-TEST_CASE("a missing file is refused with its path") {
+TEST_CASE("a missing file is reported with its path", "[config]") {
   Config config;
   const auto result = apply_file(config, "/nonexistent/nilio.yaml");
   REQUIRE_FALSE(result.ok());
   CHECK(result.error().message.find("/nonexistent/nilio.yaml: cannot be read") == 0);
 }
 
-TEST_CASE("overrides set one key and are checked like a file") {
+TEST_CASE("an override sets one key and is checked like a file", "[config]") {
   Config config;
   CHECK(apply_override(config, "odometry.threads=2").ok());
   CHECK(config.odometry.threads == 2);
@@ -74,7 +74,7 @@ TEST_CASE("overrides set one key and are checked like a file") {
   CHECK(config.odometry.threads == 2);
 }
 
-TEST_CASE("a list of overrides is applied in order, up to the first that is wrong") {
+TEST_CASE("overrides are applied in order up to the first error", "[config]") {
   Config config;
   CHECK(apply_overrides(config, {"odometry.threads=2", "odometry.threads=3"}).ok());
   CHECK(config.odometry.threads == 3);
@@ -85,7 +85,7 @@ TEST_CASE("a list of overrides is applied in order, up to the first that is wron
   CHECK(config.odometry.threads == 4);
 }
 
-TEST_CASE("the effective configuration reads back as it was") {
+TEST_CASE("the effective configuration reads back unchanged", "[config]") {
   Config config;
   REQUIRE(apply_yaml(config,
                      "lidar:\n  extrinsic:\n    translation: [0.1, -2, 1.73]\nimu:\n  angular_velocity_z: "
@@ -100,7 +100,7 @@ TEST_CASE("the effective configuration reads back as it was") {
   CHECK(again.imu.angular_velocity[2].signal == "S");
 }
 
-TEST_CASE("every key is described") {
+TEST_CASE("every key is described", "[config]") {
   const std::string text = describe_keys();
   Config config;
   for (const ConfigKey& key : config_keys(config)) {
@@ -109,13 +109,13 @@ TEST_CASE("every key is described") {
   }
 }
 
-TEST_CASE("the configuration that ships is the default") {
+TEST_CASE("the shipped configuration contains the defaults", "[config]") {
   Config config;
   REQUIRE(apply_file(config, std::string(NILIO_SOURCE_DIR) + "/config/nilio.yaml").ok());
   CHECK(to_yaml(config) == to_yaml(Config{}));
 }
 
-TEST_CASE("LiDARs beside the first are printed when they are on, and named when they are off") {
+TEST_CASE("enabled additional LiDARs are printed, disabled ones are listed", "[config]") {
   Config config;
   CHECK(to_yaml(config).find("lidar2:") == std::string::npos);
   CHECK(to_yaml(config).find("# lidar2, lidar3, lidar4: off") != std::string::npos);
@@ -138,7 +138,7 @@ TEST_CASE("LiDARs beside the first are printed when they are on, and named when 
   CHECK(error_of("lidar2:\n  min_coverage: 0.5\n").find("lidar2.min_coverage") != std::string::npos);
 }
 
-TEST_CASE("files that a configuration file names are beside it") {
+TEST_CASE("relative paths in a configuration file refer to its folder", "[config]") {
   const auto folder = std::filesystem::temp_directory_path() / ("nilio_config_" + std::to_string(getpid()));
   std::filesystem::create_directories(folder);
   const std::string path = (folder / "nilio.yaml").string();

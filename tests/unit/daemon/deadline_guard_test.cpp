@@ -39,7 +39,8 @@ struct RunningGuard {
     if (thread.joinable()) thread.join();
   }
 
-  std::vector<std::uint64_t> published;  ///< written by the guard and, after claim(), by the test; never concurrently
+  std::vector<std::uint64_t>
+      published;              ///< written by the guard and, after claim(), by the test; never concurrently
   std::atomic<int> calls{0};  ///< calls of the guard's publish function
   std::unique_ptr<DeadlineGuard> guard;
   std::thread thread;
@@ -55,7 +56,7 @@ constexpr std::int64_t kMillisecond = 1'000'000;
 
 }  // namespace
 
-TEST_CASE("a pose that is claimed before its deadline is not published by the guard") {
+TEST_CASE("the guard does not publish a pose that is claimed before the deadline", "[deadline_guard]") {
   RunningGuard run;
   for (std::uint64_t i = 0; i < 100; ++i) {
     const std::int64_t deadline = monotonic_ns() + 3'600'000 * kMillisecond;
@@ -66,7 +67,7 @@ TEST_CASE("a pose that is claimed before its deadline is not published by the gu
   CHECK(run.published.empty());
 }
 
-TEST_CASE("the guard publishes what is not claimed in time, and says by how much it missed the deadline") {
+TEST_CASE("the guard publishes an unclaimed pose and records its overshoot", "[deadline_guard]") {
   RunningGuard run;
   const std::int64_t now = monotonic_ns();
   run.guard->arm(record_of(7), now - 5 * kMillisecond, now);
@@ -78,7 +79,7 @@ TEST_CASE("the guard publishes what is not claimed in time, and says by how much
   CHECK(run.guard->published().overshoot_ns >= 5 * kMillisecond);
 }
 
-TEST_CASE("whoever is faster, each scan is published once and in order") {
+TEST_CASE("each scan is published exactly once and in order by either thread", "[deadline_guard]") {
   RunningGuard run;
   constexpr std::uint64_t scans = 3000;
   std::uint64_t by_guard = 0;
@@ -106,7 +107,7 @@ TEST_CASE("whoever is faster, each scan is published once and in order") {
   CHECK(by_guard <= scans - scans / 100);
 }
 
-TEST_CASE("a log of decisions reads back as it was written") {
+TEST_CASE("a decision log reads back as written", "[deadline_guard]") {
   const tests::TemporaryFolder folder;
   const std::string path = (folder.path() / "decisions.jsonl").string();
   ScanDecision plain{3, false, false, 12, {}, {}};
@@ -140,7 +141,7 @@ TEST_CASE("a log of decisions reads back as it was written") {
   CHECK(last.merge.packets[0] == 5000);
 }
 
-TEST_CASE("a damaged log of decisions is refused with the line that is wrong") {
+TEST_CASE("a damaged decision log is rejected with the wrong line", "[deadline_guard]") {
   const tests::TemporaryFolder folder;
   const std::string path = (folder.path() / "decisions.jsonl").string();
   const std::string header = daemon::decision_header(core::BudgetMode::kWall, 5.0);

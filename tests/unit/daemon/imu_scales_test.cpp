@@ -33,7 +33,7 @@ std::vector<core::ImuSample> samples_with(const std::string& folder, const std::
 
 }  // namespace
 
-TEST_CASE("scales and stamp offset of the configuration come on top of the preset") {
+TEST_CASE("configured scales and time offset are applied on top of the preset", "[imu_scales]") {
   const tests::TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
   const auto plain = samples_with(folder.path().string(), "imu: {preset: xsens_mti}\n");

@@ -21,7 +21,8 @@ void receive(ipc::Ring<drivers::Packet>& ring, std::span<const drivers::Packet> 
 
 }  // namespace
 
-TEST_CASE("what came while the sensor was searched for is neither late nor a backlog, what comes later is") {
+TEST_CASE("packets buffered during identification count neither as late nor as backlog, later ones do",
+          "[lidar_channel]") {
   const LidarConfig config;
   auto ring = ipc::Ring<drivers::Packet>::in_private_memory(2048);
   ReceiveState state;

@@ -71,8 +71,8 @@ std::uint64_t lines_said_lost(const std::string& text) {
 
 }  // namespace
 
-TEST_CASE(
-    "whoever logs does not wait for a reader that is slow, and no line is lost while the queue has room") {
+TEST_CASE("logging does not wait for a slow reader, and no line is lost while the queue has room",
+          "[log_output]") {
   Pipe pipe;
   auto log = std::make_unique<LogOutput>(LogOutputConfig{pipe.input(), "info", 1000});
   // Ten times the pipe's capacity; a blocking logger would never return, because the pipe is not read yet.
@@ -87,7 +87,8 @@ TEST_CASE(
   CHECK(text.ends_with("line 799 of a log that nobody reads\n"));
 }
 
-TEST_CASE("with a full queue the oldest lines are lost, how many is said, and the last line is there") {
+TEST_CASE("a full queue drops the oldest lines, reports their number and keeps the last line",
+          "[log_output]") {
   Pipe pipe;
   auto log = std::make_unique<LogOutput>(LogOutputConfig{pipe.input(), "info", 50});
   for (int i = 0; i < 1000; ++i) spdlog::info("line {} of a log that nobody reads", i);
@@ -103,7 +104,7 @@ TEST_CASE("with a full queue the oldest lines are lost, how many is said, and th
   CHECK(text.ends_with("line 999 of a log that nobody reads\n"));
 }
 
-TEST_CASE("a reader that never reads does not keep the program from ending") {
+TEST_CASE("a reader that never reads does not prevent the program from ending", "[log_output]") {
   Pipe pipe;
   auto log = std::make_unique<LogOutput>(LogOutputConfig{pipe.input(), "info", 1000});
   for (int i = 0; i < 800; ++i) spdlog::info("line {} of a log that nobody reads", i);
@@ -111,7 +112,7 @@ TEST_CASE("a reader that never reads does not keep the program from ending") {
   SUCCEED("it ended");
 }
 
-TEST_CASE("what was logged before a fault is written, and then the signal that ended the process") {
+TEST_CASE("lines logged before a fault are written, followed by the fatal signal", "[log_output]") {
   Pipe pipe;
   const pid_t child = fork();
   if (child == 0) {

@@ -25,7 +25,7 @@ std::vector<std::string> names(const std::vector<std::string>& paths) {
 
 }  // namespace
 
-TEST_CASE("the numbered files of a recording are its parts in the order of their numbers") {
+TEST_CASE("numbered files of a recording are its parts in numerical order", "[replay_files]") {
   const TemporaryFolder folder;
   for (const char* name :
        {"lidar_9998.pcap", "lidar_10000.pcap", "lidar_9999.pcap", "can_10000.log", "can_9999.log"})
@@ -37,7 +37,7 @@ TEST_CASE("the numbered files of a recording are its parts in the order of their
   CHECK(names(files->can_logs) == std::vector<std::string>{"can_9999.log", "can_10000.log"});
 }
 
-TEST_CASE("captures that are no parts of one recording stay an error that names both") {
+TEST_CASE("captures of different recordings are rejected with both names", "[replay_files]") {
   const TemporaryFolder folder;
   const TemporaryFolder other;
   const auto expect_refused = [](const std::vector<std::string>& paths) {
@@ -54,14 +54,14 @@ TEST_CASE("captures that are no parts of one recording stay an error that names 
   expect_refused({folder.path().string()});
 }
 
-TEST_CASE("CAN logs without a capture are something to play, but not to replay") {
+TEST_CASE("CAN logs without a capture can be played but not replayed", "[replay_files]") {
   const TemporaryFolder folder;
   touch(folder.path() / "can_0001.log");
   CHECK(sort_replay_files({folder.path().string()}).ok());
   CHECK_FALSE(find_replay_files({folder.path().string()}).ok());
 }
 
-TEST_CASE("a missing part of a recording is warned of") {
+TEST_CASE("a missing part of a recording causes a warning", "[replay_files]") {
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 0.3, false);
   fs::copy_file(folder.path() / "lidar.pcap", folder.path() / "lidar_0003.pcap");
@@ -74,7 +74,8 @@ TEST_CASE("a missing part of a recording is warned of") {
   CHECK_THAT(input->warnings.front(), Contains("lidar_0001.pcap: 1 parts of the recording are missing"));
 }
 
-TEST_CASE("a replay looks ahead for the calibration that an HDL-64E sends, and plays from the first packet") {
+TEST_CASE("a replay reads the calibration transmitted by an HDL-64E ahead and starts from the first packet",
+          "[replay_files]") {
   const TemporaryFolder folder;
   const std::string path = (folder.path() / "lidar.pcap").string();
   auto writer = drivers::PcapWriter::create(path);

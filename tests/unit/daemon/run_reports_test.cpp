@@ -7,7 +7,7 @@
 
 using namespace nilio;
 
-TEST_CASE("the summary has a row per check of the IMU, with value, unit, states and hint") {
+TEST_CASE("the summary has a row per IMU check with value, unit, states and hint", "[run_reports]") {
   daemon::ImuReport report;
   CHECK(report.json().is_null());
   core::ImuHealth health;
@@ -29,7 +29,7 @@ TEST_CASE("the summary has a row per check of the IMU, with value, unit, states 
   CHECK(json["checks"]["gyro_bias"]["state"] == "unknown");
 }
 
-TEST_CASE("the summary follows the last update") {
+TEST_CASE("the summary contains the last update", "[run_reports]") {
   daemon::ImuReport report;
   core::ImuHealth health;
   report.update(health);

@@ -5,7 +5,7 @@
 using nilio::core::Duration;
 using nilio::daemon::SamplePeriodEstimator;
 
-TEST_CASE("the next sample is due a period after the last one, and before two samples nothing is known") {
+TEST_CASE("the next sample is due one period after the last one; two samples are needed", "[sample_period]") {
   SamplePeriodEstimator estimator;
   CHECK_FALSE(estimator.due_after({100}, {0}));
   estimator.add({0});
@@ -18,7 +18,7 @@ TEST_CASE("the next sample is due a period after the last one, and before two sa
   CHECK(estimator.due_after({41'000'000}, {10'000'000}) == Duration{9'000'000});
 }
 
-TEST_CASE("gaps, repeated stamps and a clock that is set back are no periods") {
+TEST_CASE("gaps, repeated stamps and a clock set back do not change the period", "[sample_period]") {
   SamplePeriodEstimator estimator;
   std::int64_t stamp = 0;
   for (int i = 0; i < 50; ++i) estimator.add({stamp += 2'500'000});

@@ -34,7 +34,7 @@ LidarConfig with_model(const std::string& model) {
 
 }  // namespace
 
-TEST_CASE("64 packets tell the model, and at the end of a recording fewer do") {
+TEST_CASE("64 packets identify the model, fewer at the end of a recording", "[sensor_identification]") {
   SensorIdentification identification(LidarConfig{}, "lidar");
   CHECK(packets_needed(identification, vlp16_packets(100), State::kIdentified) == 64);
   CHECK(identification.take().model == drivers::VelodyneModel::kVlp16);
@@ -47,7 +47,7 @@ TEST_CASE("64 packets tell the model, and at the end of a recording fewer do") {
   CHECK(at_end.take().model == drivers::VelodyneModel::kVlp16);
 }
 
-TEST_CASE("packets of other lengths do not count for the model") {
+TEST_CASE("packets of other lengths are not used for identification", "[sensor_identification]") {
   SensorIdentification identification(LidarConfig{}, "lidar");
   drivers::Packet other;
   other.size = 512;
@@ -55,7 +55,8 @@ TEST_CASE("packets of other lengths do not count for the model") {
   CHECK(packets_needed(identification, vlp16_packets(100), State::kIdentified) == 64);
 }
 
-TEST_CASE("a model that the packets are not of is refused with both, until packets fit") {
+TEST_CASE("a model that contradicts the packets is rejected with both names until packets fit",
+          "[sensor_identification]") {
   SensorIdentification identification(with_model("HDL-32E"), "lidar2");
   CHECK(packets_needed(identification, vlp16_packets(100), State::kRejected) == 64);
   CHECK_THAT(identification.problem(), Contains("lidar2.model is HDL-32E") && Contains("VLP-16"));
@@ -67,7 +68,7 @@ TEST_CASE("a model that the packets are not of is refused with both, until packe
   CHECK(identification.take().model == drivers::VelodyneModel::kHdl32e);
 }
 
-TEST_CASE("a model that cannot be told from packets has to be set") {
+TEST_CASE("an ambiguous model requires the configuration", "[sensor_identification]") {
   TurningSensor turning;
   turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp32b);
   std::vector<drivers::Packet> packets;
@@ -80,7 +81,7 @@ TEST_CASE("a model that cannot be told from packets has to be set") {
   CHECK(set.take().model == drivers::VelodyneModel::kVlp32b);
 }
 
-TEST_CASE("a calibration file of another sensor refuses the packets") {
+TEST_CASE("a calibration file of another sensor is rejected", "[sensor_identification]") {
   LidarConfig config;
   config.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
   SensorIdentification identification(config, "lidar");
@@ -88,7 +89,8 @@ TEST_CASE("a calibration file of another sensor refuses the packets") {
   CHECK_THAT(identification.problem(), Contains("hdl64e_s2_kitti.yaml"));
 }
 
-TEST_CASE("an HDL-64E's own calibration is used wherever its stream is joined") {
+TEST_CASE("the calibration transmitted by an HDL-64E is used wherever its stream is joined",
+          "[sensor_identification]") {
   const drivers::Hdl64eCalibration sent = make_writer().calibration();
   for (const std::size_t first :
        {std::size_t{0}, std::size_t{1}, std::size_t{2000}, kHdl64eStatusPackets - 1}) {
@@ -107,7 +109,7 @@ TEST_CASE("an HDL-64E's own calibration is used wherever its stream is joined") 
   }
 }
 
-TEST_CASE("a gap in the first pass leaves the second to be used") {
+TEST_CASE("after a gap in the first pass the second pass is used", "[sensor_identification]") {
   auto packets = hdl64e_packets(2 * kHdl64eStatusPackets + 1, StatusStream::kWhole);
   packets.erase(packets.begin() + 1000);
   SensorIdentification identification(LidarConfig{}, "lidar");
@@ -115,7 +117,7 @@ TEST_CASE("a gap in the first pass leaves the second to be used") {
   CHECK_THAT(identification.notes().front(), Contains("its own status stream"));
 }
 
-TEST_CASE("a stream without a table is looked at for one pass and no longer") {
+TEST_CASE("a status stream without a table ends the search after one pass", "[sensor_identification]") {
   SensorIdentification identification(LidarConfig{}, "lidar");
   const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets, StatusStream::kWithoutTable, 5);
   CHECK(packets_needed(identification, packets, State::kIdentified) == kHdl64eStatusPackets);
@@ -126,7 +128,7 @@ TEST_CASE("a stream without a table is looked at for one pass and no longer") {
              Contains("lidar.calibration") && Contains("db.xml") && Contains("--write-calibration"));
 }
 
-TEST_CASE("a calibration with a wrong checksum is not used, and it is said") {
+TEST_CASE("a calibration with a wrong checksum is rejected with a warning", "[sensor_identification]") {
   SensorIdentification identification(LidarConfig{}, "lidar");
   const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets + 100, StatusStream::kWrongChecksum);
   CHECK(packets_needed(identification, packets, State::kIdentified) == 2 * kHdl64eStatusPackets);
@@ -136,7 +138,8 @@ TEST_CASE("a calibration with a wrong checksum is not used, and it is said") {
   CHECK_THAT(identification.warnings()[0], Contains("checksum"));
 }
 
-TEST_CASE("a calibration file goes before the status stream, and needs no wait") {
+TEST_CASE("a calibration file takes precedence over the status stream and needs no wait",
+          "[sensor_identification]") {
   LidarConfig config;
   config.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
   SensorIdentification identification(config, "lidar");

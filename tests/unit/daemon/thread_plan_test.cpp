@@ -8,7 +8,7 @@ using nilio::daemon::cpu_list_text;
 using nilio::daemon::CpuList;
 using nilio::daemon::parse_cpu_list;
 
-TEST_CASE("processors are listed as taskset does it, and nothing means any") {
+TEST_CASE("CPU lists have the format of taskset; an empty list means any", "[thread_plan]") {
   CHECK(parse_cpu_list("").value().empty());
   CHECK(parse_cpu_list("0").value() == CpuList{0});
   CHECK(parse_cpu_list("1-2,4").value() == CpuList{1, 2, 4});
@@ -19,7 +19,7 @@ TEST_CASE("processors are listed as taskset does it, and nothing means any") {
   }
 }
 
-TEST_CASE("a list of processors that is none is refused with the item that is wrong") {
+TEST_CASE("an invalid CPU list is rejected with the wrong item", "[thread_plan]") {
   for (const std::string text :
        {"a", "1-", "-1", "3-1", "1024", "1,,2", "1,", ",", "1 ", "0x1", "99999999999"}) {
     CAPTURE(text);

@@ -103,8 +103,7 @@ std::int64_t connect(PublisherProcess& process, OdometrySubscriber& subscriber, 
 
 }  // namespace
 
-TEST_CASE(
-    "the thread of the poses at IMU rate alone has the priority that is asked for, and memory is locked") {
+TEST_CASE("the IMU-rate pose thread has the requested priority, and memory is locked", "[imu_poses]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   if (!may_have_fifo()) {
@@ -132,7 +131,7 @@ TEST_CASE(
   if (kLocksMemory) CHECK(locked_kib(*pid) > 0);
 }
 
-TEST_CASE("poses at IMU rate go on while the scans are silent for seconds, each sample's once") {
+TEST_CASE("IMU-rate poses continue while scans are missing for seconds, one per sample", "[imu_poses]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -166,7 +165,8 @@ TEST_CASE("poses at IMU rate go on while the scans are silent for seconds, each 
   CHECK(process->samples().dropped() == 0);
 }
 
-TEST_CASE("what a new scan corrects is slewed within the limits, and a jump is flagged with its stamp") {
+TEST_CASE("the correction of a new scan is slewed within the limits, and a jump is flagged with its stamp",
+          "[imu_poses]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -213,7 +213,8 @@ TEST_CASE("what a new scan corrects is slewed within the limits, and a jump is f
   CHECK(statuses[1].follows_gyro);
 }
 
-TEST_CASE("a publisher that dies goes on with the samples that waited, and the counts tell it all") {
+TEST_CASE("a restarted publisher continues with the waiting samples and its counters are complete",
+          "[imu_poses]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -242,7 +243,8 @@ TEST_CASE("a publisher that dies goes on with the samples that waited, and the c
   CHECK(process->samples().dropped() == 0);
 }
 
-TEST_CASE("a stopped publisher has given a pose for every sample, and reports how late they were") {
+TEST_CASE("a stopped publisher has published a pose for every sample and reports their latencies",
+          "[imu_poses]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -280,7 +282,7 @@ TEST_CASE("a stopped publisher has given a pose for every sample, and reports ho
   CHECK(in_buckets == samples);
 }
 
-TEST_CASE("a report of every scan comes with its stages in order, and names this machine") {
+TEST_CASE("every scan report has its stages in order and the host id of this machine", "[imu_poses]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -292,7 +294,8 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
   REQUIRE((*process)->start().ok());
   std::vector<dds::ScanReport> reports;
   std::uint64_t sequence = 0;
-  for (; sequence < 3000 && reports.size() < 5; ++sequence) {  // the reports' own reader may be discovered later
+  for (; sequence < 3000 && reports.size() < 5;
+       ++sequence) {  // the reports' own reader may be discovered later
     ipc::PoseRecord record = sample_record(sequence);
     record.state = core::TrackingState::kDegraded;
     record.stop_reason = core::StopReason::kMaxIterations;
@@ -329,7 +332,8 @@ TEST_CASE("a report of every scan comes with its stages in order, and names this
   }
 }
 
-TEST_CASE("CycloneDDS reads poses at IMU rate, their status and reports from the IDL, every field equal") {
+TEST_CASE("CycloneDDS reads IMU-rate poses, their status and scan reports from the IDL with equal fields",
+          "[imu_poses]") {
   const auto reader_program = built_program("nilio-cyclone-reader");
   if (!reader_program) return;
   const std::uint32_t domain = test_domain();

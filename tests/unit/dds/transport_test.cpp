@@ -77,7 +77,7 @@ TransformStamped parse_transform(std::istream& in) {
 
 }  // namespace
 
-TEST_CASE("a subscriber on the same machine receives every pose with every field, in order") {
+TEST_CASE("a subscriber on the same machine receives every pose with every field, in order", "[transport]") {
   const std::uint32_t domain = test_domain();
   const auto subscriber = make_subscriber(domain);
   const auto publisher = make_publisher(domain);
@@ -98,7 +98,7 @@ TEST_CASE("a subscriber on the same machine receives every pose with every field
   CHECK(counts.publishers == 1);
 }
 
-TEST_CASE("a latency report arrives as it was sent") {
+TEST_CASE("a latency report arrives unchanged", "[transport]") {
   const std::uint32_t domain = test_domain();
   const auto subscriber = make_subscriber(domain);
   const auto publisher = make_publisher(domain);
@@ -118,7 +118,7 @@ TEST_CASE("a latency report arrives as it was sent") {
   CHECK(*received == report);
 }
 
-TEST_CASE("diagnostics name what is wrong with the IMU, and how old the last pose is") {
+TEST_CASE("diagnostics contain the IMU's problem and the age of the last pose", "[transport]") {
   const PoseRecord record = record_with_bad_imu();
   const DiagnosticArray fresh = make_diagnostics(record, Time{7}, Duration::from_milliseconds(100.0));
   REQUIRE(fresh.statuses.size() == 2);
@@ -139,7 +139,7 @@ TEST_CASE("diagnostics name what is wrong with the IMU, and how old the last pos
   CHECK(make_diagnostics(PoseRecord{}, Time{}, Duration{}).statuses.size() == 1);
 }
 
-TEST_CASE("diagnostics arrive as they were sent") {
+TEST_CASE("diagnostics arrive unchanged", "[transport]") {
   const std::uint32_t domain = test_domain();
   const auto subscriber = make_subscriber(domain);
   const auto publisher = make_publisher(domain);
@@ -154,7 +154,7 @@ TEST_CASE("diagnostics arrive as they were sent") {
   CHECK(*received == sent);
 }
 
-TEST_CASE("garbage from another writer on the topic does not disturb the subscriber") {
+TEST_CASE("malformed messages of another writer do not disturb the subscriber", "[transport]") {
   namespace fastdds = eprosima::fastdds::dds;
   // Announces itself as odometry and sends a frame name that claims more bytes than present.
   class GarbageType : public OdometryType {
@@ -197,7 +197,8 @@ TEST_CASE("garbage from another writer on the topic does not disturb the subscri
   CHECK(subscriber->counts().received == 300);
 }
 
-TEST_CASE("CycloneDDS reads our odometry, transform and diagnostics from the IDL, every field equal") {
+TEST_CASE("CycloneDDS reads odometry, transform and diagnostics from the IDL with equal fields",
+          "[transport]") {
   const auto reader_program = built_program("nilio-cyclone-reader");
   if (!reader_program) return;
   const std::uint32_t domain = test_domain();
@@ -245,7 +246,8 @@ TEST_CASE("CycloneDDS reads our odometry, transform and diagnostics from the IDL
   CHECK(reader.exit_status() == 0);
 }
 
-TEST_CASE("a publisher process drains its ring before it stops, however early it is stopped") {
+TEST_CASE("a publisher process publishes the ring's content before it ends, however early it is stopped",
+          "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -277,7 +279,8 @@ TEST_CASE("a publisher process drains its ring before it stops, however early it
   CHECK(report->stages.back().count >= pose_count);
 }
 
-TEST_CASE("a publisher killed with SIGKILL is started again after a tenth of a second and loses no pose") {
+TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a second and loses no pose",
+          "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -327,7 +330,7 @@ TEST_CASE("a publisher killed with SIGKILL is started again after a tenth of a s
   CHECK((*process)->ring().dropped() == 0);
 }
 
-TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it") {
+TEST_CASE("a statistics datagram that aborts Fast DDS 2.9.1 is filtered out", "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -352,8 +355,7 @@ TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  for (std::uint32_t offset = 10; offset < 30;
-       ++offset) {  // ports of the domain's first participants
+  for (std::uint32_t offset = 10; offset < 30; ++offset) {  // ports of the domain's first participants
     to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
     sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
   }
@@ -368,7 +370,7 @@ TEST_CASE("a statistics datagram that Fast DDS 2.9.1 aborts on does not reach it
   CHECK(received->message == expected_odometry(1));
 }
 
-TEST_CASE("a publisher ends when its parent dies") {
+TEST_CASE("a publisher ends with its parent process", "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   std::array<int, 2> pids{};
@@ -398,7 +400,7 @@ TEST_CASE("a publisher ends when its parent dies") {
   close(pids[1]);
 }
 
-TEST_CASE("a publisher that gets no ring says so and fails") {
+TEST_CASE("a publisher without a ring fails with a message", "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   Program program(executable->string() + " --ring-fd=1 --wake-fd=1 2>&1");

@@ -147,7 +147,7 @@ void check_survives_damage(const Message& message) {
 
 }  // namespace
 
-TEST_CASE("the types carry the names that ROS 2 gives them in DDS") {
+TEST_CASE("the types have their ROS 2 names in DDS", "[types]") {
   CHECK(std::string(OdometryType().getName()) == "nav_msgs::msg::dds_::Odometry_");
   CHECK(std::string(TransformType().getName()) == "tf2_msgs::msg::dds_::TFMessage_");
   CHECK(std::string(LatencyReportType().getName()) == "nilio::msg::dds_::LatencyReport_");
@@ -156,7 +156,7 @@ TEST_CASE("the types carry the names that ROS 2 gives them in DDS") {
   CHECK(std::string(ImuPoseStatusType().getName()) == "nilio::msg::dds_::ImuPoseStatus_");
 }
 
-TEST_CASE("messages survive the way to bytes and back") {
+TEST_CASE("messages are unchanged after serialization and deserialization", "[types]") {
   check_round_trip<OdometryType>(sample_odometry());
   check_round_trip<OdometryType>(Odometry{});
   check_round_trip<TransformType>(sample_transforms());
@@ -170,7 +170,7 @@ TEST_CASE("messages survive the way to bytes and back") {
   check_round_trip<ImuPoseStatusType>(sample_imu_status());
 }
 
-TEST_CASE("times before 1970 keep nanoseconds in their range") {
+TEST_CASE("times before 1970 have nanoseconds in the valid range", "[types]") {
   Odometry odometry = sample_odometry();
   odometry.stamp = {-1};
   check_round_trip<OdometryType>(odometry);
@@ -181,7 +181,7 @@ TEST_CASE("times before 1970 keep nanoseconds in their range") {
         std::vector<std::uint8_t>{0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xC9, 0x9A, 0x3B});  // -1 s + 999,999,999 ns
 }
 
-TEST_CASE("an odometry message has these bytes on the wire") {
+TEST_CASE("an odometry message has the expected bytes on the wire", "[types]") {
   Odometry odometry;
   odometry.stamp = {2 * 1'000'000'000LL + 3};
   odometry.frame_id = "odom";
@@ -222,7 +222,7 @@ TEST_CASE("an odometry message has these bytes on the wire") {
   CHECK(expected.size() == 4 + 40 + 8 * (7 + 36 + 6 + 36));
 }
 
-TEST_CASE("messages of a big-endian machine are read") {
+TEST_CASE("big-endian messages are read", "[types]") {
   TransformType type;
   TransformMessage message;
   // Encapsulation CDR_BE, then a sequence of one transform.
@@ -238,7 +238,7 @@ TEST_CASE("messages of a big-endian machine are read") {
   CHECK(message.transforms[0].translation[0] == 1.0);
 }
 
-TEST_CASE("truncated and damaged payloads are refused without an exception") {
+TEST_CASE("truncated and damaged payloads are rejected without an exception", "[types]") {
   check_survives_damage<OdometryType>(sample_odometry());
   check_survives_damage<TransformType>(sample_transforms());
   check_survives_damage<LatencyReportType>(sample_report());
@@ -247,7 +247,7 @@ TEST_CASE("truncated and damaged payloads are refused without an exception") {
   check_survives_damage<ImuPoseStatusType>(sample_imu_status());
 }
 
-TEST_CASE("a sequence length that the payload cannot hold is refused before anything is allocated") {
+TEST_CASE("a sequence length beyond the payload is rejected before any allocation", "[types]") {
   TransformType type;
   TransformMessage message;
   CHECK_FALSE(read_into(type, {0, 1, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF}, message));
@@ -255,7 +255,7 @@ TEST_CASE("a sequence length that the payload cannot hold is refused before anyt
   CHECK(message.transforms.empty());
 }
 
-TEST_CASE("encapsulations other than plain CDR are refused") {
+TEST_CASE("encapsulations other than plain CDR are rejected", "[types]") {
   OdometryType type;
   std::vector<std::uint8_t> bytes = bytes_of(type, sample_odometry());
   Odometry copy;
@@ -268,14 +268,14 @@ TEST_CASE("encapsulations other than plain CDR are refused") {
   CHECK_FALSE(read_into(type, bytes, copy));
 }
 
-TEST_CASE("serialising into a payload that is too small fails and says so") {
+TEST_CASE("serialization into a payload that is too small returns false", "[types]") {
   OdometryType type;
   Odometry odometry = sample_odometry();
   Payload payload(100);
   CHECK_FALSE(type.serialize(&odometry, &payload));
 }
 
-TEST_CASE("topic names take a prefix, and ROS's rules for names") {
+TEST_CASE("topic names follow the prefix and ROS's naming rules", "[types]") {
   using Catch::Matchers::Contains;
   CHECK(topic_names("").value().odometry == "rt/odom");
   CHECK(topic_names("").value().transform == "rt/tf");
@@ -290,7 +290,7 @@ TEST_CASE("topic names take a prefix, and ROS's rules for names") {
     CHECK_THAT(topic_names(bad).error().message, Contains("topic prefix"));
 }
 
-TEST_CASE("a participant refuses settings that cannot work and says what to do") {
+TEST_CASE("a participant rejects invalid settings with a remedy", "[types]") {
   using Catch::Matchers::Contains;
   ParticipantConfig config;
   config.domain = 233;

@@ -35,7 +35,7 @@ PoseRecord record_with_stages(std::int64_t start_ns, std::int64_t step_ns) {
 
 }  // namespace
 
-TEST_CASE("an empty histogram answers with zeros") {
+TEST_CASE("an empty histogram returns zeros", "[histogram]") {
   const auto snapshot = std::make_unique<Histogram>()->snapshot();
   CHECK(snapshot.count() == 0);
   CHECK(snapshot.min() == 0);
@@ -44,7 +44,7 @@ TEST_CASE("an empty histogram answers with zeros") {
   CHECK(snapshot.percentile(99.0) == 0);
 }
 
-TEST_CASE("every percentile of a log-normal latency is within 0.4 percent of the exact one") {
+TEST_CASE("every percentile of a log-normal latency is within 0.4 percent of the exact one", "[histogram]") {
   auto histogram = std::make_unique<Histogram>();
   std::mt19937_64 random(7);
   std::lognormal_distribution<double> latency(11.0, 2.0);  // median 60 us, with a tail beyond 10 s
@@ -69,7 +69,7 @@ TEST_CASE("every percentile of a log-normal latency is within 0.4 percent of the
   }
 }
 
-TEST_CASE("values up to 255 ns are exact, and every octave keeps the error") {
+TEST_CASE("values up to 255 ns are exact, and the relative error holds in every octave", "[histogram]") {
   for (std::int64_t value = 0; value < 256; ++value) {
     auto histogram = std::make_unique<Histogram>();
     histogram->record(value);
@@ -89,7 +89,7 @@ TEST_CASE("values up to 255 ns are exact, and every octave keeps the error") {
   }
 }
 
-TEST_CASE("values outside the range go to its ends and keep the true maximum") {
+TEST_CASE("values out of range go to the end buckets and keep the exact maximum", "[histogram]") {
   auto histogram = std::make_unique<Histogram>();
   histogram->record(-5);
   histogram->record(std::int64_t{1} << 62);
@@ -100,7 +100,7 @@ TEST_CASE("values outside the range go to its ends and keep the true maximum") {
   CHECK(snapshot.percentile(50.0) == 0);
 }
 
-TEST_CASE("one stall stands for the events that could not happen during it") {
+TEST_CASE("one stall also counts the events that could not happen during it", "[histogram]") {
   constexpr std::int64_t interval_ns = 100'000'000;  // 10 Hz
   auto plain = std::make_unique<Histogram>();
   auto corrected = std::make_unique<Histogram>();
@@ -116,7 +116,7 @@ TEST_CASE("one stall stands for the events that could not happen during it") {
   CHECK(corrected->snapshot().max() == 10'000'000'000);
 }
 
-TEST_CASE("the correction is bounded for absurd intervals") {
+TEST_CASE("the correction is bounded for extreme intervals", "[histogram]") {
   auto histogram = std::make_unique<Histogram>();
   histogram->record_corrected(60'000'000'000, 1);
   CHECK(histogram->snapshot().count() == 10'001);
@@ -125,7 +125,7 @@ TEST_CASE("the correction is bounded for absurd intervals") {
   CHECK(histogram->snapshot().count() == 10'003);
 }
 
-TEST_CASE("snapshots can be taken while another thread records") {
+TEST_CASE("snapshots can be taken while another thread records", "[histogram]") {
   auto histogram = std::make_unique<Histogram>();
   constexpr std::uint64_t value_count = 300'000;
   std::thread writer([&] {
@@ -148,7 +148,7 @@ TEST_CASE("snapshots can be taken while another thread records") {
   CHECK(in_range);
 }
 
-TEST_CASE("a pose record fills every stage with its own duration and the whole with the end to end") {
+TEST_CASE("a pose record fills the histogram of every stage and of the end-to-end latency", "[histogram]") {
   auto latency = std::make_unique<LatencyHistograms>();
   latency->record(record_with_stages(1'000'000'000, 1'000'000));
   for (std::size_t i = 0; i + 1 < nilio::ipc::kLatencyStageCount; ++i) {
@@ -160,7 +160,7 @@ TEST_CASE("a pose record fills every stage with its own duration and the whole w
   CHECK(latency->histogram(LatencyStage::kEndToEnd).snapshot().max() == 7'000'000);
 }
 
-TEST_CASE("a stage with an unknown stamp is left out") {
+TEST_CASE("a stage with an unknown stamp is skipped", "[histogram]") {
   auto latency = std::make_unique<LatencyHistograms>();
   PoseRecord record = record_with_stages(1'000'000'000, 1'000'000);
   record.stage_ns[static_cast<std::size_t>(nilio::ipc::Stage::kCoarse)] = 0;
@@ -171,14 +171,14 @@ TEST_CASE("a stage with an unknown stamp is left out") {
   CHECK(latency->histogram(LatencyStage::kEndToEnd).snapshot().count() == 1);
 }
 
-TEST_CASE("end to end is corrected by the scan period") {
+TEST_CASE("the end-to-end latency is corrected with the scan period", "[histogram]") {
   auto latency = std::make_unique<LatencyHistograms>();
   latency->record(record_with_stages(1'000'000'000, 125'000'000));  // 0.875 s in all, scans of 100 ms
   CHECK(latency->histogram(LatencyStage::kEndToEnd).snapshot().count() == 8);
   CHECK(latency->histogram(LatencyStage::kMap).snapshot().count() == 1);
 }
 
-TEST_CASE("latency exports in microseconds as JSON and as a table") {
+TEST_CASE("latency exports in microseconds as JSON and as a table", "[histogram]") {
   auto latency = std::make_unique<LatencyHistograms>();
   latency->record(record_with_stages(1'000'000'000, 2'000'000));
   const nlohmann::json json = nilio::ipc::latency_json(*latency);
@@ -195,7 +195,7 @@ TEST_CASE("latency exports in microseconds as JSON and as a table") {
   CHECK(table.find("14000.0") != std::string::npos);
 }
 
-TEST_CASE("buckets hold every value once, within their bounds, and coarse ones the same counts") {
+TEST_CASE("fine and coarse buckets contain every value once and within their bounds", "[histogram]") {
   auto histogram = std::make_unique<Histogram>();
   std::mt19937_64 random(5);
   std::lognormal_distribution<double> latency(12.0, 2.0);

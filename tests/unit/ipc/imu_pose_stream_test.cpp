@@ -37,7 +37,7 @@ ImuRecord sample_record(std::int64_t ms) {
 
 }  // namespace
 
-TEST_CASE("every sample after the first scan gives one pose at its time, none is lost or given twice") {
+TEST_CASE("every sample after the first scan yields exactly one pose with its stamp", "[imu_pose_stream]") {
   ImuPoseStream stream({});
   std::vector<ImuPose> poses;
   for (std::int64_t ms = 5; ms <= 10'000; ms += 5) {
@@ -61,7 +61,8 @@ TEST_CASE("every sample after the first scan gives one pose at its time, none is
   }
 }
 
-TEST_CASE("a scan that takes seconds does not stop the poses, and what it corrects is slewed") {
+TEST_CASE("a scan that takes seconds does not interrupt the poses, and its correction is slewed",
+          "[imu_pose_stream]") {
   ImuPoseConfig config;
   config.slew.max_slew_m_s = 0.4;
   ImuPoseStream stream(config);
@@ -91,7 +92,8 @@ TEST_CASE("a scan that takes seconds does not stop the poses, and what it correc
   CHECK(stream.counts().jumps == 0);
 }
 
-TEST_CASE("a correction beyond the threshold is flagged, and the next pose is on the new line") {
+TEST_CASE("a correction above the threshold is flagged as a jump and applied to the next pose",
+          "[imu_pose_stream]") {
   ImuPoseStream stream({});
   stream.add(scan_record(0, 0));
   REQUIRE(stream.add(sample_record(5)).has_value());
@@ -102,7 +104,7 @@ TEST_CASE("a correction beyond the threshold is flagged, and the next pose is on
   CHECK(stream.add(sample_record(10))->T_odom_base.translation.y() == 1.5);
 }
 
-TEST_CASE("what is left of a correction widens the covariance") {
+TEST_CASE("a residual correction increases the covariance", "[imu_pose_stream]") {
   ImuPoseStream stream({});
   stream.add(scan_record(0, 0));
   const auto plain = stream.add(sample_record(5));
@@ -113,7 +115,7 @@ TEST_CASE("what is left of a correction widens the covariance") {
   CHECK(corrected->twist_covariance == plain->twist_covariance);
 }
 
-TEST_CASE("thinning keeps the rate with samples that come unevenly, and counts what it leaves out") {
+TEST_CASE("thinning keeps the rate with irregular samples and counts the skipped ones", "[imu_pose_stream]") {
   ImuPoseConfig config;
   config.max_rate_hz = 100.0;
   ImuPoseStream stream(config);
@@ -134,7 +136,8 @@ TEST_CASE("thinning keeps the rate with samples that come unevenly, and counts w
   CHECK(counts.published <= 251);
 }
 
-TEST_CASE("a time shift that lets samples fall before what was published withholds those") {
+TEST_CASE("samples that a time shift moves before the last published pose are withheld",
+          "[imu_pose_stream]") {
   ImuPoseStream stream({});
   stream.add(scan_record(0, 0));
   REQUIRE(stream.add(sample_record(50)).has_value());
@@ -148,7 +151,7 @@ TEST_CASE("a time shift that lets samples fall before what was published withhol
   CHECK(stream.counts().withheld == 1);
 }
 
-TEST_CASE("clocks that are set back by hours are followed from the second scan on") {
+TEST_CASE("clocks set back by hours are followed from the second scan on", "[imu_pose_stream]") {
   ImuPoseStream stream({});
   stream.add(scan_record(0, 10'000'000));
   REQUIRE(stream.add(sample_record(10'000'005)).has_value());
@@ -161,7 +164,7 @@ TEST_CASE("clocks that are set back by hours are followed from the second scan o
   CHECK(stream.add(sample_record(15)).has_value());
 }
 
-TEST_CASE("of a pose and a sample that wait, the one that was there first is taken first") {
+TEST_CASE("poses and samples are taken in the order of their arrival", "[imu_pose_stream]") {
   PoseRecord pose;
   pose.stage_ns[static_cast<std::size_t>(Stage::kDelivered)] = 5 * kMs;
   CHECK(pose_comes_first(pose, sample_record(6)));

@@ -63,7 +63,8 @@ Distribution parse(const std::string& text) {
 }  // namespace
 
 TEST_CASE(
-    "a percentile distribution rises, ends at one with every value counted, and agrees with the values") {
+    "a percentile distribution is monotonic, ends at one with every value counted, and matches the values",
+    "[percentile_distribution]") {
   auto histogram = std::make_unique<Histogram>();
   std::mt19937_64 random(9);
   std::lognormal_distribution<double> latency(16.0, 1.0);
@@ -107,7 +108,7 @@ TEST_CASE(
   CHECK(found.sub_buckets == "256");
 }
 
-TEST_CASE("distributions of nothing and of one value are still such files") {
+TEST_CASE("distributions without values and with one value are valid files", "[percentile_distribution]") {
   auto histogram = std::make_unique<Histogram>();
   Distribution found = parse(percentile_distribution(histogram->snapshot()));
   REQUIRE(found.rows.size() == 1);

@@ -75,7 +75,8 @@ PublisherEvent wait_for_event(PublisherProcess& process) {
 
 }  // namespace
 
-TEST_CASE("the publisher gets its settings as arguments and no descriptors but its own") {
+TEST_CASE("the publisher gets its settings as arguments and inherits only its own descriptors",
+          "[publisher_process]") {
   const FakePublisher fake("ls /proc/self/fd > descriptors; echo \"$@\" > arguments; exec sleep 100");
   const int leak = open("/dev/null", O_RDONLY);  // NOLINT: without close-on-exec on purpose
   REQUIRE(leak >= 0);
@@ -105,7 +106,7 @@ TEST_CASE("the publisher gets its settings as arguments and no descriptors but i
   close(leak);
 }
 
-TEST_CASE("what the IMU-rate poses need is handed over exactly, or not at all") {
+TEST_CASE("the parameters of the IMU-rate poses are passed exactly, or omitted", "[publisher_process]") {
   const FakePublisher fake("echo \"$@\" > arguments; exec sleep 100");
   PublisherProcessConfig config = config_for(fake.path());
   SECTION("wanted") {
@@ -134,7 +135,7 @@ TEST_CASE("what the IMU-rate poses need is handed over exactly, or not at all") 
   }
 }
 
-TEST_CASE("samples that find the ring full are counted and never block") {
+TEST_CASE("samples that find the ring full are counted and never block", "[publisher_process]") {
   PublisherProcessConfig config = config_for("/bin/true");
   config.imu_poses.emplace();
   config.sample_ring_capacity = 16;
@@ -146,7 +147,7 @@ TEST_CASE("samples that find the ring full are counted and never block") {
   CHECK((*process)->samples().dropped() == 34);
 }
 
-TEST_CASE("a publisher that does not end when asked is killed") {
+TEST_CASE("a publisher that does not end on request is killed", "[publisher_process]") {
   const FakePublisher fake("trap '' TERM; echo up > up; while :; do sleep 0.05; done");
   auto process = PublisherProcess::create(config_for(fake.path()));
   REQUIRE(process.ok());
@@ -162,7 +163,7 @@ TEST_CASE("a publisher that does not end when asked is killed") {
   CHECK_FALSE((*process)->poll().has_value());
 }
 
-TEST_CASE("a publisher that dies is started again with growing pauses") {
+TEST_CASE("a publisher that exits is restarted with growing pauses", "[publisher_process]") {
   const FakePublisher fake("exit 3");
   auto process = PublisherProcess::create(config_for(fake.path()));
   REQUIRE(process.ok());
@@ -190,7 +191,7 @@ TEST_CASE("a publisher that dies is started again with growing pauses") {
   CHECK((*process)->restarts() == 5);
 }
 
-TEST_CASE("after a healthy life the pause is short again") {
+TEST_CASE("the pause is reset after a long run", "[publisher_process]") {
   const FakePublisher fake("sleep 0.1; exit 1");
   PublisherProcessConfig config = config_for(fake.path());
   config.healthy_after = Duration::from_milliseconds(50.0);
@@ -204,7 +205,7 @@ TEST_CASE("after a healthy life the pause is short again") {
   }
 }
 
-TEST_CASE("a publisher killed by a signal is reported with it") {
+TEST_CASE("the signal that killed a publisher is reported", "[publisher_process]") {
   const FakePublisher fake("exec sleep 100");
   auto process = PublisherProcess::create(config_for(fake.path()));
   REQUIRE(process.ok());
@@ -220,7 +221,7 @@ TEST_CASE("a publisher killed by a signal is reported with it") {
   CHECK_THAT(died.message, Contains("killed by signal 9"));
 }
 
-TEST_CASE("a publisher that reads nothing although poses wait is killed") {
+TEST_CASE("a publisher that does not read waiting poses is killed", "[publisher_process]") {
   const FakePublisher fake("exec sleep 100");
   PublisherProcessConfig config = config_for(fake.path());
   config.hang_timeout = Duration::from_milliseconds(100.0);
@@ -234,7 +235,8 @@ TEST_CASE("a publisher that reads nothing although poses wait is killed") {
   CHECK(wait_for_event(**process).signal == SIGKILL);
 }
 
-TEST_CASE("an executable that is not there is an error that names it, and is tried again") {
+TEST_CASE("a missing executable is an error with its name, and the start is repeated",
+          "[publisher_process]") {
   auto process = PublisherProcess::create(config_for("/nonexistent/nilio-publisher"));
   REQUIRE(process.ok());
   const auto started = (*process)->start();
@@ -244,7 +246,7 @@ TEST_CASE("an executable that is not there is an error that names it, and is tri
   CHECK_FALSE((*process)->stop().has_value());
 }
 
-TEST_CASE("poses that find the ring full are counted and never block") {
+TEST_CASE("poses that find the ring full are counted and never block", "[publisher_process]") {
   auto process = PublisherProcess::create(config_for("/bin/true"));
   REQUIRE(process.ok());
   int accepted = 0;

@@ -60,14 +60,14 @@ class RawHeader {
 
 }  // namespace
 
-TEST_CASE("capacity is rounded up to a power of two") {
+TEST_CASE("capacity is rounded up to a power of two", "[ring]") {
   CHECK(Ring<int>::in_private_memory(0).capacity() == 1);
   CHECK(Ring<int>::in_private_memory(1).capacity() == 1);
   CHECK(Ring<int>::in_private_memory(5).capacity() == 8);
   CHECK(Ring<int>::in_private_memory(4096).capacity() == 4096);
 }
 
-TEST_CASE("values come out in order over many times the capacity") {
+TEST_CASE("values keep their order over many times the capacity", "[ring]") {
   auto ring = Ring<std::uint64_t>::in_private_memory(8);
   std::uint64_t expected = 0;
   for (std::uint64_t i = 0; i < 1000; ++i) {
@@ -83,7 +83,7 @@ TEST_CASE("values come out in order over many times the capacity") {
   CHECK(ring.consumed() == 2000);
 }
 
-TEST_CASE("a full ring drops the newest value and counts it") {
+TEST_CASE("a full ring drops the newest value and counts it", "[ring]") {
   auto ring = Ring<int>::in_private_memory(4);
   for (int i = 0; i < 7; ++i) CHECK(ring.try_push(i) == (i < 4));
   CHECK(ring.dropped() == 3);
@@ -94,7 +94,7 @@ TEST_CASE("a full ring drops the newest value and counts it") {
   CHECK(ring.try_pop() == 1);
 }
 
-TEST_CASE("write spans end at the wrap and at the reader") {
+TEST_CASE("write spans end at the wrap and at the oldest unread slot", "[ring]") {
   auto ring = Ring<int>::in_private_memory(8);
   CHECK(ring.begin_write(100).size() == 8);
   ring.commit(6);
@@ -108,7 +108,7 @@ TEST_CASE("write spans end at the wrap and at the reader") {
   CHECK(ring.size() == 3);
 }
 
-TEST_CASE("spans are written and read in place") {
+TEST_CASE("spans are written and read in place", "[ring]") {
   auto ring = Ring<int>::in_private_memory(4);
   const auto free = ring.begin_write(3);
   std::iota(free.begin(), free.end(), 10);
@@ -121,7 +121,7 @@ TEST_CASE("spans are written and read in place") {
   CHECK(filled[1] == 11);
 }
 
-TEST_CASE("more than was granted is neither committed nor consumed") {
+TEST_CASE("at most the granted slots are committed and consumed", "[ring]") {
   auto ring = Ring<int>::in_private_memory(4);
   CHECK(ring.begin_write(2).size() == 2);
   ring.commit(1000);
@@ -135,7 +135,7 @@ TEST_CASE("more than was granted is neither committed nor consumed") {
   CHECK(ring.size() == 0);
 }
 
-TEST_CASE("two threads with random stalls exchange every value intact and in order") {
+TEST_CASE("two threads with random stalls exchange every value intact and in order", "[ring]") {
   constexpr std::uint64_t item_count = 200'000;
   auto ring = Ring<Item>::in_private_memory(64);
   std::thread producer([&ring] {
@@ -168,7 +168,7 @@ TEST_CASE("two threads with random stalls exchange every value intact and in ord
   CHECK(ring.high_water() <= ring.capacity());
 }
 
-TEST_CASE("a third thread reads size and counters while two others run") {
+TEST_CASE("a third thread reads size and counters while two others run", "[ring]") {
   auto ring = Ring<std::uint64_t>::in_private_memory(16);
   std::atomic<bool> done{false};
   std::atomic<std::uint64_t> too_large{0};
@@ -197,7 +197,7 @@ TEST_CASE("a third thread reads size and counters while two others run") {
   CHECK(too_large == 0);
 }
 
-TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it stopped") {
+TEST_CASE("a reader killed with SIGKILL is replaced by one that continues at the same slot", "[ring]") {
   constexpr std::uint64_t item_count = 60'000;
   auto ring = Ring<Item>::in_shared_memory(256);
   REQUIRE(ring.ok());
@@ -256,7 +256,7 @@ TEST_CASE("a reader killed with SIGKILL is replaced by one that goes on where it
   munmap(report, sizeof(Report));
 }
 
-TEST_CASE("an impossible consumer index is a full ring for the producer, until a new consumer heals it") {
+TEST_CASE("an impossible consumer index counts as a full ring until a new consumer resets it", "[ring]") {
   auto ring = Ring<std::uint64_t>::in_shared_memory(8);
   REQUIRE(ring.ok());
   RawHeader header(ring->file_descriptor());
@@ -278,7 +278,8 @@ TEST_CASE("an impossible consumer index is a full ring for the producer, until a
   CHECK(ring->dropped() > 0);
 }
 
-TEST_CASE("what a consumer scribbles over the header never moves the producer out of its memory") {
+TEST_CASE("a consumer that overwrites the header never makes the producer write outside its memory",
+          "[ring]") {
   auto ring = Ring<Item>::in_shared_memory(16);
   REQUIRE(ring.ok());
   RawHeader header(ring->file_descriptor());
@@ -300,7 +301,7 @@ TEST_CASE("what a consumer scribbles over the header never moves the producer ou
   CHECK(ring->impossible_fills() > 0);
 }
 
-TEST_CASE("attaching refuses what is not this ring and says why") {
+TEST_CASE("attaching to anything but a matching ring fails with the reason", "[ring]") {
   using Catch::Matchers::Contains;
   CHECK_THAT(Ring<int>::attach(-1).error().message, Contains("file descriptor -1"));
 
@@ -328,13 +329,13 @@ TEST_CASE("attaching refuses what is not this ring and says why") {
   CHECK_THAT(Ring<int>::attach(ring->file_descriptor()).error().message, Contains("version 2"));
 }
 
-TEST_CASE("nobody can shrink a shared ring under the others") {
+TEST_CASE("a shared ring cannot be resized by another process", "[ring]") {
   auto ring = Ring<int>::in_shared_memory(64);
   REQUIRE(ring.ok());
   CHECK(ftruncate(ring->file_descriptor(), 0) == -1);
 }
 
-TEST_CASE("a wake event remembers a signal that came before the wait") {
+TEST_CASE("a signal before the wait is not lost", "[ring]") {
   auto event = nilio::ipc::WakeEvent::create();
   REQUIRE(event.ok());
   CHECK_FALSE(event->wait({0}));
@@ -345,7 +346,7 @@ TEST_CASE("a wake event remembers a signal that came before the wait") {
   CHECK((fcntl(event->file_descriptor(), F_GETFD) & FD_CLOEXEC) != 0);
 }
 
-TEST_CASE("a wake event wakes a sleeping thread") {
+TEST_CASE("a wake event wakes a sleeping thread", "[ring]") {
   auto event = nilio::ipc::WakeEvent::create();
   REQUIRE(event.ok());
   bool woken = false;
@@ -356,7 +357,7 @@ TEST_CASE("a wake event wakes a sleeping thread") {
   CHECK(woken);
 }
 
-TEST_CASE("a wake event adopts an eventfd and nothing else") {
+TEST_CASE("a wake event adopts only an eventfd", "[ring]") {
   using Catch::Matchers::Contains;
   auto event = nilio::ipc::WakeEvent::create();
   REQUIRE(event.ok());
