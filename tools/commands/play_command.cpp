@@ -30,7 +30,7 @@ double monotonic_s() {
   return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
 }
 
-void say(const std::string& line) { std::fprintf(stderr, "nilio play: %s\n", line.c_str()); }
+void log(const std::string& line) { std::fprintf(stderr, "nilio play: %s\n", line.c_str()); }
 
 core::Result<std::unique_ptr<play::PlaySession>> open_session(PlayArguments& arguments) {
   const auto files = daemon::sort_replay_files(arguments.recordings);
@@ -44,7 +44,7 @@ core::Result<std::unique_ptr<play::PlaySession>> open_session(PlayArguments& arg
   config.captures = files->captures;
   config.can_logs = files->can_logs;
   config.longest_gap = core::Duration::from_seconds(arguments.longest_gap_s);
-  return play::PlaySession::open(config, say);
+  return play::PlaySession::open(config, log);
 }
 
 void announce(const play::PlayConfig& config) {
@@ -54,12 +54,12 @@ void announce(const play::PlayConfig& config) {
     text += ", " + std::to_string(config.can_logs.size()) + " CAN logs to " + config.can_interface;
   std::array<char, 48> speed{};
   std::snprintf(speed.data(), speed.size(), "at %g times its own pace", config.speed);
-  say(text + ", " + (config.fast ? "as fast as possible" : speed.data()));
+  log(text + ", " + (config.fast ? "as fast as possible" : speed.data()));
   if (config.can_interface.empty() && !config.can_logs.empty())
-    say(config.can_logs.front() + " is not played; give --can INTERFACE to play it");
+    log(config.can_logs.front() + " is not played; give --can INTERFACE to play it");
 }
 
-/// 0, or 1 when something was not sent.
+/// 0, or 1 if a packet or frame failed.
 int print_report(const play::PlayReport& report, bool fast, double seconds) {
   const auto number = [](std::uint64_t value) { return static_cast<unsigned long long>(value); };
   std::printf("played     %llu packets, %llu frames in %.3f s, %llu times to the end\n",
@@ -78,10 +78,10 @@ int run_play(PlayArguments& arguments) {
   StopSignals signals;
   auto session = open_session(arguments);
   if (!session) {
-    say(session.error().message);
+    log(session.error().message);
     return 1;
   }
-  // Otherwise the kernel puts off the end of each sleep by up to 50 us.
+  // The default timer slack delays the end of each sleep by up to 50 us.
   prctl(PR_SET_TIMERSLACK, 1UL);
   announce(arguments.config);
   const double begin_s = monotonic_s();
@@ -108,7 +108,7 @@ void add_destination_options(CLI::App& command, play::PlayConfig& config) {
                   "UDP port of the position packets in the recording")
       ->capture_default_str();
   command.add_option("--can", config.can_interface,
-                     "CAN interface to send the frames of the CAN log on, whichever they were recorded on "
+                     "CAN interface to send the frames of the CAN log on, independent of the recorded one "
                      "(default: they are not sent)");
 }
 

@@ -17,7 +17,7 @@ namespace {
 
 constexpr core::Duration kPollPeriod{100'000'000};
 constexpr double kStatusPeriodS = 5.0;
-/// Sources that are silent are named in the first status line and once a minute.
+/// Silent sources are listed in the first status line and once a minute.
 constexpr std::uint64_t kLinesPerSilenceReport = 12;
 constexpr double kMega = 1e6;
 
@@ -37,7 +37,7 @@ double monotonic_s() {
   return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
 }
 
-void say(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", line.c_str()); }
+void log(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", line.c_str()); }
 
 unsigned long long printable(std::uint64_t number) { return number; }
 
@@ -58,7 +58,7 @@ std::string free_space(const std::filesystem::path& folder) {
   return text.data();
 }
 
-/// A line every few seconds with the rates since the last.
+/// A line every few seconds with the current rates.
 class RecordStatus {
  public:
   void show(const record::RecordSession& session, const std::filesystem::path& folder, double now_s) {
@@ -73,10 +73,10 @@ class RecordStatus {
         printable(progress.packets), printable(progress.frames), static_cast<double>(progress.bytes) / kMega,
         static_cast<double>(progress.received - last_.received) / span,
         static_cast<double>(progress.bytes - last_.bytes) / kMega / span, losses(progress).c_str(),
-        free_space(folder).c_str(), progress.blocked ? "; THE DISK TAKES NOTHING" : "");
-    say(text.data());
+        free_space(folder).c_str(), progress.blocked ? "; DISK BLOCKED" : "");
+    log(text.data());
     if (lines_shown_++ % kLinesPerSilenceReport == 0) {
-      for (const std::string& line : session.source_lines(true)) say(line);
+      for (const std::string& line : session.source_lines(true)) log(line);
     }
     last_ = progress;
     shown_s_ = now_s;
@@ -91,7 +91,7 @@ class RecordStatus {
   std::uint64_t lines_shown_ = 0;
 };
 
-/// 0, or 1 when nothing was recorded or the disk did not take everything.
+/// 0, or 1 if no data were recorded or the disk did not take all of them.
 int print_summary(const record::RecordSession& session, double seconds) {
   const record::RecordProgress progress = session.progress();
   std::printf("recorded   %llu packets, %llu frames, %.3f MB in %.1f s\n", printable(progress.packets),
@@ -103,7 +103,7 @@ int print_summary(const record::RecordSession& session, double seconds) {
               printable(progress.deleted));
   for (const std::string& line : session.source_lines(false)) std::printf("source     %s\n", line.c_str());
   if (progress.packets + progress.frames > 0) return progress.disk_lost > 0 ? 1 : 0;
-  say("nothing was recorded; the lines above say what each source has seen");
+  log("no data were recorded - the lines above list the packets of each source");
   return 1;
 }
 
@@ -115,13 +115,13 @@ int run_record(RecordArguments& arguments) {
   config.ring_bytes = static_cast<std::size_t>(arguments.buffer_mb * kMega);
   config.receive_buffer_bytes = static_cast<int>(arguments.receive_buffer_mb * 1024.0 * 1024.0);
   StopSignals signals;
-  auto session = record::RecordSession::open(config, say);
+  auto session = record::RecordSession::open(config, log);
   if (!session) {
-    say(session.error().message);
+    log(session.error().message);
     return 1;
   }
   (*session)->start();
-  say("recording to " + config.folder.string() + free_space(config.folder) + "; end with Ctrl-C");
+  log("recording to " + config.folder.string() + free_space(config.folder) + "; end with Ctrl-C");
   RecordStatus status;
   while (!signals.wait(kPollPeriod)) {
     if (arguments.duration_s > 0.0 && status.elapsed_s() >= arguments.duration_s) break;
@@ -158,15 +158,15 @@ void add_file_options(CLI::App& command, RecordArguments& a) {
                   "begin the next part before one grows beyond this, MB = 10^6 bytes")
       ->check(number_between(0.01, 1e9))
       ->capture_default_str();
-  command.add_option("--rotate-s", a.rotate_s, "begin the next part after so many seconds; 0 = never")
+  command.add_option("--rotate-s", a.rotate_s, "begin the next part after this many seconds; 0 = never")
       ->check(number_between(0.0, 1e9))
       ->capture_default_str();
   command
       .add_option("--keep", a.config.limits.keep,
-                  "keep only the newest N parts in the folder, those of earlier recordings among them, and "
+                  "keep only the newest N parts in the folder, including those of earlier recordings, and "
                   "delete older ones; 0 = keep all")
       ->capture_default_str();
-  command.add_option("--duration", a.duration_s, "end after so many seconds; 0 = at Ctrl-C or SIGTERM")
+  command.add_option("--duration", a.duration_s, "end after this many seconds; 0 = at Ctrl-C or SIGTERM")
       ->check(number_between(0.0, 1e9))
       ->capture_default_str();
 }

@@ -65,8 +65,7 @@ std::vector<std::string> scene_names() {
 
 std::string describe_scenes() {
   std::string text = "where to drive:";
-  for (const SceneInfo& info : scene_infos())
-    text += std::string("\n") + info.name + ": " + info.summary;
+  for (const SceneInfo& info : scene_infos()) text += std::string("\n") + info.name + ": " + info.summary;
   return text + "\n";
 }
 
@@ -107,14 +106,16 @@ void add_drive_options(CLI::App& command, Arguments& a) {
   command.add_option("--scene", a.scene, describe_scenes())
       ->check(CLI::IsMember(scene_names()))
       ->capture_default_str();
-  command.add_flag("--tunnel-lamps", a.options.tunnel_lamps, "lamps and niches in the tunnel; by default it is bare");
+  command.add_flag("--tunnel-lamps", a.options.tunnel_lamps,
+                   "lamps and niches in the tunnel; by default it is bare");
   command
       .add_option("--trajectory", a.options.trajectory,
                   "'town', or a KITTI pose file (camera poses, 12 numbers a line) to drive along")
       ->capture_default_str();
   command.add_option("--calib", a.options.calibration,
                      "KITTI calib.txt with Tr for the pose file; default: that of sequences 00-02");
-  command.add_option("--pose-interval", a.options.pose_interval_s, "seconds from pose to pose in the pose file")
+  command
+      .add_option("--pose-interval", a.options.pose_interval_s, "seconds from pose to pose in the pose file")
       ->check(number_between(0.001, 10.0))
       ->capture_default_str();
   command.add_option("--length", a.options.extent.length_m, "metres to drive; default: the whole drive")
@@ -155,19 +156,20 @@ void add_lidar_options(CLI::App& command, Arguments& a) {
 }
 
 void add_clock_options(CLI::App& command, Arguments& a) {
-  command
-      .add_option("--gps", a.gps, "GPS receiver of the LiDAR: pulse and time, time only, none")
+  command.add_option("--gps", a.gps, "GPS receiver of the LiDAR: pulse and time, time only, none")
       ->check(CLI::IsMember(names_of(kGpsReceptions)))
       ->capture_default_str();
   command.add_option("--sensor-clock-offset-s", a.options.clock_offset_s, "LiDAR's clock less the host's, s")
       ->check(number_between(-1e6, 1e6))
       ->capture_default_str();
   command
-      .add_option("--sensor-clock-drift-ppm", a.options.clock_drift_ppm, "rate error of the LiDAR's clock, parts per million")
+      .add_option("--sensor-clock-drift-ppm", a.options.clock_drift_ppm,
+                  "rate error of the LiDAR's clock, parts per million")
       ->check(number_between(-1000.0, 1000.0))
       ->capture_default_str();
   command
-      .add_option("--network-jitter-us", a.options.network_jitter_us, "maximum additional delay of a packet, us")
+      .add_option("--network-jitter-us", a.options.network_jitter_us,
+                  "maximum additional delay of a packet, us")
       ->check(number_between(0.0, 20000.0))
       ->capture_default_str();
   command
@@ -207,9 +209,8 @@ void add_imu_options(CLI::App& command, Arguments& a) {
   add_error("--accel-drift", a.options.accel_drift_ug, "in-run bias, micro-g");
   add_error("--accel-scale", a.options.accel_scale_percent, "error of each axis's scale, %");
   command
-      .add_option(
-          "--imu-fault", a.options.imu_faults,
-          "fault of the IMU; may be given several times:\n" + describe_imu_faults())
+      .add_option("--imu-fault", a.options.imu_faults,
+                  "fault of the IMU; may be given several times:\n" + describe_imu_faults())
       ->allow_extra_args(false)
       ->type_name("NAME[=VALUE]");
 }
@@ -246,15 +247,15 @@ std::optional<Error> find_unused_in_scene(const CLI::App& command, const Argumen
   if (scene.kind != SceneKind::kTunnel && command.count("--tunnel-lamps") > 0)
     return Error{"--tunnel-lamps is for --scene tunnel"};
   if (scene.kind != SceneKind::kTown && a.options.trajectory != "town")
-    return Error{"--trajectory: a pose file is driven through the town; leave --scene out"};
-  if (!scene.standing_start) error = unused("--moving-start", "the vehicle always begins at speed");
+    return Error{"--trajectory: a pose file is driven through the town - leave --scene out"};
+  if (!scene.may_start_stationary) error = unused("--moving-start", "the vehicle always begins at speed");
   if (!error && scene.speed_m_s <= 0.0) {
     for (const char* option : {"--speed", "--length", "--moving-start"}) {
-      if (!error) error = unused(option, "the vehicle does not move; --duration says for how long");
+      if (!error) error = unused(option, "the vehicle does not move - set --duration");
     }
   }
   const bool without_traffic = scene.kind == SceneKind::kForest || scene.kind == SceneKind::kRamps;
-  if (!error && !in_town && without_traffic) error = unused("--moving-cars", "nothing else moves");
+  if (!error && !in_town && without_traffic) error = unused("--moving-cars", "there is no traffic");
   return error;
 }
 

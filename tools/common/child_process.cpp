@@ -24,7 +24,7 @@ using core::Result;
 
 constexpr core::Duration kPoll = core::Duration::from_milliseconds(10.0);
 
-/// Of this program, ended by null; what is in `more` takes the place of variables of the same name.
+/// Environment of this program with `more` replacing variables of the same name, null-terminated.
 std::vector<char*> environment_with(std::vector<std::string>& more) {
   const auto is_replaced = [&more](const std::string_view variable) {
     const std::string_view name = variable.substr(0, variable.find('=') + 1);
@@ -40,7 +40,7 @@ std::vector<char*> environment_with(std::vector<std::string>& more) {
   return result;
 }
 
-/// In the child: as a shell would have started it, whatever this process blocks and ignores.
+/// In the child: signal handling as after a shell, independent of this process.
 void restore_signals() {
   for (const int signal : {SIGPIPE, SIGXFSZ, SIGINT, SIGTERM, SIGHUP}) ::signal(signal, SIG_DFL);
   sigset_t none;
@@ -52,7 +52,7 @@ void restore_signals() {
                          pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent) _exit(126);
-  // A Ctrl-C is this program's to pass on, once it has what the other knows.
+  // Own process group: this program forwards a Ctrl-C itself.
   setpgid(0, 0);
   restore_signals();
   if (dup2(log, STDOUT_FILENO) < 0 || dup2(log, STDERR_FILENO) < 0) _exit(126);
@@ -65,7 +65,7 @@ void restore_signals() {
 Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vector<std::string>& arguments,
                                          const fs::path& log, std::vector<std::string> more_environment) {
   if (access(program.c_str(), X_OK) != 0)
-    return Error{program.string() + ": cannot be started (" + std::strerror(errno) + ")"};
+    return Error{program.string() + ": could not be started (" + std::strerror(errno) + ")"};
   const int descriptor = open(log.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   if (descriptor < 0) return Error{log.string() + ": cannot be written (" + std::strerror(errno) + ")"};
   std::vector<std::string> words{program.string()};
@@ -76,7 +76,7 @@ Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vec
   argv.push_back(nullptr);
   std::vector<char*> envp = environment_with(more_environment);
   const pid_t parent = getpid();
-  // A signal that comes before the child has given up this program's handlers would run them there.
+  // Signals are blocked until the child has reset this program's handlers.
   sigset_t all;
   sigset_t before;
   sigfillset(&all);
@@ -86,7 +86,7 @@ Result<ChildProcess> ChildProcess::start(const fs::path& program, const std::vec
   const int reason = errno;
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(descriptor);
-  if (pid < 0) return Error{program.string() + ": cannot be started (" + std::strerror(reason) + ")"};
+  if (pid < 0) return Error{program.string() + ": could not be started (" + std::strerror(reason) + ")"};
   return ChildProcess(pid, log);
 }
 
@@ -139,7 +139,7 @@ std::string ChildProcess::last_line() const {
   for (std::string line; std::getline(file, line);) {
     if (!line.empty()) last = line;
   }
-  return last.empty() ? "it said nothing" : last;
+  return last.empty() ? "no output" : last;
 }
 
 Result<fs::path> find_sibling_program(const std::string& name) {
@@ -147,8 +147,8 @@ Result<fs::path> find_sibling_program(const std::string& name) {
   const fs::path self = fs::read_symlink("/proc/self/exe", error);
   fs::path program = self.parent_path() / name;
   if (!error && access(program.c_str(), X_OK) == 0) return program;
-  return Error{program.string() + ": is not there, or may not be started: build or install " + name +
-               " beside " + self.filename().string()};
+  return Error{program.string() + ": not found or not executable - build or install " + name + " beside " +
+               self.filename().string()};
 }
 
 }  // namespace nilio::tools

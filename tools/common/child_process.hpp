@@ -11,13 +11,13 @@
 
 namespace nilio::tools {
 
-/// A program started with its output in a file. It is killed with this object, and by the kernel when the
+/// A child process with its output in a file. It is killed with this object, and by the kernel when the
 /// thread that started it ends. One thread.
 class ChildProcess {
  public:
-  /// `program` and `arguments` go to execve(), with this program's environment and `more_environment`
-  /// ("NAME=value") over it; standard output and error to `log`. Fails when the log cannot be written or the
-  /// program not be started.
+  /// Starts `program` with `arguments`, this program's environment and `more_environment` ("NAME=value") over
+  /// it; standard output and error go to `log`. Fails when the log cannot be written or the program cannot be
+  /// started.
   static core::Result<ChildProcess> start(const std::filesystem::path& program,
                                           const std::vector<std::string>& arguments,
                                           const std::filesystem::path& log,
@@ -29,12 +29,12 @@ class ChildProcess {
   ~ChildProcess();
 
   [[nodiscard]] pid_t pid() const { return pid_; }
-  /// The exit status, or minus the signal that killed it; nothing while it runs.
+  /// The exit status, or minus the signal that killed it; unset while it runs.
   std::optional<int> poll();
   void send_signal(int signal) const;
-  /// SIGTERM, and SIGKILL when it has not ended after `patience`; the result is as that of poll().
+  /// Sends SIGTERM, and SIGKILL if it has not ended after `patience`; returns the result of poll().
   int stop(core::Duration patience);
-  /// The last line of its output that is not empty, for messages.
+  /// The last non-empty line of its output, for messages.
   [[nodiscard]] std::string last_line() const;
 
  private:
@@ -46,7 +46,7 @@ class ChildProcess {
   std::optional<int> ended_;
 };
 
-/// A program that was built or installed together with this one.
+/// Path of a program that was built or installed beside this one.
 core::Result<std::filesystem::path> find_sibling_program(const std::string& name);
 
 }  // namespace nilio::tools

@@ -8,7 +8,7 @@ namespace nilio::tools {
 
 namespace {
 
-/// Correlation of neighbours from which on they differ by steps more than by noise.
+/// Correlation of neighbours above which the quantity moves in steps.
 constexpr double kMovesInSteps = 0.5;
 
 double mean_of(std::span<const double> values) {
@@ -17,7 +17,7 @@ double mean_of(std::span<const double> values) {
   return sum / static_cast<double>(values.size());
 }
 
-/// Of neighbours, 0 to just below 1; noise that changes sign makes no sample count for more than one.
+/// Correlation of neighbours, 0 to just below 1; negative correlation counts as 0.
 double correlation(const std::vector<double>& residuals, double square_sum) {
   double product_sum = 0.0;
   for (std::size_t i = 1; i < residuals.size(); ++i) product_sum += residuals[i] * residuals[i - 1];
@@ -25,7 +25,7 @@ double correlation(const std::vector<double>& residuals, double square_sum) {
   return std::clamp(product_sum / square_sum, 0.0, (n - 3.0) / (n + 3.0));
 }
 
-/// From the steps between samples, whose sum the rise is.
+/// Standard error from the steps between samples, whose sum is the rise.
 double error_by_steps(std::span<const double> x, std::span<const double> y) {
   const std::size_t steps = y.size() - 1;
   const auto n = static_cast<double>(steps);

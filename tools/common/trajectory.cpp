@@ -161,7 +161,7 @@ core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const s
     }
   }
   file.close();
-  if (!file) return core::Error{path + ": cannot be written; check the folder and the space on the disk"};
+  if (!file) return core::Error{path + ": could not be written - check the folder and the space on the disk"};
   return trajectory.poses.size();
 }
 

@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr double kMaxMedianErrorM = 0.001;
-// Inertial data from a little before the first scan to a little after the last.
+// Margin of the inertial data before the first and after the last scan.
 constexpr core::Duration kMargin{1'000'000'000};
 
 struct LidarSummary {
@@ -38,7 +38,7 @@ struct LidarSummary {
 };
 
 core::Error cannot_write(const fs::path& path) {
-  return core::Error{path.string() + ": cannot be written; check the folder and the space on the disk"};
+  return core::Error{path.string() + ": could not be written - check the folder and the space on the disk"};
 }
 
 core::Result<LidarSummary> write_lidar(const KittiRawDrive& drive, const drivers::VelodyneSensor& sensor,
@@ -90,32 +90,38 @@ core::Result<std::size_t> write_imu(const std::vector<OxtsRecord>& records, cons
   return records.size();
 }
 
-core::Result<std::size_t> write_configuration(const core::SE3& T_lidar_imu, const fs::path& path) {
-  const Eigen::Matrix3d R = T_lidar_imu.rotation.toRotationMatrix();
-  constexpr double degrees_per_radian = 180.0 / std::numbers::pi;
-  const double roll = degrees_per_radian * std::atan2(R(2, 1), R(2, 2));
-  const double pitch = degrees_per_radian * std::atan2(-R(2, 0), std::hypot(R(2, 1), R(2, 2)));
-  const double yaw = degrees_per_radian * std::atan2(R(1, 0), R(0, 0));
-  const Eigen::Vector3d& t = T_lidar_imu.translation;
-  std::array<char, 1024> text{};
-  std::snprintf(text.data(), text.size(),
-                "# Sensors of this recording, converted from a KITTI raw drive. base_link is the LiDAR.\n"
-                "# Extrinsics are poses in base_link: metres; roll, pitch, yaw in degrees, R = Rz(yaw) "
-                "Ry(pitch) Rx(roll).\n"
-                "lidar:\n"
-                "  model: HDL-64E-S2\n"
-                "  elevation_correction_deg: 0.205  # bias of KITTI's scanner (IMLS-SLAM and others)\n"
-                "  extrinsic:\n"
-                "    translation: [0, 0, 0]\n"
-                "    rotation_rpy_deg: [0, 0, 0]\n"
-                "imu:\n"
-                "  preset: oxts_rt3003\n"
-                "  extrinsic:\n"
-                "    translation: [%.7f, %.7f, %.7f]\n"
-                "    rotation_rpy_deg: [%.6f, %.6f, %.6f]\n",
-                t.x(), t.y(), t.z(), roll, pitch, yaw);
+/// `T_lidar_imu`: null without inertial data.
+core::Result<std::size_t> write_configuration(const core::SE3* T_lidar_imu, const fs::path& path) {
+  std::string text =
+      "# Sensors of this recording, converted from a KITTI raw drive. base_link is the LiDAR.\n"
+      "# Extrinsics are poses in base_link: metres; roll, pitch, yaw in degrees, R = Rz(yaw) Ry(pitch) "
+      "Rx(roll).\n"
+      "lidar:\n"
+      "  model: HDL-64E-S2\n"
+      "  elevation_correction_deg: 0.205  # bias of KITTI's scanner (IMLS-SLAM and others)\n"
+      "  extrinsic:\n"
+      "    translation: [0, 0, 0]\n"
+      "    rotation_rpy_deg: [0, 0, 0]\n"
+      "imu:\n";
+  if (T_lidar_imu == nullptr) {
+    text += "  enabled: false\n";
+  } else {
+    const Eigen::Matrix3d R = T_lidar_imu->rotation.toRotationMatrix();
+    const double roll = kDegreesPerRadian * std::atan2(R(2, 1), R(2, 2));
+    const double pitch = kDegreesPerRadian * std::atan2(-R(2, 0), std::hypot(R(2, 1), R(2, 2)));
+    const double yaw = kDegreesPerRadian * std::atan2(R(1, 0), R(0, 0));
+    const Eigen::Vector3d& t = T_lidar_imu->translation;
+    std::array<char, 256> imu{};
+    std::snprintf(imu.data(), imu.size(),
+                  "  preset: oxts_rt3003\n"
+                  "  extrinsic:\n"
+                  "    translation: [%.7f, %.7f, %.7f]\n"
+                  "    rotation_rpy_deg: [%.6f, %.6f, %.6f]\n",
+                  t.x(), t.y(), t.z(), roll, pitch, yaw);
+    text += imu.data();
+  }
   std::ofstream file(path);
-  file << text.data();
+  file << text;
   file.close();
   if (!file) return cannot_write(path);
   return std::size_t{1};
@@ -132,14 +138,18 @@ void print_summary(const KittiRawDrive& drive, const LidarSummary& lidar,
   if (drive.scans_without_stamp > 0) {
     std::cout << "  " << drive.scans_without_stamp << " scans left out: no usable start and end time\n";
   }
-  std::cout << (output / "imu.candump.log").string() << ": " << records.size() << " samples";
+  if (records.empty()) {
+    std::cout << "no oxts/ in the drive: neither inertial data nor ground truth";
+  } else {
+    std::cout << (output / "imu.candump.log").string() << ": " << records.size() << " samples";
+  }
   if (records.size() > 1) {
     const double span = (records.back().stamp - records.front().stamp).seconds();
     const double rate = static_cast<double>(records.size() - 1) / span;
     std::cout << " at " << std::round(rate * 10.0) / 10.0 << " Hz";
     if (rate < 50.0) std::cout << " (too slow for deskewing: give the _extract drive with --oxts for 100 Hz)";
   }
-  std::cout << "\nTimes of the recording are taken as UTC.\n";
+  std::cout << "\nTimes of the recording are read as UTC.\n";
 }
 
 /// 0, or 1 when the capture does not give the scans back.
@@ -157,9 +167,9 @@ int print_check(const ConversionCheck& check, const LidarSummary& lidar) {
       check.median_m < kMaxMedianErrorM) {
     return 0;
   }
-  std::cerr << "nilio convert: the capture does not give the scans back: " << lidar.encoded
+  std::cerr << "nilio convert: the capture does not reproduce the scans: " << lidar.encoded
             << " points were encoded, " << check.decoded_points << " came back, " << check.unexplained_points
-            << " of them belong to no scan; do not use it\n";
+            << " of them belong to no scan - do not use it\n";
   return 1;
 }
 
@@ -170,8 +180,8 @@ core::Result<int> convert_kitti_raw(const Options& options) {
       read_kitti_raw(options.drive, options.oxts_drive.empty() ? options.drive : options.oxts_drive);
   if (!drive) return drive.error();
   const std::vector<OxtsRecord> records = records_around_scans(*drive);
-  if (records.empty()) {
-    return core::Error{options.drive + ": no OXTS record has a time within the scans; check --oxts"};
+  if (records.empty() && !drive->oxts.empty()) {
+    return core::Error{options.drive + ": no OXTS record has a time within the scans - check --oxts"};
   }
   const fs::path output = options.output;
   std::error_code error;
@@ -180,12 +190,16 @@ core::Result<int> convert_kitti_raw(const Options& options) {
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2);
   const auto lidar = write_lidar(*drive, sensor, output / "lidar.pcap");
   if (!lidar) return lidar.error();
-  const auto imu = write_imu(records, output / "imu.candump.log");
-  if (!imu) return imu.error();
-  const auto truth =
-      write_trajectory(oxts_trajectory(records, drive->T_lidar_imu), (output / "truth.tum").string());
-  if (!truth) return truth.error();
-  const auto configuration = write_configuration(drive->T_lidar_imu, output / "nilio.yaml");
+  for (const char* name : {"imu.candump.log", "truth.tum"}) fs::remove(output / name, error);
+  if (!records.empty()) {
+    const auto imu = write_imu(records, output / "imu.candump.log");
+    if (!imu) return imu.error();
+    const auto truth =
+        write_trajectory(oxts_trajectory(records, drive->T_lidar_imu), (output / "truth.tum").string());
+    if (!truth) return truth.error();
+  }
+  const auto configuration =
+      write_configuration(records.empty() ? nullptr : &drive->T_lidar_imu, output / "nilio.yaml");
   if (!configuration) return configuration.error();
   print_summary(*drive, *lidar, records, output);
   const auto check = check_conversion((output / "lidar.pcap").string(), drive->scans, sensor);

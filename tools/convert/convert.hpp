@@ -11,13 +11,13 @@
 
 namespace nilio::tools::convert {
 
-/// What a capture contains compared with the scans it was made of.
+/// A capture compared with the scans it was made of.
 struct ConversionCheck {
   std::uint64_t original_points = 0;
   std::uint64_t decoded_points = 0;
-  /// Decoded points outside the time of every original scan.
+  /// Decoded points outside the time span of every original scan.
   std::uint64_t unexplained_points = 0;
-  /// From decoded points to the nearest original point of the same ring and scan, metres.
+  /// Distance of decoded points to the nearest original point of the same ring and scan, metres.
   double median_m = 0.0;
   double p99_m = 0.0;
   double max_m = 0.0;

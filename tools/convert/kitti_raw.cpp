@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kOxtsColumns = 30;
 constexpr double kEarthRadiusM = 6378137.0;
-// 1200 to 120 revolutions per minute; the scanner can do 300 to 1200.
+// 1200 to 120 revolutions per minute; the scanner supports 300 to 1200.
 constexpr core::Duration kMinRevolution{50'000'000};
 constexpr core::Duration kMaxRevolution{500'000'000};
 
@@ -214,13 +214,15 @@ core::Result<KittiRawDrive> read_kitti_raw(const fs::path& drive, const fs::path
   KittiRawDrive result;
   auto scans = read_scans(drive / "velodyne_points", result.scans_without_stamp);
   if (!scans) return scans.error();
+  result.scans = std::move(scans).value();
+  std::error_code ignored;
+  if (oxts_drive == drive && !fs::exists(drive / "oxts", ignored)) return result;
   auto oxts = read_oxts(oxts_drive / "oxts");
   if (!oxts) return oxts.error();
   // A path that ends in '/' has an empty last component.
   const fs::path folder = drive.has_filename() ? drive : drive.parent_path();
   const auto T_lidar_imu = read_imu_to_lidar(fs::absolute(folder).parent_path() / "calib_imu_to_velo.txt");
   if (!T_lidar_imu) return T_lidar_imu.error();
-  result.scans = std::move(scans).value();
   result.oxts = std::move(oxts).value();
   result.T_lidar_imu = *T_lidar_imu;
   return result;
@@ -239,6 +241,9 @@ core::Result<std::vector<KittiPoint>> read_kitti_scan(const fs::path& path) {
   file.seekg(0);
   file.read(reinterpret_cast<char*>(points.data()), static_cast<std::streamsize>(size));
   if (!file) return core::Error{path.string() + ": reading failed"};
+  // Some files end in a point at the origin, which is no return.
+  while (!points.empty() && points.back().x == 0.0F && points.back().y == 0.0F && points.back().z == 0.0F)
+    points.pop_back();
   for (std::size_t i = 0; i < points.size(); ++i) {
     const KittiPoint& p = points[i];
     if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z) || !std::isfinite(p.reflectance)) {

@@ -26,14 +26,14 @@ struct KittiPoint {
 };
 
 struct KittiRawScan {
-  /// Number in the file's name = row of the stamp files.
+  /// Number in the file name = row of the stamp files.
   std::size_t frame = 0;
   std::filesystem::path path;
   core::Time start;
   core::Time end;
 };
 
-/// What of a line of oxts/data is used. IMU axes: x forward, y left, z up.
+/// The used fields of a line of oxts/data. IMU axes: x forward, y left, z up.
 struct OxtsRecord {
   core::Time stamp;
   double latitude_deg = 0.0;
@@ -48,29 +48,29 @@ struct OxtsRecord {
 
 /// A "raw data" drive of KITTI (Geiger et al., IJRR 2013), as its _sync archive is laid out.
 struct KittiRawDrive {
-  /// In order of frames; scans whose stamps are blank or no revolution long are left out and counted.
+  /// In order of frames; scans with blank stamps or an implausible duration are left out and counted.
   std::vector<KittiRawScan> scans;
   std::size_t scans_without_stamp = 0;
-  /// In order of time, each time once.
+  /// In order of time, without duplicates; empty for a drive without oxts/.
   std::vector<OxtsRecord> oxts;
   /// From calib_imu_to_velo.txt of the date's folder.
   core::SE3 T_lidar_imu;
 };
 
-/// Reads everything but the points. The calibration is taken from the parent of `drive`; the OXTS records
-/// from `oxts_drive`/oxts, normally the same drive (the _extract archive of it has them at 100 Hz). Errors
-/// name file and line.
+/// Reads a drive without its points. The calibration is read from the parent of `drive`; the OXTS records
+/// from `oxts_drive`/oxts, normally the same drive (its _extract archive has them at 100 Hz). A drive without
+/// oxts/ has no records and an identity T_lidar_imu. Errors name file and line.
 core::Result<KittiRawDrive> read_kitti_raw(const std::filesystem::path& drive,
                                            const std::filesystem::path& oxts_drive);
 
-/// The points of one .bin file in file order. Fails on a size that is no whole number of points and on values
-/// that are not finite.
+/// The points of one .bin file in file order, without trailing (0, 0, 0) points. Fails on a size that is no
+/// multiple of a point and on values that are not finite.
 core::Result<std::vector<KittiPoint>> read_kitti_scan(const std::filesystem::path& path);
 
-/// "YYYY-MM-DD hh:mm:ss[.fraction]", taken as UTC: KITTI writes local time without saying so.
+/// "YYYY-MM-DD hh:mm:ss[.fraction]", read as UTC: KITTI writes local time without a zone.
 std::optional<core::Time> parse_kitti_stamp(std::string_view text);
 
-/// Stamps of a file by row; nothing for a blank row (a scan that KITTI lost).
+/// Stamps of a file by row; unset for a blank row (a scan that KITTI lost).
 core::Result<std::vector<std::optional<core::Time>>> read_kitti_stamps(const std::filesystem::path& path);
 
 /// Trajectory of the LiDAR from the OXTS positions, starting at the identity: Mercator projection scaled at

@@ -1,8 +1,7 @@
-#include "tools/convert/convert.hpp"
-
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/velodyne/decoder.hpp"
 
+#include "tools/convert/convert.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"
 
 #include <algorithm>
@@ -45,7 +44,8 @@ class OriginalScan {
     return original;
   }
 
-  /// The packet's microseconds and the packet format's own firing times leave a column's time uncertain.
+  /// The time of a column is uncertain by the packet's microseconds and the nominal firing times of the
+  /// format.
   [[nodiscard]] bool covers(core::Time stamp) const {
     constexpr core::Duration column_period{50'000};
     return stamp >= start_ - column_period && stamp < end_ + column_period;
@@ -110,12 +110,12 @@ class DistanceHistogram {
   double max_m_ = 0.0;
 };
 
-/// Takes decoded points in order of time and holds only the scans around it.
+/// Compares decoded points, in order of time, with the scans around them.
 class Comparison {
  public:
   explicit Comparison(std::span<const KittiRawScan> scans) : scans_(scans) {}
 
-  /// Empty when done, else why a scan could not be read.
+  /// Empty, or the reason why a scan could not be read.
   std::string add(const core::Scan& decoded) {
     std::string problem = load_until(decoded.end);
     if (!problem.empty()) return problem;
@@ -139,7 +139,7 @@ class Comparison {
   }
 
   core::Result<ConversionCheck> finish() {
-    // Scans of which nothing came back count as missing points.
+    // Scans without any decoded point count as missing points.
     while (next_ < scans_.size()) {
       const std::string problem = load_until(scans_[next_].start);
       if (!problem.empty()) return core::Error{problem};

@@ -14,13 +14,13 @@ namespace nilio::tools::convert {
 namespace {
 
 constexpr std::size_t kColumnsPerPacket = 6;
-// A revolution has 2154 to 2159 columns; more means that azimuths do not lie on the encoder's steps.
+// A revolution has 2154 to 2159 columns; more means that azimuths are not on the encoder's steps.
 constexpr std::size_t kMaxColumns = 2500;
 constexpr double kStepsPerColumn = 1.856;
 constexpr double kMaxHeightErrorM = 0.005;
 constexpr core::Duration kStreamGap{1'000'000};
 constexpr core::Duration kTransmission{100'000};
-// Points per ring looked at to recognise its laser.
+// Points per ring used to identify its laser.
 constexpr std::size_t kSamplesPerRing = 32;
 
 struct LaserReturn {
@@ -28,11 +28,11 @@ struct LaserReturn {
   /// From the scan's cut, 0..3999.
   int step = 0;
   double raw_distance = 0.0;
-  /// Between the point and where this laser can have a point at its distance, metres.
+  /// Distance between the point and the laser's cone at its range, metres.
   double height_error_m = 0.0;
 };
 
-/// HDL-64E S2 user manual, appendix on calibration, solved for what the laser measured.
+/// Inverse of the HDL-64E S2 user manual, appendix on calibration.
 LaserReturn invert(const KittiPoint& point, std::uint16_t laser, const drivers::VelodyneSensor& sensor) {
   const drivers::LaserCalibration& c = sensor.lasers[laser];
   const double x = point.x;
@@ -72,8 +72,8 @@ double ring_error(std::span<const KittiPoint> ring, std::uint16_t laser,
   return median(std::move(errors));
 }
 
-/// The laser of each ring of the file. A ring without any return is missing in the file, so rings are
-/// recognised by their cone, and only their order is taken for granted.
+/// Laser of each ring of the file. A ring without returns is missing in the file, so that rings are
+/// identified by their cone in ascending order.
 std::vector<std::uint16_t> assign_lasers(std::span<const KittiPoint> points,
                                          std::span<const std::uint16_t> rings, std::size_t ring_count,
                                          const drivers::VelodyneSensor& sensor) {
@@ -88,7 +88,7 @@ std::vector<std::uint16_t> assign_lasers(std::span<const KittiPoint> points,
     const auto [begin, end] = std::equal_range(rings.begin(), rings.end(), static_cast<std::uint16_t>(ring));
     const auto part = points.subspan(static_cast<std::size_t>(begin - rings.begin()),
                                      static_cast<std::size_t>(end - begin));
-    // Every ring still to come needs a laser too.
+    // Each remaining ring needs a laser.
     const std::size_t last = kHdlLasers - (ring_count - ring);
     std::size_t best = rank;
     double best_error = ring_error(part, laser_of_rank[rank], sensor);
@@ -105,7 +105,7 @@ std::vector<std::uint16_t> assign_lasers(std::span<const KittiPoint> points,
   return lasers;
 }
 
-/// Columns on the occupied steps, and on those where the scanner fired without a return.
+/// Columns on the occupied steps, and on those without a return.
 std::vector<int> find_column_steps(const std::vector<LaserReturn>& returns) {
   std::vector<bool> occupied(kEncoderSteps, false);
   for (const LaserReturn& r : returns) occupied[static_cast<std::size_t>(r.step)] = true;
@@ -171,14 +171,14 @@ core::Result<std::vector<LaserReturn>> invert_scan(std::span<const KittiPoint> p
 }  // namespace
 
 std::vector<std::uint16_t> kitti_rings(std::span<const KittiPoint> points) {
-  // Within a ring the horizontal offset of a laser turns near points back by 0.02 rad at most.
+  // Within a ring the horizontal offset of a laser reverses near points by at most 0.02 rad.
   constexpr double ring_end_rad = 0.1;
   std::vector<std::uint16_t> rings;
   rings.reserve(points.size());
   std::uint16_t ring = 0;
   double previous = 0.0;
   for (const KittiPoint& point : points) {
-    // The sign bit, not the value: the last point of a ring may be rounded to y = -0.
+    // The sign bit, because the last point of a ring may be rounded to y = -0.
     double yaw = std::atan2(point.y, point.x);
     if (std::signbit(point.y)) yaw += 2.0 * std::numbers::pi;
     if (yaw < previous - ring_end_rad && ring < UINT16_MAX) ++ring;
@@ -232,7 +232,7 @@ bool HdlPacketStream::finish() {
 
 void HdlPacketStream::set_status_bytes(drivers::VelodyneDataPacket& packet) const {
   // The HDL-64E has no factory bytes there but a status stream of 16 types in turn: GPS time, GPS state,
-  // temperature, firmware, calibration. Only the time is known here.
+  // temperature, firmware, calibration. Only the time is available here.
   constexpr std::string_view status_types = "HMSDNYGTV1234567";
   const std::int64_t seconds = pending_.front().stamp.ns / 1'000'000'000;
   const std::chrono::sys_seconds time{std::chrono::seconds(seconds)};

@@ -19,9 +19,9 @@ namespace {
 using core::Error;
 using core::Result;
 
-/// More than all 11-bit identifiers on two interfaces.
-constexpr std::size_t kMostMessages = 8192;
-constexpr std::size_t kMostInterfaces = 16;
+/// More than all 11-bit identifiers of two interfaces.
+constexpr std::size_t kMaximumMessages = 8192;
+constexpr std::size_t kMaximumInterfaces = 16;
 /// A CAN FD frame of 64 bytes takes about 190 characters.
 constexpr std::size_t kLongestLine = 512;
 /// 2001-09-09: no recording of a Velodyne is older.
@@ -29,10 +29,10 @@ constexpr core::Time kFirstWallClock{1'000'000'000'000'000'000};
 /// 2100: later stamps are damage.
 constexpr core::Time kLastStamp{4'102'444'800'000'000'000};
 
-/// Intervals after which the usual one is known, and how many times that is a gap.
+/// Intervals before gaps are counted, and the factor over the mean that is a gap.
 constexpr std::uint64_t kUsualAfter = 10;
 constexpr double kGap = 2.0;
-/// The byte of a J1939 identifier that says who sends.
+/// Source address of a J1939 identifier.
 constexpr std::uint32_t kSenderByte = 0xFF;
 
 struct Message {
@@ -112,10 +112,10 @@ class CanInspector {
     findings_.error_frames += static_cast<std::uint64_t>(frame.error);
     findings_.remote_frames += static_cast<std::uint64_t>(frame.remote);
     findings_.fd_frames += static_cast<std::uint64_t>(frame.flexible_data_rate);
-    // What an error frame has for an identifier is the kind of error.
+    // The identifier of an error frame is the kind of error.
     if (frame.error) return std::monostate{};
     if (!findings_.interfaces.contains(line.interface_name)) {
-      if (findings_.interfaces.size() == kMostInterfaces) {
+      if (findings_.interfaces.size() == kMaximumInterfaces) {
         ++findings_.further_frames;
         return std::monostate{};
       }
@@ -131,7 +131,7 @@ class CanInspector {
   Result<std::monostate> add_interface(const std::string& name) {
     for (const std::string& preset : drivers::imu_preset_names()) {
       Result<ImuInspector> imu = ImuInspector::create(preset, name);
-      // A preset with fewer than six axes serves no odometry.
+      // A preset with fewer than six axes cannot be used for odometry.
       if (imu) imus_[name].push_back(std::move(imu).value());
     }
     return std::monostate{};
@@ -142,7 +142,7 @@ class CanInspector {
     const MessageKey key{line.interface_name, frame.extended, frame.id};
     auto message = messages_.find(key);
     if (message == messages_.end()) {
-      if (messages_.size() == kMostMessages) {
+      if (messages_.size() == kMaximumMessages) {
         ++findings_.further_frames;
         return;
       }
@@ -192,7 +192,7 @@ bool CanFindings::has_wall_clock() const { return first >= kFirstWallClock; }
 
 Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcDatabase* dbc) {
   std::ifstream file(path);
-  if (!file) return Error{path + ": cannot be opened; check the path and its permissions"};
+  if (!file) return Error{path + ": could not be opened - check the path and its permissions"};
   CanInspector inspector(path, dbc);
   std::array<char, kLongestLine> line{};
   while (file) {
@@ -200,7 +200,7 @@ Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcD
     if (file.bad() || (file.eof() && file.gcount() == 0)) break;
     const bool whole = file.eof() || !file.fail();
     if (!whole) {
-      // Longer than any frame: passed over up to its end, so that memory stays bounded.
+      // Longer than any frame: skipped up to its end, so that memory stays bounded.
       file.clear();
       file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
     }
@@ -214,7 +214,7 @@ Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcD
 std::string why_unusable(const CanFindings& can) {
   const auto count = [](std::uint64_t n) { return static_cast<unsigned long long>(n); };
   if (can.frames > 0) {
-    return format("%s: all of its %llu frames are error frames: check the bus's bit rate and termination",
+    return format("%s: all of its %llu frames are error frames - check the bus's bit rate and termination",
                   can.path.c_str(), count(can.frames));
   }
   return format(

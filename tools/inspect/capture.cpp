@@ -15,10 +15,10 @@ namespace nilio::tools::inspect {
 
 namespace {
 
-/// What a record of a capture is, as far as its headers tell.
+/// Kind of a capture's record according to its headers.
 enum class RecordKind : std::uint8_t {
   kUdp,       ///< a whole IPv4 UDP datagram
-  kUdpCut,    ///< one of which bytes were not recorded (snap length)
+  kUdpCut,    ///< a truncated one (snap length)
   kFragment,  ///< a piece of a larger IPv4 packet
   kOtherIp,   ///< IPv4, but not UDP
   kNotIpv4,   ///< ARP, IPv6 ...
@@ -27,21 +27,21 @@ enum class RecordKind : std::uint8_t {
 
 struct CaptureRecord {
   RecordKind kind = RecordKind::kMalformed;
-  /// Bytes of the UDP payload by the UDP header; `packet` holds at most its capacity of them.
+  /// Size of the UDP payload according to its header; `packet` holds at most its capacity of it.
   std::uint16_t payload_size = 0;
   /// Addresses and ports are set for UDP only, the stamp for all but malformed records.
   drivers::Packet packet;
 };
 
-/// Every record of a capture. drivers::open_pcap() gives those of two ports and counts the rest; what is in
-/// an unknown capture takes all ports, and why the others are of no use. One thread.
+/// Reads every record of a capture, of all ports and kinds; drivers::open_pcap() delivers only two ports. One
+/// thread.
 class CaptureFile {
  public:
-  /// Takes what drivers::open_pcap() takes, and fails as it does.
+  /// Accepts the formats of drivers::open_pcap(), and fails as it does.
   static core::Result<CaptureFile> open(const std::string& path);
   /// False at the end.
   bool next(CaptureRecord& record);
-  /// Why the end came before that of the recording, for people; empty where it did not.
+  /// Reason of an early end, for people; empty if there was none.
   [[nodiscard]] const std::string& early_end() const { return early_end_; }
 
  private:
@@ -55,7 +55,7 @@ class CaptureFile {
 using drivers::CapturedDatagram;
 using drivers::CaptureRead;
 
-/// The year 2100: pcapng can hold stamps that make no sense as nanoseconds.
+/// The year 2100: pcapng can hold stamps that are no valid nanoseconds.
 constexpr std::int64_t kLatestStampNs = 4'102'444'800'000'000'000;
 
 RecordKind take_datagram(const CapturedDatagram& datagram, CaptureRecord& record) {
@@ -76,7 +76,7 @@ RecordKind read_frame(const drivers::CapturedFrame& frame, CaptureRecord& record
   const CapturedDatagram datagram = drivers::find_datagram(frame.link_type, frame.bytes);
   switch (datagram.kind) {
     case CapturedDatagram::Kind::kUdp:
-      // A payload that ends early although the whole frame was kept contradicts its own header.
+      // A payload that ends early in a complete frame contradicts its header.
       return datagram.payload_is_cut && !frame.is_cut ? RecordKind::kMalformed
                                                       : take_datagram(datagram, record);
     case CapturedDatagram::Kind::kFragment:
@@ -119,12 +119,12 @@ bool CaptureFile::next(CaptureRecord& record) {
   return false;
 }
 
-constexpr std::size_t kMostSensors = 32;
-constexpr std::size_t kMostStreams = 256;
+constexpr std::size_t kMaximumSensors = 32;
+constexpr std::size_t kMaximumStreams = 256;
 constexpr std::uint16_t kUsualTelemetryPort = 8308;
 constexpr std::size_t kNmeaOffset = 0xCE;
 
-/// Every data packet of every model begins with this block flag.
+/// Data packets of all models begin with this block flag.
 bool looks_like_data(const CaptureRecord& record) {
   return record.payload_size == drivers::kDataPacketSize && record.packet.data[0] == 0xFF &&
          record.packet.data[1] == 0xEE;
@@ -157,7 +157,7 @@ class CaptureInspector {
     for (auto& [key, stream] : streams_) findings_.streams.push_back(stream);
     for (auto& [key, sensor] : sensors_) {
       findings_.sensors.push_back(sensor.finish());
-      // The telemetry of a sender with several data streams is told with the first.
+      // Telemetry of a sender with several data streams belongs to the first.
       const auto telemetry = telemetry_.find(key.first);
       if (telemetry == telemetry_.end()) continue;
       findings_.sensors.back().telemetry = telemetry->second.findings();
@@ -197,7 +197,7 @@ class CaptureInspector {
     if (record.kind == RecordKind::kUdp) content = add_to_sensor(record);
     const StreamKey key{packet.sender_address, packet.sender_port, packet.destination_port};
     const auto known = streams_.find(key);
-    if (known == streams_.end() && streams_.size() == kMostStreams) {
+    if (known == streams_.end() && streams_.size() == kMaximumStreams) {
       ++findings_.further_streams;
       return;
     }
@@ -215,7 +215,7 @@ class CaptureInspector {
   StreamContent add_to_sensor(const CaptureRecord& record) {
     const drivers::Packet& packet = record.packet;
     if (looks_like_telemetry(record)) {
-      if (telemetry_.size() < kMostSensors || telemetry_.contains(packet.sender_address))
+      if (telemetry_.size() < kMaximumSensors || telemetry_.contains(packet.sender_address))
         telemetry_[packet.sender_address].add(packet);
       for (auto& [key, sensor] : sensors_) {
         if (key.first == packet.sender_address) sensor.add_telemetry(packet);
@@ -225,7 +225,7 @@ class CaptureInspector {
     const SensorKey key{packet.sender_address, packet.destination_port};
     auto sensor = sensors_.find(key);
     if (sensor == sensors_.end()) {
-      if (!looks_like_data(record) || sensors_.size() == kMostSensors) return StreamContent::kOther;
+      if (!looks_like_data(record) || sensors_.size() == kMaximumSensors) return StreamContent::kOther;
       sensor = sensors_.emplace(key, SensorInspector(key.first, key.second)).first;
     }
     sensor->second.add_data(packet);
@@ -239,7 +239,7 @@ class CaptureInspector {
   std::map<std::uint32_t, TelemetryInspector> telemetry_;
 };
 
-/// "12 to port 5353, ...", the most frequent first.
+/// "12 to port 5353, ...", in descending order.
 std::string ports_text(const CaptureFindings& capture) {
   constexpr std::size_t kShown = 5;
   std::map<std::uint16_t, std::uint64_t> ports;
@@ -286,7 +286,7 @@ std::string why_unusable(const CaptureFindings& capture) {
         std::string(drivers::velodyne_model_name(*sensor.model)).c_str());
   }
   if (capture.records == 0)
-    return capture.path + ": a capture without any packet" +
+    return capture.path + ": a capture without packets" +
            (capture.early_end.empty() ? "" : " (" + capture.early_end + ")") + "; " + advice;
   if (capture.cut > 0)
     return format(

@@ -16,7 +16,7 @@ namespace nilio::tools::inspect {
 
 enum class StreamContent : std::uint8_t { kOther, kData, kTelemetry };
 
-/// Datagrams of one sender's port to one port.
+/// Datagrams from one sender port to one port.
 struct StreamFindings {
   std::uint32_t address = 0;
   std::uint16_t sender_port = 0;
@@ -29,7 +29,7 @@ struct StreamFindings {
   std::uint16_t largest = 0;
 };
 
-/// What is in one capture.
+/// Contents of one capture.
 struct CaptureFindings {
   std::string path;
   std::uint64_t records = 0;
@@ -44,23 +44,23 @@ struct CaptureFindings {
   core::Time last;
   /// By address and ports.
   std::vector<StreamFindings> streams;
-  /// Datagrams of streams beyond those that are told apart.
+  /// Datagrams of streams beyond the maximum number of separate ones.
   std::uint64_t further_streams = 0;
   /// By address and port.
   std::vector<SensorFindings> sensors;
-  /// Telemetry whose sender sends no data.
+  /// Telemetry of senders without data packets.
   std::map<std::uint32_t, TelemetryFindings> lone_telemetry;
-  /// Why the file ended early, or empty.
+  /// Reason of an early end of the file; empty if there was none.
   std::string early_end;
 
   [[nodiscard]] bool usable() const;
   [[nodiscard]] double duration_s() const { return (last - first).seconds(); }
 };
 
-/// Reads the capture once; what is kept does not grow with it. Fails when it cannot be opened.
+/// Reads the capture once, in bounded memory. Fails when it cannot be opened.
 core::Result<CaptureFindings> inspect_capture(const std::string& path);
 
-/// For a capture that is not usable: what was found instead and what to do, one line.
+/// One line for a capture that is not usable: its contents and the remedy.
 std::string why_unusable(const CaptureFindings& capture);
 
 }  // namespace nilio::tools::inspect

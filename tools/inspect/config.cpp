@@ -19,12 +19,12 @@ namespace {
 using core::Error;
 using core::Result;
 
-/// Beyond it niliod does not take a sensor's time for synchronised with the recorder's.
+/// Limit of niliod for a synchronised sensor clock.
 constexpr double kClockWrongS = 0.2;
-/// Nobody sets a sensor more often in a recording: then single packets are misread, as where nothing returns.
+/// More changes than a user makes are misread packets, as where no return is received.
 constexpr std::uint64_t kMostRealModeChanges = 5;
 
-/// On one line and with nothing in it that YAML would read.
+/// One line without control characters, for a YAML comment.
 std::string comment_text(const std::string& text) {
   std::string result;
   for (const char c : text) result.push_back(static_cast<unsigned char>(c) < ' ' ? '?' : c);
@@ -44,7 +44,7 @@ std::string quoted(const std::string& value) {
 class Section {
  public:
   explicit Section(std::string name) : name_(std::move(name)) {}
-  /// `key` may have a group before it: "extrinsic.translation". Without a reason there is no comment.
+  /// `key` may have a group as prefix: "extrinsic.translation". Without a reason there is no comment.
   void add(const std::string& key, const std::string& value, const std::string& why) {
     keys_.insert(key);
     const auto dot = key.find('.');
@@ -56,7 +56,7 @@ class Section {
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] bool has(const std::string& key) const { return keys_.contains(key); }
   void note(const std::string& text) { notes_ += "  # " + comment_text(text) + "\n"; }
-  /// Empty without keys, but for the notes.
+  /// Without keys only the notes.
   [[nodiscard]] std::string text() const {
     if (keys_.empty()) return notes_.empty() ? "" : "# " + name_ + ":\n" + notes_;
     std::string text = name_ + ":\n" + lines_;
@@ -79,7 +79,7 @@ void add_model(const SensorFindings& sensor, Section& section) {
     if (model != *sensor.model)
       others += (others.empty() ? "" : " or ") + std::string(drivers::velodyne_model_name(model));
   }
-  if (!others.empty()) why += "; if the label says " + others + ", set that";
+  if (!others.empty()) why += "; if the label reads " + others + ", set that";
   section.add("model", quoted(std::string(drivers::velodyne_model_name(*sensor.model))), why);
   for (const std::string& hint : sensor.hints) section.note(hint);
 }
@@ -89,10 +89,10 @@ void add_calibration(const SensorFindings& sensor, const std::string& path, Sect
   if (!path.empty()) {
     section.add("calibration", quoted(path), "the unit's own, from its status stream");
   } else if (sensor.hdl64e->calibration) {
-    section.note("every HDL-64E has a geometry of its own: run nilio inspect with --write-calibration too");
+    section.note("each HDL-64E has its own geometry: run nilio inspect with --write-calibration too");
   } else {
     section.note(
-        "every HDL-64E has a geometry of its own, and the status stream here is not whole: set calibration "
+        "each HDL-64E has its own geometry, and the status stream here is incomplete: set calibration "
         "to "
         "the unit's db.xml");
   }
@@ -119,13 +119,13 @@ void add_time(const ConfigSubject& subject, Section& section) {
   const SensorFindings& sensor = *subject.sensor;
   if (sensor.stats.time_jumps > 0 && sensor.stats.host_clock_jumps == 0) {
     section.add("time_source", quoted("host"),
-                format("the sensor's clock was set %llu times while recording",
+                format("the sensor's clock was set %llu times during the recording",
                        static_cast<unsigned long long>(sensor.stats.time_jumps)));
     return;
   }
   const bool gps = sensor.clock_source == core::ClockSource::kPpsLocked && sensor.telemetry &&
                    sensor.telemetry->nmea_valid > 0;
-  // With an IMU both have to be on the recorder's clock.
+  // With an IMU both have to use the recorder's clock.
   if (gps && sensor.clock && std::abs(sensor.clock->offset_s) > kClockWrongS && subject.can == nullptr) {
     section.add(
         "time_source", quoted("sensor"),
@@ -139,12 +139,12 @@ void add_return_mode(const SensorFindings& sensor, Section& section) {
                      : sensor.detection.mode == drivers::ReturnMode::kDual ? "dual"
                                                                            : "dual_confidence";
   section.add("return_mode", quoted(mode),
-              format("as the recording begins; the packets seem to change it %llu times",
+              format("as at the start of the recording; it seems to change %llu times in the packets",
                      static_cast<unsigned long long>(sensor.stats.mode_changes)));
 }
 
-/// What the drive was configured with beyond the defaults, and what was found to be wrong put right. Keys
-/// that are there rest on the packets.
+/// Adds the keys that the drive was configured with, and its corrections. Keys that are present rest on the
+/// packets and stay.
 void add_configured(const DriveFindings& drive, std::vector<Section>& sections) {
   std::map<std::string, std::string> reasons;
   for (const CorrectedKey& key : corrected_keys(drive)) reasons[key.path] = key.why;
@@ -172,9 +172,9 @@ Section imu_section(const CanFindings* can, const CaptureFindings& capture) {
   const daemon::ImuConfig defaults;
   const ImuFindings* imu = can->imu();
   if (imu == nullptr) {
-    section.add(
-        "enabled", "false",
-        "no built-in IMU's messages are in " + can->path + "; for an own device set dbc and map its signals");
+    section.add("enabled", "false",
+                "no built-in IMU's messages are in " + can->path +
+                    "; for another device set dbc and map its signals");
     return section;
   }
   if (imu->preset != defaults.preset)
@@ -184,8 +184,8 @@ Section imu_section(const CanFindings* can, const CaptureFindings& capture) {
     section.add("interface", quoted(imu->interface_name), "the IMU's; the log has frames of others too");
   const double apart_s = relate(*can, capture).apart_s;
   if (apart_s > 0.0) {
-    section.note(can->path + " is not of the same time as the capture: they are " + span_text(apart_s) +
-                 " apart, its samples will not be used");
+    section.note(can->path + " and the capture do not overlap: they are " + span_text(apart_s) +
+                 " apart, its samples are not used");
   }
   return section;
 }
@@ -233,7 +233,7 @@ std::string make_recording_config(const ConfigSubject& subject, const std::strin
   add_return_mode(*subject.sensor, lidar);
   add_time(subject, lidar);
   std::vector<Section> sections{std::move(lidar)};
-  // What the drive was run with says more than what the messages look like.
+  // The configuration of the drive takes precedence over the contents of the log.
   sections.push_back(drive != nullptr ? Section("imu") : imu_section(subject.can, *subject.capture));
   if (drive != nullptr) add_configured(*drive, sections);
   std::string text;

@@ -21,10 +21,10 @@ using core::Error;
 using core::Result;
 
 constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
-/// Samples that the largest correctable offset may move into the drive.
+/// Margin for samples that the largest correctable offset moves into the drive.
 constexpr core::Duration kMargin = core::Duration::from_seconds(2.0 * kLargestCorrectableOffset);
 
-/// All samples of the CAN logs, as the odometry gets them.
+/// All samples of the CAN logs in the odometry's axes and units.
 Result<std::vector<core::ImuSample>> read_samples(const daemon::ReplayFiles& files,
                                                   const daemon::Config& config) {
   Result<daemon::Input> input = daemon::open_replay(files, config);
@@ -46,7 +46,7 @@ Result<std::vector<core::ImuSample>> read_samples(const daemon::ReplayFiles& fil
                ") is in it; give a configuration with the IMU's preset, or its dbc and signals (--config)"};
 }
 
-/// A recording that ends early. Where it ends is decided by its stamps, so that the result is.
+/// Ends a recording early, at a stamp, so that the result is reproducible.
 class ShortenedSource : public drivers::PacketSource {
  public:
   ShortenedSource(std::unique_ptr<drivers::PacketSource> source, core::Time end)
@@ -72,7 +72,7 @@ class ShortenedSource : public drivers::PacketSource {
   std::atomic<bool> shortened_{false};
 };
 
-/// The first LiDAR's, which decides what scans there are.
+/// Shortens all LiDARs; returns the first one's source.
 const ShortenedSource* shorten(daemon::Input& input, double seconds) {
   if (!input.packets || !input.first_stamp) return nullptr;
   const core::Time end = *input.first_stamp + core::Duration::from_seconds(seconds);
@@ -89,7 +89,7 @@ core::SE3 pose_of(const ipc::PoseRecord& record) {
   return {Eigen::Quaterniond(q[3], q[0], q[1], q[2]), core::Vector3(record.position.data())};
 }
 
-/// Time and pose of the middle of a record's sweep, which deskewing with a wrong motion hardly moves.
+/// Time and pose of the sweep midpoint, which depends little on the motion used for deskewing.
 std::pair<core::Time, core::SE3> middle_of(const ipc::PoseRecord& record) {
   const double half_s = 0.5e-9 * static_cast<double>(record.stamp_ns - record.scan_start_ns);
   core::Vector6 twist;
@@ -104,7 +104,7 @@ core::RegisteredMotion motion_between(const ipc::PoseRecord& from, const ipc::Po
   return {from_time, to_time, T_odom_from, T_odom_to};
 }
 
-/// Takes what the pipeline gives.
+/// Collects the outputs of the pipeline.
 class DriveRecorder {
  public:
   DriveRecorder(daemon::Pipeline& pipeline, const DriveOptions& options, DriveFindings& findings)
@@ -167,11 +167,10 @@ Result<DriveFindings> drive_once(const daemon::ReplayFiles& files, const daemon:
   (*pipeline)->join();
   recorder.drain();
   findings.cut_short = source != nullptr && source->was_shortened();
-  if (findings.poses == 0) return Error{"no whole scan is in " + files.captures.front()};
-  findings.calibration =
-      calibrate_imu(recorder.motions(), samples_around(*samples, recorder.motions()),
-                                {daemon::to_transform(config.imu.extrinsic),
-                                 core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms)});
+  if (findings.poses == 0) return Error{"no complete scan is in " + files.captures.front()};
+  findings.calibration = calibrate_imu(recorder.motions(), samples_around(*samples, recorder.motions()),
+                                       {daemon::to_transform(config.imu.extrinsic),
+                                        core::Duration::from_milliseconds(config.odometry.max_imu_gap_ms)});
   return findings;
 }
 

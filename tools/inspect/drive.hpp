@@ -14,35 +14,35 @@
 
 namespace nilio::tools::inspect {
 
-/// What the odometry says about the IMU of a recording with LiDAR.
+/// Result of the IMU check over a recording with LiDAR.
 struct DriveFindings {
-  /// What the drive was run with, and where from; empty = the defaults and what was found in the CAN log.
+  /// Configuration of the run, and its file; empty = the defaults and the contents of the CAN log.
   daemon::Config config;
   std::string config_path;
   std::uint64_t poses = 0;
-  /// Poses that are a prediction: nothing could be registered.
+  /// Poses that are predictions without registration.
   std::uint64_t predicted = 0;
   /// Poses for which the gyroscope was used.
   std::uint64_t with_gyro = 0;
   std::uint64_t imu_samples = 0;
   double seconds = 0.0;
-  /// It ended before the recording did.
+  /// It ended before the end of the recording.
   bool cut_short = false;
   core::ImuHealth health;
   ImuCalibration calibration;
-  /// Poses for which the gyroscope was used once it was corrected; nothing without a correction.
+  /// Poses for which the gyroscope was used with the correction; unset without a correction.
   std::optional<std::uint64_t> with_gyro_corrected;
 };
 
 struct DriveOptions {
-  /// Longest part of the recording, from its start.
+  /// Maximum length of the run, from the start of the recording.
   double seconds = 0.0;
-  /// Called with the seconds that are done; may be empty.
+  /// Called with the processed seconds; may be empty.
   std::function<void(double)> progress;
 };
 
-/// Runs niliod's odometry over the recording and compares the IMU with what it registers; where something is
-/// to be corrected, once more with that, for what is left. Checks are those of the first run. Fails when the
+/// Runs niliod's odometry over the recording and compares the IMU with the registered motion; if there is a
+/// correction, a second run with it refines the result. Checks are those of the first run. Fails when the
 /// recording cannot be replayed with this configuration, or has no sample of the configured IMU.
 core::Result<DriveFindings> inspect_drive(const daemon::ReplayFiles& files, const daemon::Config& config,
                                           const DriveOptions& options);

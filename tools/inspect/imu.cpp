@@ -9,19 +9,19 @@ namespace nilio::tools::inspect {
 namespace {
 
 constexpr core::Duration kWindow{1'000'000'000};
-constexpr std::uint64_t kLeastSamples = 10;
-/// An idling engine shakes less than this, driving shakes more; the biases of gyros fit for the purpose are
-/// far smaller than the mean rate allowed here.
+constexpr std::uint64_t kMinimumSamples = 10;
+/// Above an idling engine's vibration, below a driving vehicle's; the bias of a suitable gyro is far smaller
+/// than this mean rate.
 constexpr double kStillGyroDeviation = 0.02;
 constexpr double kStillGyroMean = 0.05;
 constexpr double kStillAccelerationDeviation = 0.3;
-constexpr double kLeastGravity = 7.0;
-constexpr double kLargestGravity = 13.0;
+constexpr double kMinimumGravity = 7.0;
+constexpr double kMaximumGravity = 13.0;
 
 }  // namespace
 
 bool ImuFindings::plausible() const {
-  return acceleration_m_s2.mean() > kLeastGravity && acceleration_m_s2.mean() < kLargestGravity;
+  return acceleration_m_s2.mean() > kMinimumGravity && acceleration_m_s2.mean() < kMaximumGravity;
 }
 
 double ImuFindings::rate_hz() const {
@@ -75,7 +75,7 @@ void ImuInspector::add_sample(const core::ImuSample& sample) {
 }
 
 void ImuInspector::close_window() {
-  if (window_.angular_velocity[0].count() < kLeastSamples) return;
+  if (window_.angular_velocity[0].count() < kMinimumSamples) return;
   for (std::size_t i = 0; i < 3; ++i) {
     if (window_.angular_velocity[i].standard_deviation() > kStillGyroDeviation) return;
     if (std::abs(window_.angular_velocity[i].mean()) > kStillGyroMean) return;

@@ -14,7 +14,7 @@
 
 namespace nilio::tools::inspect {
 
-/// What the messages of one IMU preset on one CAN interface say.
+/// Contents of the messages of one IMU preset on one CAN interface.
 struct ImuFindings {
   std::string preset;
   std::string interface_name;
@@ -22,24 +22,25 @@ struct ImuFindings {
   core::Time first;
   core::Time last;
   Spread interval_s;
-  /// Length of the specific force, m/s^2.
+  /// Norm of the specific force, m/s^2.
   Spread acceleration_m_s2;
   /// rad/s and m/s^2 by axis.
   std::array<Spread, 3> angular_velocity;
   std::array<Spread, 3> linear_acceleration;
-  /// Seconds without motion and what the axes read meanwhile: the gyros' bias, and gravity.
+  /// Stationary seconds and the means of the axes in them: gyro bias, and gravity.
   std::uint64_t still_seconds = 0;
   std::array<Spread, 3> still_angular_velocity;
   std::array<Spread, 3> still_linear_acceleration;
 
-  /// Gravity is about what it should be: another device with the same identifiers does not get that right.
+  /// The norm is near gravity; other devices with the same identifiers fail this.
   [[nodiscard]] bool plausible() const;
   [[nodiscard]] double rate_hz() const;
-  /// Angle between the mean acceleration (while still, if it ever was) and z; nothing without samples.
+  /// Angle between the mean acceleration (of stationary seconds if there are any) and z; unset without
+  /// samples.
   [[nodiscard]] std::optional<double> tilt_deg() const;
 };
 
-/// Tries one preset on the frames of one interface. One thread.
+/// Decodes the frames of one interface with one preset. One thread.
 class ImuInspector {
  public:
   static core::Result<ImuInspector> create(const std::string& preset, const std::string& interface_name);

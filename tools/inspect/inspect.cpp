@@ -33,7 +33,7 @@ bool write_text(const std::string& path, const std::string& text) {
   file << text;
   file.close();
   if (file) return true;
-  fail(path + ": cannot be written; check the folder and the space on the disk");
+  fail(path + ": could not be written - check the folder and the space on the disk");
   return false;
 }
 
@@ -48,11 +48,11 @@ core::Result<std::monostate> write_calibration(const SensorFindings& sensor, con
   if (!sensor.hdl64e)
     return core::Error{"--write-calibration: " + name + " is a " +
                        std::string(drivers::velodyne_model_name(*sensor.model)) +
-                       ", which does not send its calibration; the built-in geometry holds for it"};
+                       ", which does not send its calibration; its built-in geometry is used"};
   if (!sensor.hdl64e->calibration)
     return core::Error{
         "--write-calibration: the status stream of " + name +
-        " has no whole calibration (about 1.2 s without a lost packet carry one); use a longer "
+        " has no complete calibration (about 1.2 s without a lost packet carry one); use a longer "
         "recording or the unit's db.xml"};
   const auto calibrated = drivers::with_stream_calibration(drivers::make_velodyne_sensor(*sensor.model),
                                                            *sensor.hdl64e->calibration);
@@ -68,18 +68,16 @@ int write_files(const RecordingFindings& findings, const Options& options) {
   if (!options.calibration_path.empty()) {
     const auto written = write_calibration(*subject->sensor, options.calibration_path);
     if (!written) return fail(written.error().message);
-    // niliod may be started elsewhere.
+    // niliod may be started in another folder.
     calibration = std::filesystem::absolute(options.calibration_path).string();
   }
   if (options.config_path.empty()) return 0;
   const DriveFindings* const drive = findings.drive ? &*findings.drive : nullptr;
-  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? 0
-                                                                                                : kUnusable;
+  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? 0 : kUnusable;
 }
 
-/// What niliod would replay, when that is a LiDAR and an IMU; nothing else can be driven.
-std::optional<daemon::ReplayFiles> drivable_files(const Options& options,
-                                                  const RecordingFindings& findings) {
+/// Files that niliod would replay; unset without a LiDAR and an IMU, for which there is no drive.
+std::optional<daemon::ReplayFiles> drivable_files(const Options& options, const RecordingFindings& findings) {
   const bool lidar = std::any_of(findings.captures.begin(), findings.captures.end(),
                                  [](const CaptureFindings& c) { return c.usable(); });
   const bool can = std::any_of(findings.can_logs.begin(), findings.can_logs.end(),
@@ -90,7 +88,7 @@ std::optional<daemon::ReplayFiles> drivable_files(const Options& options,
   return std::move(files).value();
 }
 
-/// Without a configuration the IMU is the one whose messages are there.
+/// Without a configuration the IMU is the one found in the log.
 void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config) {
   for (const CanFindings& can : findings.can_logs) {
     const ImuFindings* imu = can.imu();
@@ -104,8 +102,7 @@ void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config
 
 std::function<void(double)> drive_progress(double seconds) {
   if (isatty(STDERR_FILENO) != 1) return {};
-  const auto progress =
-      std::make_shared<Progress>("checking the IMU", static_cast<std::uint64_t>(seconds));
+  const auto progress = std::make_shared<Progress>("checking the IMU", static_cast<std::uint64_t>(seconds));
   return [progress](double done) { progress->update(static_cast<std::uint64_t>(done)); };
 }
 

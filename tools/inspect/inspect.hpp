@@ -25,8 +25,8 @@ struct Options {
   double imu_seconds = 300.0;
 };
 
-/// Reports what the recording contains and writes the requested files. Returns the exit status: 1 when no file
-/// is usable or a file could not be written, with messages on standard error.
+/// Reports what the recording contains and writes the requested files. Returns the exit status: 1 when no
+/// file is usable or a file could not be written, with messages on standard error.
 int run(const Options& options);
 
 }  // namespace nilio::tools::inspect

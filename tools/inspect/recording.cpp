@@ -44,7 +44,7 @@ bool is_can_log(std::string_view head) {
   return false;
 }
 
-/// Extensions count only where the content says nothing: damaged files get the reader's message.
+/// Extensions count only for unrecognised content, so that damaged files get the reader's message.
 FileKind kind_of(const fs::path& path, std::string_view head) {
   static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
   static const std::set<std::string> kCanLogs = {".candump"};
@@ -55,7 +55,7 @@ FileKind kind_of(const fs::path& path, std::string_view head) {
   return FileKind::kOther;
 }
 
-/// What a file is that is neither capture nor CAN log, and what to do with it.
+/// Reason and remedy for a file that is neither capture nor CAN log.
 std::string why_other(std::string_view head) {
   struct Known {
     std::string_view magic;
@@ -150,7 +150,7 @@ RecordingFindings inspect_recording(const std::vector<std::string>& paths, const
     std::error_code code;
     const fs::file_status status = fs::status(path, code);
     if (!fs::exists(status)) {
-      findings.problems.push_back(path + ": there is no such file or folder; check the path");
+      findings.problems.push_back(path + ": no such file or folder - check the path");
     } else if (fs::is_directory(status)) {
       inspect_folder(path, dbc, findings);
     } else {

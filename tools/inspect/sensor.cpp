@@ -11,9 +11,9 @@ namespace nilio::tools::inspect {
 
 namespace {
 
-/// As many as niliod looks at.
+/// As in niliod.
 constexpr std::size_t kDetectionPackets = 64;
-/// Sensors turn 300 to 1200 times a minute.
+/// Sensors rotate at 300 to 1200 rpm.
 constexpr double kSlowestRevolutionS = 0.2;
 constexpr double kCompleteShare = 0.8;
 constexpr double kFullCircleDeg = 360.0;
@@ -83,7 +83,7 @@ void SensorInspector::add_data(const drivers::Packet& packet) {
 }
 
 void SensorInspector::add_telemetry(const drivers::Packet& packet) {
-  // A few before the model is known do not matter: telemetry repeats itself.
+  // The first ones are not needed: telemetry repeats itself.
   if (assembler_) assembler_->add(packet);
 }
 
@@ -131,7 +131,7 @@ void SensorInspector::decode(const drivers::Packet& packet) {
     }
   }
   const bool complete = assembler_->add(packet);
-  // The stream has to know of a loss before it gets the byte after it.
+  // The reader has to be notified of a loss before the next byte.
   if (status_reader_ && packet.size == drivers::kDataPacketSize) add_status(packet);
   if (complete) take_scan();
 }
@@ -168,11 +168,11 @@ void SensorInspector::take_scan() {
   findings_.points_per_scan.add(static_cast<double>(scan_.points.size()));
   if (last_complete_start_ && !scan_.after_time_jump && scan_.start > *last_complete_start_) {
     const double turns_per_minute = 60.0 / (scan_.start - *last_complete_start_).seconds();
-    // Where a scan's beginning was lost, its start says nothing.
+    // A scan with a lost beginning has no valid start.
     if (scan_.missing_firings == 0) findings_.revolutions_per_minute.add(turns_per_minute);
   }
   last_complete_start_.reset();
-  // The first scan, and one after a jump, begins where the packets do.
+  // The first scan, and one after a jump, does not begin at the cut.
   const bool begins_at_cut = scan_.sequence > 0 && !scan_.after_time_jump && scan_.missing_firings == 0;
   if (begins_at_cut) last_complete_start_ = scan_.start;
 }
@@ -188,7 +188,7 @@ void SensorInspector::add_hints() {
         "product byte 0x%02X is of no known model: firmware older than factory bytes", factory.product));
   } else if (sensor.product_byte != factory.product) {
     findings_.hints.push_back(
-        format("product byte 0x%02X says %s, a packet every %.0f us is a %s's: pre-production "
+        format("product byte 0x%02X is of %s, but a packet every %.0f us of a %s: pre-production "
                "firmware",
                factory.product, named.c_str(), detection.packet_period_us, sensor.name.c_str()));
   }
@@ -196,7 +196,7 @@ void SensorInspector::add_hints() {
   if (says_dual != (detection.mode != drivers::ReturnMode::kSingle)) {
     findings_.hints.push_back(
         format("return mode byte 0x%02X disagrees with the blocks, which are of %s returns: the "
-               "blocks are believed",
+               "blocks are used",
                factory.mode, std::string(drivers::return_mode_name(detection.mode)).c_str()));
   }
 }

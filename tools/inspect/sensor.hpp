@@ -5,8 +5,8 @@
 #include "nilio/drivers/velodyne/decoder.hpp"
 #include "nilio/drivers/velodyne/detect.hpp"
 
-#include "tools/inspect/clock.hpp"
 #include "tools/common/statistics.hpp"
+#include "tools/inspect/clock.hpp"
 #include "tools/inspect/telemetry.hpp"
 
 #include <array>
@@ -24,23 +24,22 @@ struct FactoryBytes {
   std::uint8_t product = 0;
 };
 
-/// Where a sensor with a limited field of view looks: clockwise from `start_deg` to `end_deg`.
+/// Field of view of a sensor: clockwise from `start_deg` to `end_deg`.
 struct FieldOfView {
   int start_deg = 0;
   int end_deg = 360;
 };
 
-/// One sensor of a capture. Numbers about scans are those of the decoder that niliod has, with all ranges
-/// taken.
+/// One sensor of a capture. Numbers of scans are those of niliod's decoder, with all ranges accepted.
 struct SensorFindings {
   std::uint32_t address = 0;
   std::uint16_t data_port = 0;
   drivers::VelodyneDetection detection;
-  /// What the packets were decoded as; nothing when they are of no known model.
+  /// Model that the packets were decoded as; unset for an unknown model.
   std::optional<drivers::VelodyneModel> model;
-  /// Of the first packet; nothing for an HDL-64E, which has its status stream there.
+  /// Of the first packet; unset for an HDL-64E, which has its status stream there.
   std::optional<FactoryBytes> factory;
-  /// What is odd about the sensor or its firmware, a line each.
+  /// Irregularities of the sensor or its firmware, one line each.
   std::vector<std::string> hints;
   core::Time first;
   core::Time last;
@@ -54,11 +53,11 @@ struct SensorFindings {
   Spread points_per_scan;
   Spread revolutions_per_minute;
   Spread range_m;
-  /// By capture stamps; gaps are pauses longer than a revolution at the slowest speed.
+  /// By capture stamps; gaps are pauses longer than a revolution at minimum speed.
   double longest_pause_s = 0.0;
   std::uint64_t gaps = 0;
   std::optional<ClockFindings> clock;
-  /// What the times of the last scan rest on.
+  /// Time source of the last scan.
   std::optional<core::ClockSource> clock_source;
   std::optional<Hdl64eFindings> hdl64e;
   std::optional<TelemetryFindings> telemetry;
@@ -69,7 +68,8 @@ struct SensorFindings {
   [[nodiscard]] bool usable() const { return model.has_value() && stats.points > 0; }
 };
 
-/// Takes the packets of one sensor; keeps the first ones until the model is known, then one scan. One thread.
+/// Decodes the packets of one sensor; buffers the first ones until the model is identified, then one scan.
+/// One thread.
 class SensorInspector {
  public:
   SensorInspector(std::uint32_t address, std::uint16_t data_port);

@@ -24,7 +24,7 @@ struct BoardMotion {
   Spread acceleration_y_m_s2;
 };
 
-/// What the telemetry packets of one sender say.
+/// Contents of the telemetry packets of one sender.
 struct TelemetryFindings {
   std::uint64_t packets = 0;
   std::uint16_t port = 0;
@@ -32,17 +32,17 @@ struct TelemetryFindings {
   core::Time last;
   std::map<drivers::PpsState, std::uint64_t> pps;
   drivers::PpsState last_pps = drivers::PpsState::kUnknown;
-  /// Packets with a sentence that holds a fix, one without, one that cannot be read, and none at all.
+  /// Packets with a sentence with fix, without fix, unreadable, and without a sentence.
   std::uint64_t nmea_valid = 0;
   std::uint64_t nmea_no_fix = 0;
   std::uint64_t nmea_unreadable = 0;
   std::uint64_t nmea_empty = 0;
-  /// The latest of the best kind seen, printable characters only.
+  /// The latest sentence of the best kind, printable characters only.
   std::string nmea_example;
-  /// Of the latest valid sentence, and the capture's stamp of its packet.
+  /// Of the latest valid sentence, with the capture's stamp of its packet.
   std::optional<drivers::NmeaFix> fix;
   core::Time fix_stamp;
-  /// Firmware that reports no temperatures sends zeros, which are left out.
+  /// Zeros of firmware without temperatures are excluded.
   Spread top_board_degc;
   Spread bottom_board_degc;
   bool thermal_shutdown = false;
@@ -50,10 +50,10 @@ struct TelemetryFindings {
   std::optional<std::array<BoardMotion, 3>> motion;
 };
 
-/// Takes the telemetry packets of one sender. One thread.
+/// Parses the telemetry packets of one sensor. One thread.
 class TelemetryInspector {
  public:
-  /// Does nothing with packets that are not of 512 bytes.
+  /// Ignores packets of other sizes than 512 bytes.
   void add(const drivers::Packet& packet);
   [[nodiscard]] const TelemetryFindings& findings() const { return findings_; }
 
@@ -63,12 +63,12 @@ class TelemetryInspector {
   TelemetryFindings findings_;
 };
 
-/// What the status stream of an HDL-64E says.
+/// Contents of the status stream of an HDL-64E.
 struct Hdl64eFindings {
   drivers::Hdl64eStatusCounters counters;
   std::optional<drivers::Hdl64eReadings> readings;
   std::optional<drivers::Hdl64eCalibration> calibration;
-  /// Every warning bit that was ever set.
+  /// Union of all warning bits.
   std::uint8_t warnings = 0;
   Spread temperature_degc;
 };

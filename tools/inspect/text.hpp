@@ -13,13 +13,13 @@ namespace nilio::tools::inspect {
 /// "2024-05-01 12:00:00.123", UTC.
 std::string utc_text(core::Time time);
 
-/// With '?' for everything that may not reach a terminal: what files and packets hold is not trusted.
+/// Replaces characters that could control a terminal by '?': contents of files and packets are untrusted.
 std::string printable_text(std::string_view text);
 
-/// A line of a table whose last columns may be empty, with its end.
+/// Ends a table row whose last columns may be empty.
 std::string without_trailing_space(std::string line);
 
-/// A span of time in the unit that suits it: "12.3 ms", "1.500 s", "2.5 h".
+/// A span of time in a suitable unit: "12.3 ms", "1.500 s", "2.5 h".
 std::string span_text(double seconds);
 
 }  // namespace nilio::tools::inspect

@@ -21,7 +21,7 @@ std::optional<in_addr> parse_address(const std::string& text) {
 }
 
 Error no_address(const std::string& text, const char* option) {
-  return Error{std::string(option) + ": '" + text + "' is no IPv4 address; write it as 192.168.1.100"};
+  return Error{std::string(option) + ": '" + text + "' is no IPv4 address - write it as 192.168.1.100"};
 }
 
 }  // namespace
@@ -43,7 +43,7 @@ core::Result<PacketSender> PacketSender::open(const PacketSenderConfig& config) 
   address.sin_addr = *local;
   if (bind(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 ||
       setsockopt(descriptor, IPPROTO_IP, IP_MULTICAST_IF, &*local, sizeof(*local)) != 0)
-    return Error{"--from " + config.local_address + ": cannot be sent from (" + std::strerror(errno) +
+    return Error{"--from " + config.local_address + ": not available as sender (" + std::strerror(errno) +
                  "); 'ip -4 address' lists this computer's addresses"};
   return sender;
 }
@@ -64,7 +64,7 @@ PacketSender::Sent PacketSender::send(std::span<const drivers::Packet> packets) 
     destinations[i].sin_family = AF_INET;
     destinations[i].sin_port = htons(packets[i].destination_port);
     destinations[i].sin_addr = destination_;
-    // sendmsg only reads what iovec has no const for.
+    // sendmmsg does not write; iovec has no const member.
     buffers[i] = {.iov_base = const_cast<std::uint8_t*>(packets[i].data.data()), .iov_len = packets[i].size};
     messages[i].msg_hdr.msg_name = &destinations[i];
     messages[i].msg_hdr.msg_namelen = sizeof(sockaddr_in);
@@ -80,7 +80,7 @@ PacketSender::Sent PacketSender::send(std::span<const drivers::Packet> packets) 
       done += static_cast<std::size_t>(sent);
       continue;
     }
-    // The first of those left could not be sent: the others may be.
+    // The first remaining packet failed; the others may succeed.
     result.error = errno;
     ++result.failed;
     ++done;

@@ -24,7 +24,7 @@ class PacketSender {
  public:
   static constexpr std::size_t kBatch = 64;
 
-  /// Fails naming the address and the reason.
+  /// Fails with the address and the reason.
   static core::Result<PacketSender> open(const PacketSenderConfig& config);
   PacketSender(PacketSender&& other) noexcept;
   PacketSender& operator=(PacketSender&&) = delete;
@@ -35,7 +35,7 @@ class PacketSender {
   struct Sent {
     std::size_t packets = 0;
     std::size_t failed = 0;
-    /// errno of the last that failed.
+    /// errno of the last failure.
     int error = 0;
   };
   /// Sends at most kBatch packets to their destination_port, in order.

@@ -25,10 +25,10 @@ using drivers::Packet;
 
 constexpr std::size_t kLookahead = 256;
 constexpr std::int64_t kStopCheckNs = 20'000'000;
-/// An interface's queue of 10 frames is empty after some milliseconds, unless nothing acknowledges them.
+/// An interface's queue of 10 frames is empty after some milliseconds, unless no node acknowledges them.
 constexpr int kCanAttempts = 100;
 constexpr std::int64_t kCanRetryNs = 1'000'000;
-constexpr core::Duration kDistantBeginning{10'000'000'000};
+constexpr core::Duration kDistantStart{10'000'000'000};
 
 std::int64_t clock_ns(clockid_t clock) {
   timespec now{};
@@ -65,8 +65,8 @@ PlaySession::PlaySession(PlayConfig config, Report report)
 Result<std::unique_ptr<PlaySession>> PlaySession::open(const PlayConfig& config, Report report) {
   std::unique_ptr<PlaySession> session(new PlaySession(config, std::move(report)));
   if (config.captures.empty() && (config.can_logs.empty() || config.can_interface.empty()))
-    return Error{config.can_logs.empty() ? "nothing to play: there is no capture and no CAN log"
-                                         : "nothing to play: there is no capture, and CAN logs need --can"};
+    return Error{config.can_logs.empty() ? "no input to play: there is no capture and no CAN log"
+                                         : "no input to play: there is no capture, and CAN logs need --can"};
   if (config.can_logs.empty() && !config.can_interface.empty())
     return Error{"--can " + config.can_interface + ": the recording has no CAN log; leave the option out"};
   if (config.restamp && (config.fast || config.speed != 1.0))
@@ -84,7 +84,7 @@ Result<std::unique_ptr<PlaySession>> PlaySession::open(const PlayConfig& config,
     session->can_sender_.emplace(std::move(sender).value());
   }
   if (const Result<std::size_t> opened = session->open_sources(); !opened) return opened.error();
-  session->warn_of_distant_beginnings();
+  session->warn_of_distant_starts();
   return session;
 }
 
@@ -109,17 +109,17 @@ Result<std::size_t> PlaySession::open_sources() {
   return std::size_t{packet_sender_ ? 1U : 0U} + (can_sender_ ? 1U : 0U);
 }
 
-void PlaySession::warn_of_distant_beginnings() {
+void PlaySession::warn_of_distant_starts() {
   const Packet* packet = packets_.front();
   const CanFrame* frame = frames_.front();
   if (packet != nullptr) first_stamp_ = packet->stamp;
   if (frame != nullptr && (packet == nullptr || frame->stamp < first_stamp_)) first_stamp_ = frame->stamp;
   if (packet == nullptr || frame == nullptr) return;
   const core::Duration apart = packet->stamp - frame->stamp;
-  if (std::abs(apart.ns) < kDistantBeginning.ns) return;
+  if (std::abs(apart.ns) < kDistantStart.ns) return;
   report_("the CAN log begins " + seconds_text(apart.ns > 0 ? apart : -apart) +
           (apart.ns > 0 ? " before" : " after") +
-          " the capture; they are played by their stamps, check that they belong together");
+          " the capture; they are played by their stamps - check that they belong together");
 }
 
 PlayReport PlaySession::run(const std::function<bool()>& stop_wanted) {
@@ -133,7 +133,7 @@ PlayReport PlaySession::run(const std::function<bool()>& stop_wanted) {
       report_(opened.error().message);
       break;
     }
-    timeline_.begin_again();
+    timeline_.restart();
   }
   if (packets_.source && packets_.source->stats().malformed > 0) report_(packets_.source->status());
   if (frames_.source && frames_.source->stats().malformed > 0) report_(frames_.source->status());
@@ -144,7 +144,7 @@ PlayReport PlaySession::run(const std::function<bool()>& stop_wanted) {
   return result_;
 }
 
-/// False when stopped before the end.
+/// False if stopped before the end.
 bool PlaySession::play_once() {
   for (;;) {
     const Packet* packet = packets_.front();
@@ -166,7 +166,7 @@ bool PlaySession::play_once() {
   }
 }
 
-/// False when stopped meanwhile.
+/// False if stopped.
 bool PlaySession::wait_until_due(const PlayTimeline::Due& due) {
   std::int64_t now = clock_ns(CLOCK_MONOTONIC);
   if (config_.fast || due.due_ns <= now) return !is_stopped(now);
@@ -233,7 +233,7 @@ void PlaySession::send_frame(const CanFrame& frame, const PlayTimeline::Due& due
   if (result_.frames_failed++ > 0) return;
   const std::string where = "CAN " + config_.can_interface + ": a frame was not sent: ";
   if (sent == drivers::CanSendResult::kQueueFull)
-    report_(where + "the bus takes none (nobody acknowledges, or bus-off); check wiring and bit rate");
+    report_(where + "the bus accepts none (no acknowledge, or bus-off) - check wiring and bit rate");
   if (sent == drivers::CanSendResult::kDown)
     report_(where + "the interface is down; 'ip link set " + config_.can_interface + " up'");
   if (sent == drivers::CanSendResult::kRefused)
@@ -242,17 +242,17 @@ void PlaySession::send_frame(const CanFrame& frame, const PlayTimeline::Due& due
 }
 
 void PlaySession::note_event(const PlayTimeline::Due& due, core::Time stamp) {
-  if (due.is_new_origin()) restamper_.begin_again();
-  const std::string at = seconds_text(stamp - first_stamp_) + " after the recording's beginning: ";
+  if (due.is_new_origin()) restamper_.restart();
+  const std::string at = seconds_text(stamp - first_stamp_) + " after the start of the recording: ";
   switch (due.event) {
     case PlayTimeline::Event::kGap:
-      if (!config_.fast) report_(at + "a gap of " + seconds_text(due.step) + ", waited for");
+      if (!config_.fast) report_(at + "a gap of " + seconds_text(due.step) + ", kept");
       break;
     case PlayTimeline::Event::kGapSkipped:
       report_(at + "a gap of " + seconds_text(due.step) + ", skipped (--longest-gap)");
       break;
     case PlayTimeline::Event::kBackwards:
-      report_(at + "the stamps jump back by " + seconds_text(-due.step) + ", played on from there");
+      report_(at + "the stamps jump back by " + seconds_text(-due.step) + ", playing continues there");
       break;
     case PlayTimeline::Event::kNone:
     case PlayTimeline::Event::kBegin:

@@ -7,8 +7,8 @@
 #include "nilio/drivers/source.hpp"
 
 #include "ipc/histogram.hpp"
-#include "tools/play/timeline.hpp"
 #include "tools/play/sender.hpp"
+#include "tools/play/timeline.hpp"
 
 #include <cstdint>
 #include <functional>
@@ -20,7 +20,7 @@
 namespace nilio::tools::play {
 
 struct PlayConfig {
-  /// In order; several are parts of one recording.
+  /// In order; several files are parts of one recording.
   std::vector<std::string> captures;
   std::vector<std::string> can_logs;
   /// Ports of the packets to take from the captures.
@@ -30,13 +30,13 @@ struct PlayConfig {
   std::uint16_t port = 0;
   std::uint16_t position_port = 0;
   PacketSenderConfig sender;
-  /// Interface to put the frames of the CAN logs on; empty = they are not played.
+  /// Interface to send the frames of the CAN logs on; empty = they are not played.
   std::string can_interface;
   double speed = 1.0;
   /// Not paced at all.
   bool fast = false;
   core::Duration longest_gap{10'000'000'000};
-  /// How often the recording is played; 0 = until stopped.
+  /// Number of repetitions; 0 = until stopped.
   std::uint64_t loops = 1;
   bool restamp = false;
 };
@@ -46,43 +46,43 @@ struct PlayReport {
   std::uint64_t frames = 0;
   std::uint64_t packets_failed = 0;
   std::uint64_t frames_failed = 0;
-  /// Longer than a packet slot, error frames: cannot be sent as recorded.
+  /// Not sendable as recorded: longer than a packet slot, or error frames.
   std::uint64_t skipped = 0;
   std::uint64_t loops = 0;
-  /// From due to handed to the kernel.
+  /// Delay from due time to the system call.
   std::int64_t late_p50_ns = 0;
   std::int64_t late_p99_ns = 0;
   std::int64_t late_max_ns = 0;
 };
 
-/// Sends a recording at its own pace: sleeps to absolute times, and sends together what is due together. One
-/// thread.
+/// Sends a recording at its own pace: sleeps until absolute times, and sends together the packets that are
+/// due. One thread.
 class PlaySession {
  public:
   using Report = std::function<void(const std::string&)>;
 
-  /// Opens the files and the sockets. `report` gets a line for a person about gaps, jumps and errors.
+  /// Opens the files and the sockets. `report` receives a line for people about gaps, jumps and errors.
   static core::Result<std::unique_ptr<PlaySession>> open(const PlayConfig& config, Report report);
 
-  /// Returns at the end, or soon after `stop_wanted` (asked every 20 ms) says so.
+  /// Returns at the end, or soon after `stop_wanted` (polled every 20 ms) returns true.
   PlayReport run(const std::function<bool()>& stop_wanted);
 
  private:
-  /// A source with some slots read ahead.
+  /// A source with a buffer of slots.
   template <class Slot>
   struct Lookahead {
     std::unique_ptr<drivers::Source<Slot>> source;
     std::vector<Slot> slots;
     std::size_t next = 0;
     std::size_t count = 0;
-    /// Nothing at the end.
+    /// Null at the end.
     const Slot* front();
   };
 
   PlaySession(PlayConfig config, Report report);
 
   core::Result<std::size_t> open_sources();
-  void warn_of_distant_beginnings();
+  void warn_of_distant_starts();
   bool play_once();
   bool wait_until_due(const PlayTimeline::Due& due);
   void add_packet(const drivers::Packet& packet, const PlayTimeline::Due& due);

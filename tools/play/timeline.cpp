@@ -8,7 +8,7 @@ namespace nilio::tools::play {
 
 namespace {
 
-/// What is smaller comes from the order in which sockets were read, and is no jump.
+/// Smaller steps come from the order in which sockets were read.
 constexpr core::Duration kNotable{1'000'000'000};
 
 constexpr std::uint64_t kHourUs = 3'600'000'000;
@@ -64,7 +64,7 @@ void Restamper::apply(drivers::Packet& packet, core::Time host_now) {
   if (packet.size == kDataSize) time = packet.data.data() + kDataTimeOffset;
   if (packet.size == kPositionSize) time = packet.data.data() + kPositionTimeOffset;
   if (time == nullptr) return;
-  // Sensors count a little beyond the hour.
+  // Sensors count slightly beyond the hour.
   const std::uint64_t sensor_us = load_time(time) % kHourUs;
   if (!offset_us_) {
     const std::uint64_t host_us = static_cast<std::uint64_t>(host_now.ns / 1000) % kHourUs;

@@ -8,21 +8,21 @@
 
 namespace nilio::tools::play {
 
-/// Says when each stamp of a recording is due. Due times are reckoned from one origin, so that no error adds
-/// up; where the recording jumps there is a new origin. One thread.
+/// Computes the due time of each stamp of a recording. Due times are relative to one origin, so that errors
+/// do not accumulate; a jump of the recording sets a new origin. One thread.
 class PlayTimeline {
  public:
   enum class Event {
     kNone,
     kBegin,       ///< first stamp: a new origin, due now
-    kGap,         ///< the recording has a gap of more than a second, which is waited for
-    kGapSkipped,  ///< the gap is longer than wanted: a new origin, due at once
-    kBackwards,   ///< the stamps jump back by more than a second: a new origin, due at once
+    kGap,         ///< a gap of more than a second, which is kept
+    kGapSkipped,  ///< a longer gap than `longest_gap`: a new origin, due now
+    kBackwards,   ///< the stamps jump back by more than a second: a new origin, due now
   };
   struct Due {
     std::int64_t due_ns = 0;  ///< CLOCK_MONOTONIC
     Event event = Event::kNone;
-    core::Duration step;  ///< from the stamp before
+    core::Duration step;  ///< from the preceding stamp
     [[nodiscard]] bool is_new_origin() const { return event != Event::kNone && event != Event::kGap; }
   };
 
@@ -30,8 +30,8 @@ class PlayTimeline {
   PlayTimeline(double speed, core::Duration longest_gap) : speed_(speed), longest_gap_(longest_gap) {}
 
   Due next(core::Time stamp, std::int64_t now_ns);
-  /// The next stamp is a first one again; it is due no earlier than what went before.
-  void begin_again() { begun_ = false; }
+  /// The next stamp sets a new origin, due no earlier than the last stamp.
+  void restart() { begun_ = false; }
 
  private:
   void set_origin(core::Time stamp, std::int64_t due_ns);
@@ -46,14 +46,14 @@ class PlayTimeline {
 };
 
 /// Moves the sensor's clock in data packets (1206 bytes) and position packets (512 bytes) to the present: the
-/// microseconds past the hour of the first packet become those of the host, and all others move by as much,
-/// modulo one hour. Other payloads stay as they are. One thread.
+/// first packet's microseconds past the hour become the host's, and all others move by the same amount,
+/// modulo one hour. Other payloads are unchanged. One thread.
 class Restamper {
  public:
   /// `host_now`: UTC, used for the first packet only.
   void apply(drivers::Packet& packet, core::Time host_now);
-  /// The next packet is a first one again.
-  void begin_again() { offset_us_.reset(); }
+  /// The next packet sets a new offset.
+  void restart() { offset_us_.reset(); }
 
  private:
   std::optional<std::uint64_t> offset_us_;

@@ -14,7 +14,7 @@
 
 namespace nilio::tools::record {
 
-/// A source with the ring that its receive thread fills and the writer empties.
+/// A source and the ring between its receive thread and the writer.
 template <class Slot>
 struct RecordChannel {
   RecordChannel(std::unique_ptr<drivers::Source<Slot>> opened, std::size_t slots)
@@ -25,8 +25,8 @@ struct RecordChannel {
   std::atomic<bool> failed{false};
 };
 
-/// Body of a receive thread: only receives, in place. What finds the ring full is taken out of the socket and
-/// counted. After `stop`, once more what the socket holds, as long as `kDrainReads` lasts.
+/// Body of a receive thread: receives in place. When the ring is full, packets are read from the socket,
+/// counted and dropped. After `stop` it empties the socket, with at most kDrainReads reads.
 template <class Slot>
 void receive_into_ring(RecordChannel<Slot>& channel, const std::atomic<bool>& stop) {
   constexpr std::size_t kBatch = 64;
@@ -52,14 +52,14 @@ void receive_into_ring(RecordChannel<Slot>& channel, const std::atomic<bool>& st
   }
 }
 
-/// Which slots may be handed on: those stamped so long ago that no older one can still be on its way, and,
-/// should the host's clock have been set meanwhile, those received a good while ago.
+/// Slots that may be delivered: stamped so long ago that no older one can still arrive or, if the host's
+/// clock was set, received long ago.
 struct RingHorizon {
   core::Time stamp;
   std::int64_t received_ns = 0;  ///< CLOCK_MONOTONIC
 };
 
-/// Empties rings into one stream in the order of the stamps, which each ring has in itself.
+/// Merges rings into one stream in order of stamps, which are in order within each ring.
 template <class Slot>
 class RingMerger {
  public:
@@ -67,7 +67,7 @@ class RingMerger {
     for (const auto& channel : channels) inputs_.push_back({&channel->ring, {}, 0});
   }
 
-  /// Hands on every slot within the horizon, with the number of its channel.
+  /// Delivers every slot within the horizon, with the number of its channel.
   template <class Consumer>
   void drain(const RingHorizon& horizon, Consumer consume) {
     for (;;) {

@@ -39,7 +39,7 @@ void RecordFile::append(std::span<const std::uint8_t> record) {
 int RecordFile::open() {
   descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor_ < 0) return errno;
-  // The name, too, has to survive the loss of power.
+  // The directory entry has to survive a loss of power, too.
   const int folder = ::open(path_.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (folder >= 0) {
     fsync(folder);
@@ -79,7 +79,7 @@ int RecordFile::write_pending() {
   return error;
 }
 
-/// Of `written` bytes those that make whole records count; the rest stays pending.
+/// Keeps the whole records of `written` bytes; the rest stays pending.
 void RecordFile::keep_whole_records(std::size_t written) {
   std::size_t kept = 0;
   std::size_t records = 0;

@@ -9,12 +9,12 @@
 
 namespace nilio::tools::record {
 
-/// A file that grows by whole records: what cannot be written in full is taken back, so that a reader never
-/// meets half a record with others behind it. It comes into being with its first record. One thread.
+/// A file that grows by whole records: a record that cannot be written in full is truncated, so that a reader
+/// never meets half a record within the file. It is created with its first record. One thread.
 class RecordFile {
  public:
   RecordFile() = default;
-  /// `header` comes before the first record.
+  /// `header` is written before the first record.
   RecordFile(std::filesystem::path path, std::vector<std::uint8_t> header);
   RecordFile(RecordFile&& other) noexcept;
   RecordFile& operator=(RecordFile&& other) noexcept;
@@ -22,38 +22,38 @@ class RecordFile {
   RecordFile& operator=(const RecordFile&) = delete;
   ~RecordFile();
 
-  /// Keeps the record for the next write_pending().
+  /// Buffers the record for the next write_pending().
   void append(std::span<const std::uint8_t> record);
-  /// 0, or the reason why not all was written: what found room is in the file, what did not stays pending.
+  /// 0, or the errno of an incomplete write; unwritten records stay pending.
   int write_pending();
-  /// 0 or the reason.
+  /// 0 or errno.
   int sync();
-  /// Takes away a file without a record. 0 or the reason.
+  /// Removes a file without a record. 0 or errno.
   int close();
-  /// Takes the pending records of a file that takes no more.
+  /// Appends the pending records of a full file.
   void take_pending(RecordFile& other);
-  /// Forgets the pending records; how many they were.
+  /// Drops the pending records and returns their number.
   std::uint64_t drop_pending();
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-  /// On disk, and on disk when all that is pending is written.
+  /// Bytes on disk, and after the pending records are written.
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
   [[nodiscard]] std::uint64_t bytes_with_pending() const;
   [[nodiscard]] std::size_t pending_bytes() const { return pending_.size(); }
   [[nodiscard]] std::uint64_t pending_records() const { return pending_sizes_.size(); }
-  /// A torn record could not be taken back: nothing more may be written.
+  /// A partial record could not be truncated: no more writes are allowed.
   [[nodiscard]] bool is_spoiled() const { return spoiled_; }
 
  private:
   int open();
-  /// Takes what was written off the front of `bytes`.
+  /// Removes the written bytes from the front of `bytes`.
   int write_all(std::span<const std::uint8_t>& bytes);
   void keep_whole_records(std::size_t written);
 
   std::filesystem::path path_;
   std::vector<std::uint8_t> header_;
   std::vector<std::uint8_t> pending_;
-  /// Of each record in `pending_`.
+  /// Size of each record in `pending_`.
   std::vector<std::uint32_t> pending_sizes_;
   std::uint64_t bytes_ = 0;
   int descriptor_ = -1;

@@ -19,11 +19,11 @@ namespace {
 namespace fs = std::filesystem;
 using core::Error;
 
-/// Pending bytes from which on they are written at once.
+/// Pending bytes that start a write.
 constexpr std::size_t kWriteBytes = std::size_t{1} << 20;
-/// Pending bytes held while the disk takes nothing.
+/// Pending bytes buffered while the disk is blocked.
 constexpr std::size_t kHeldBytes = std::size_t{4} << 20;
-/// Files with larger numbers are not ours.
+/// Files with larger numbers are not from this program.
 constexpr std::uint64_t kLargestNumber = 999'999'999;
 constexpr std::int64_t kRetryPeriodNs = 500'000'000;
 
@@ -59,10 +59,10 @@ std::set<std::uint64_t> find_parts(const fs::path& folder) {
 
 std::string failure_advice(int error) {
   if (error == ENOSPC || error == EDQUOT)
-    return "free space there; recording goes on when there is room, what does not fit until then is lost";
+    return "free space there; recording continues when there is space, data until then are dropped";
   if (error == EFBIG)
     return "raise the limit on the size of files ('ulimit -f'), or choose a smaller --rotate-mb";
-  return "check the disk; it is tried again until the recording is stopped";
+  return "check the disk; writing is retried until the recording is stopped";
 }
 
 }  // namespace
@@ -78,8 +78,8 @@ core::Result<RecordParts> RecordParts::create(const fs::path& folder, const Reco
   std::error_code error;
   fs::create_directories(folder, error);
   if (error)
-    return Error{folder.string() + ": cannot be made (" + error.message() +
-                 "); check the path and its permissions"};
+    return Error{folder.string() + ": could not be created (" + error.message() +
+                 ") - check the path and its permissions"};
   if (access(folder.c_str(), W_OK | X_OK) != 0)
     return Error{folder.string() + ": cannot be written (" + std::strerror(errno) +
                  "); check the folder's permissions"};
@@ -134,7 +134,7 @@ void RecordParts::flush(std::int64_t now_ns) {
   if (was_blocked && now_ns < next_attempt_ns_) return;
   for (std::size_t i = 0; i < kRecordStreams; ++i) {
     int error = write_pending(i);
-    // A file at the largest size that the file system or a limit allows is full, not the disk.
+    // A file at its size limit is full, not the disk.
     while ((error == EFBIG && files_[i].bytes() > 0) || files_[i].is_spoiled() || error == EEXIST) {
       next_part(now_ns);
       error = write_pending(i);
@@ -147,7 +147,7 @@ void RecordParts::flush(std::int64_t now_ns) {
   if (was_blocked) note_success();
 }
 
-/// 0 or the reason why the file did not take all.
+/// 0, or the errno of an incomplete write.
 int RecordParts::write_pending(std::size_t index) {
   RecordFile& file = files_[index];
   const std::uint64_t before = file.bytes();
@@ -162,11 +162,11 @@ int RecordParts::write_pending(std::size_t index) {
   return error;
 }
 
-/// Closes the part; records that it did not take go to the next.
+/// Closes the part; its pending records move to the next.
 void RecordParts::next_part(std::int64_t now_ns) {
   std::array<RecordFile, kRecordStreams> old = std::exchange(files_, {});
   const std::set<std::uint64_t> numbers = find_parts(folder_);
-  // Another program may be recording here.
+  // Another program may record into the same folder.
   begin_part(std::max(counters_->part.load(), numbers.empty() ? 0 : *numbers.rbegin()) + 1);
   for (std::size_t i = 0; i < kRecordStreams; ++i) {
     files_[i].take_pending(old[i]);
@@ -178,7 +178,7 @@ void RecordParts::next_part(std::int64_t now_ns) {
 void RecordParts::close_file(RecordFile& file) {
   if (const int error = file.close(); error != 0)
     report_(file.path().string() + ": closing failed (" + std::strerror(error) +
-            "): its end may be missing; check the disk");
+            "): its end may be missing - check the disk");
 }
 
 void RecordParts::delete_old_parts() {
@@ -190,7 +190,7 @@ void RecordParts::delete_old_parts() {
       const fs::path path = folder_ / record_file_name(stream, *numbers.begin());
       if (fs::remove(path, error)) counters_->deleted.fetch_add(1);
       if (error)
-        report_(path.string() + ": cannot be deleted (" + error.message() +
+        report_(path.string() + ": could not be deleted (" + error.message() +
                 "); check the folder's permissions");
     }
     numbers.erase(numbers.begin());
@@ -207,8 +207,8 @@ void RecordParts::note_failure(const RecordFile& file, int error, std::int64_t n
 
 void RecordParts::note_success() {
   counters_->blocked.store(false);
-  report_(files_[0].path().string() + ": written again, " + std::to_string(lost_total() - lost_before_) +
-          " packets and frames were lost meanwhile");
+  report_(files_[0].path().string() + ": writable again, " + std::to_string(lost_total() - lost_before_) +
+          " packets and frames were dropped meanwhile");
 }
 
 std::uint64_t RecordParts::lost_total() const {
@@ -218,7 +218,7 @@ std::uint64_t RecordParts::lost_total() const {
 void RecordParts::sync() {
   for (RecordFile& file : files_) {
     if (const int error = file.sync(); error != 0)
-      report_(file.path().string() + ": not safe on the disk (" + std::strerror(error) + "); check the disk");
+      report_(file.path().string() + ": sync failed (" + std::strerror(error) + "); check the disk");
   }
 }
 

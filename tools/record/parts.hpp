@@ -15,52 +15,51 @@
 
 namespace nilio::tools::record {
 
-/// A recording is a series of parts; part 12 is lidar_0012.pcap and can_0012.log.
+/// Streams of a recording, which is a series of parts; part 12 is lidar_0012.pcap and can_0012.log.
 enum class RecordStream : std::uint8_t { kLidar, kCan };
 inline constexpr std::size_t kRecordStreams = 2;
 
 struct RecordLimits {
-  /// A part is closed before it would grow beyond this; bytes of both files.
+  /// Maximum size of a part; bytes of both files.
   std::uint64_t rotate_bytes = 1'000'000'000;
-  /// A part is closed at this age; zero = never.
+  /// Maximum age of a part; zero = unlimited.
   core::Duration rotate_after{};
-  /// Newest parts kept in the folder, those of earlier recordings among them; zero = all.
+  /// Number of newest parts kept in the folder, including those of earlier recordings; zero = all.
   std::uint64_t keep = 0;
 };
 
 /// Written by one thread, read by any.
 struct RecordCounters {
-  std::array<std::atomic<std::uint64_t>, kRecordStreams> written{};  ///< records handed to the kernel
-  std::array<std::atomic<std::uint64_t>, kRecordStreams> lost{};     ///< found no room on the disk
+  std::array<std::atomic<std::uint64_t>, kRecordStreams> written{};  ///< records written to the kernel
+  std::array<std::atomic<std::uint64_t>, kRecordStreams> lost{};     ///< dropped because the disk was full
   std::atomic<std::uint64_t> bytes{0};
   std::atomic<std::uint64_t> files{0};
-  std::atomic<std::uint64_t> deleted{0};  ///< files taken away to keep no more parts than wanted
+  std::atomic<std::uint64_t> deleted{0};  ///< files deleted to keep the number of parts
   std::atomic<std::uint64_t> part{0};     ///< number of the part being written
-  std::atomic<bool> blocked{false};       ///< nothing can be written at the moment
+  std::atomic<bool> blocked{false};       ///< the disk accepts no data at present
 };
 
-/// Names of part `number`.
+/// File name of part `number`.
 std::string record_file_name(RecordStream stream, std::uint64_t number);
 
-/// Writes records into the parts of a recording. Never overwrites: numbers go on after the highest in the
-/// folder. While the disk takes nothing, 4 MB per stream are held for it and the rest is lost and counted;
-/// what is in the files is whole records at any time. One thread; `report` is called from it with a line for
-/// a person.
+/// Writes records into the parts of a recording. Never overwrites: numbers continue after the highest in the
+/// folder. While the disk is blocked, 4 MB per stream are buffered and the rest is dropped and counted; the
+/// files contain whole records at any time. One thread, which also calls `report` with a line for people.
 class RecordParts {
  public:
   using Report = std::function<void(const std::string&)>;
 
-  /// Makes the folder if it is missing. Fails when it cannot be made or written.
+  /// Creates the folder if it is missing. Fails when it cannot be created or written.
   static core::Result<RecordParts> create(const std::filesystem::path& folder, const RecordLimits& limits,
                                           RecordCounters& counters, Report report);
 
   /// `now_ns`: CLOCK_MONOTONIC.
   void append(RecordStream stream, std::span<const std::uint8_t> record, std::int64_t now_ns);
-  /// Hands everything to the kernel, from where it survives the death of this process.
+  /// Writes everything to the kernel, so that it survives the death of this process.
   void flush(std::int64_t now_ns);
-  /// Makes what was flushed survive the loss of power; takes as long as the disk does.
+  /// Syncs flushed data to the disk, so that they survive a loss of power; blocks as long as the disk does.
   void sync();
-  /// Flushes, syncs and closes; what still finds no room is lost and counted.
+  /// Flushes, syncs and closes; records that do not fit are dropped and counted.
   void close(std::int64_t now_ns);
 
  private:

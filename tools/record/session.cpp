@@ -20,15 +20,15 @@ using core::Result;
 using drivers::CanFrame;
 using drivers::Packet;
 
-/// A position packet comes with every fifth to fourteenth data packet.
+/// A position packet is sent with every fifth to fourteenth data packet.
 constexpr std::size_t kPositionSlots = 8192;
 /// 5 s of a full bus.
 constexpr std::size_t kCanSlots = 16384;
 constexpr std::int64_t kWritePeriodNs = 20'000'000;
 constexpr std::int64_t kFlushPeriodNs = 200'000'000;
 constexpr std::int64_t kSyncPeriodNs = 1'000'000'000;
-/// Slots wait so long for older ones of other sockets, whose threads may be late; the second after the clock
-/// was set.
+/// Time that slots wait for older ones of other sockets, whose threads may be late; the second value after
+/// the clock was set.
 constexpr std::int64_t kMergeNs = 100'000'000;
 constexpr std::int64_t kLongestMergeNs = 250'000'000;
 
@@ -78,13 +78,13 @@ RecordSession::~RecordSession() { stop(); }
 
 Result<std::size_t> RecordSession::open_sources() {
   if (config_.data_port == 0 && config_.position_port == 0 && config_.can_interfaces.empty())
-    return Error{"nothing to record: both ports are 0 and no --can is given"};
+    return Error{"no source to record: both ports are 0 and no --can is given"};
   if (config_.data_port != 0 && config_.data_port == config_.position_port)
     return Error{"--port and --position-port are both " + std::to_string(config_.data_port) +
                  ": a socket receives both kinds then, set --position-port 0"};
   const std::size_t slots = std::max<std::size_t>(config_.ring_bytes / sizeof(Packet), 1024);
   if (config_.data_port != 0) {
-    // A ring rounds up, and so much memory was not asked for.
+    // A ring rounds up; stay within the requested memory.
     if (const auto added = add_udp(config_.data_port, std::bit_floor(slots)); !added) return added.error();
   }
   if (config_.position_port != 0) {
@@ -100,7 +100,7 @@ Result<std::size_t> RecordSession::add_udp(std::uint16_t port, std::size_t slots
   drivers::UdpSourceConfig config;
   config.bind_address = config_.bind_address;
   config.port = port;
-  // Each port has a channel of its own: within one, stamps are in order.
+  // One channel per port: within one, stamps are in order.
   config.position_port = 0;
   config.sender_address = config_.sender_address;
   config.multicast_group = config_.multicast_group;
@@ -122,7 +122,7 @@ Result<std::size_t> RecordSession::add_can(const std::string& interface_name) {
   return can_.size();
 }
 
-/// Of the thread that calls it.
+/// Priority of the calling thread.
 void RecordSession::set_priority(const char* thread_name) {
   pthread_setname_np(pthread_self(), thread_name);
   if (config_.priority == 0) return;
@@ -184,7 +184,7 @@ void RecordSession::drain(const RingHorizon& horizon) {
   const std::int64_t now = monotonic_ns();
   lidar_merger_->drain(horizon, [&](const Packet& packet, std::size_t /*channel*/) {
     record_.clear();
-    // Only a host clock before 1970 or after 2106 gives stamps that a capture cannot hold.
+    // Only a host clock before 1970 or after 2106 gives stamps that a capture cannot store.
     if (drivers::append_pcap_record(record_, packet)) {
       parts_->append(RecordStream::kLidar, record_, now);
     } else {

@@ -29,7 +29,7 @@ struct RecordConfig {
   int receive_buffer_bytes = 8 * 1024 * 1024;
   std::vector<std::string> can_interfaces;
   RecordLimits limits;
-  /// Memory for packets that wait for the disk.
+  /// Memory for packets waiting for the disk.
   std::size_t ring_bytes = std::size_t{128} * 1024 * 1024;
   /// SCHED_FIFO priority of the receive threads; 0 = normal scheduling.
   int priority = 60;
@@ -39,10 +39,10 @@ struct RecordProgress {
   std::uint64_t packets = 0;  ///< in files
   std::uint64_t frames = 0;
   std::uint64_t bytes = 0;
-  std::uint64_t received = 0;  ///< packets and frames out of the sockets
+  std::uint64_t received = 0;  ///< packets and frames from the sockets
   std::uint64_t kernel_dropped = 0;
   std::uint64_t ring_dropped = 0;
-  std::uint64_t disk_lost = 0;  ///< found no room on the disk
+  std::uint64_t disk_lost = 0;  ///< dropped because the disk was full
   std::uint64_t files = 0;
   std::uint64_t deleted = 0;
   std::uint64_t part = 0;
@@ -50,11 +50,12 @@ struct RecordProgress {
   bool all_sources_failed = false;
 };
 
-/// Sockets -> receive threads -> rings -> writer thread -> files. What was received more than half a second
-/// ago is with the kernel, what was received more than about 1.5 s ago on the disk.
+/// Sockets -> receive threads -> rings -> writer thread -> files. Data reach the kernel within half a second
+/// and the disk within about 1.5 s.
 class RecordSession {
  public:
-  /// Opens the sockets and the folder; nothing is received yet. `report` is called from several threads.
+  /// Opens the sockets and the folder; receiving begins with start(). `report` is called from several
+  /// threads.
   static core::Result<std::unique_ptr<RecordSession>> open(const RecordConfig& config,
                                                            RecordParts::Report report);
   RecordSession(const RecordSession&) = delete;
@@ -62,10 +63,10 @@ class RecordSession {
   ~RecordSession();
 
   void start();
-  /// Takes what has arrived, writes everything and closes the files. May be repeated.
+  /// Receives pending packets, writes everything and closes the files. May be repeated.
   void stop();
   [[nodiscard]] RecordProgress progress() const;
-  /// A line for each source; `silent_only`: of those that have received nothing, and of those that failed.
+  /// A line for each source; `silent_only`: only sources without data and failed ones.
   [[nodiscard]] std::vector<std::string> source_lines(bool silent_only) const;
 
  private:

@@ -15,7 +15,7 @@ constexpr std::uint64_t mix_bits(std::uint64_t x) {
   return x ^ (x >> 31U);
 }
 
-/// Counter-based random word: the same for the same key, whatever was drawn before and by which thread.
+/// Counter-based random word: the same for the same key, independent of earlier draws and of the thread.
 constexpr std::uint64_t random_word(std::uint64_t seed, std::uint64_t a, std::uint64_t b = 0) {
   return mix_bits(mix_bits(mix_bits(seed) ^ a) ^ b);
 }

@@ -30,7 +30,7 @@ using core::Error;
 using core::Result;
 using core::SE3;
 
-/// 2026-01-01T12:00:00Z: recordings of the same seed are the same, stamps included.
+/// 2026-01-01T12:00:00Z. Fixed, so that recordings of the same seed are equal, stamps included.
 constexpr core::Time kStart{1'767'268'800'000'000'000};
 const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
 const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
@@ -40,14 +40,14 @@ constexpr double kMetresPerMovingCar = 30.0;
 Result<std::vector<SE3>> make_town_poses(const Options& options, const SE3& T_base_lidar) {
   if (options.trajectory == "town") {
     const SceneInfo& scene = info_of(options.scene);
-    return make_town_drive({options.seed, options.speed_m_s.value_or(scene.speed_m_s),
-                            options.moving_start, options.extent, scene.kind == SceneKind::kManoeuvres});
+    return make_town_drive({options.seed, options.speed_m_s.value_or(scene.speed_m_s), options.moving_start,
+                            options.extent, scene.kind == SceneKind::kManoeuvres});
   }
   return make_recorded_drive({options.trajectory, options.calibration, options.pose_interval_s,
                               options.moving_start, T_base_lidar, options.extent});
 }
 
-/// Recorded heights can be wrong by more than the closing of loops repairs.
+/// Warns of a path above the ground: recorded heights can be wrong by more than the height closure corrects.
 void warn_off_ground(const Town& town) {
   constexpr double tolerated_m = 0.5;
   double worst_m = 0.0;
@@ -108,8 +108,7 @@ Result<fs::path> prepare_folder(const std::string& output) {
   std::error_code error;
   fs::create_directories(output, error);
   if (error)
-    return Error{output + ": cannot be made (" + error.message() +
-                 "); choose a folder that you may write to"};
+    return Error{output + ": could not be created (" + error.message() + ") - choose a writable folder"};
   return fs::path(output);
 }
 
@@ -148,14 +147,14 @@ void print_lidar(const LidarRecordingSummary& lidar, const fs::path& path) {
       static_cast<double>(lidar.firings) * 1e-6 / lidar.elapsed_s);
 }
 
-/// The sensor, and for an HDL-64E what it says of itself.
+/// The sensor, and for an HDL-64E its status stream.
 struct LidarSetup {
   drivers::VelodyneSensor sensor;
   std::optional<Hdl64eStream> stream;
 };
 
-/// An HDL-64E that sends its calibration has lasers rounded to what can be sent. KITTI's S2 keeps its own:
-/// they are known to less than a millimetre.
+/// An HDL-64E that sends its calibration has lasers rounded to the stream's steps. KITTI's S2 keeps its own,
+/// which are exact to less than a millimetre.
 Result<LidarSetup> make_lidar(const Options& options) {
   LidarSetup setup;
   setup.sensor = drivers::make_velodyne_sensor(options.sensor);
@@ -178,15 +177,15 @@ Result<bool> write_inertial_data(const Options& options, const VehicleTrajectory
   if (!preset) return preset.error();
   const Result<ImuFaultConfig> faults = parse_imu_faults(options.imu_faults);
   if (!faults) return faults.error();
-  const auto samples = write_imu_recording(
-      ImuModel(imu_config(options), trajectory),
-      ImuFaults(*faults, kStart, trajectory.duration_s(), options.seed), *preset, path.string());
+  const auto samples = write_imu_recording(ImuModel(imu_config(options), trajectory),
+                                           ImuFaults(*faults, kStart, trajectory.duration_s(), options.seed),
+                                           *preset, path.string());
   if (!samples) return samples.error();
   std::printf("%s: %llu samples\n", path.c_str(), static_cast<unsigned long long>(*samples));
   return true;
 }
 
-/// `options.imu` "none" writes no inertial data, and removes what an earlier run left in the folder.
+/// `options.imu` "none" writes no inertial data and removes that of an earlier run.
 Result<bool> write_small_files(const Options& options, const VehicleTrajectory& trajectory,
                                const LidarSetup& lidar, const fs::path& folder) {
   const bool with_imu = options.imu != "none";
@@ -252,7 +251,7 @@ Result<bool> write_recording(const Options& options) {
   const Result<RayScene> scene = RayScene::create(made->mesh, std::move(made->cars));
   if (!scene) return scene.error();
 
-  // The small files first: they show at once whether the folder can be written.
+  // The small files first: errors of the folder appear at once.
   const Result<bool> small_files = write_small_files(options, trajectory, *setup, *folder);
   if (!small_files) return small_files.error();
   const Result<LidarRecordingSummary> lidar =

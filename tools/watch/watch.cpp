@@ -52,7 +52,7 @@ double yaw_deg(const std::array<double, 4>& q) {
 
 double norm(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
 
-// Poses as lines of "time x y z qx qy qz qw" (TUM trajectory format).
+// Writes poses as lines of "time x y z qx qy qz qw" (TUM trajectory format).
 class TumFile {
  public:
   TumFile() = default;
@@ -76,7 +76,7 @@ class TumFile {
                  q[3]);
   }
 
-  // False when not everything could be written.
+  // False on a write error.
   bool close() {
     if (file_ == nullptr) return true;
     const bool written = std::ferror(file_) == 0;
@@ -114,7 +114,7 @@ class WatchStatistics {
 
   void add(const dds::ScanReport& report) { packet_to_pose_.add_report(report); }
 
-  // Of the last two seconds.
+  // Rate over the last two seconds.
   [[nodiscard]] double rate_hz() const {
     if (arrivals_.size() < 2 || Clock::now() - arrivals_.back() > kRateWindow) return 0.0;
     const std::chrono::duration<double> span = arrivals_.back() - arrivals_.front();
@@ -158,11 +158,12 @@ class WatchStatistics {
     if (from_packet.count > 0) {
       print_latency("packet to here", from_packet);
     } else if (packet_to_pose_.of_other_machines() > 0) {
-      std::printf("packet to here  not known: niliod runs on another machine, whose clock is its own\n");
+      std::printf("packet to here  unknown: niliod runs on another machine with its own clock\n");
     }
     if (from_the_future_ > 0)
-      std::printf("                %llu came before they were written: the machines' clocks differ\n",
-                  static_cast<unsigned long long>(from_the_future_));
+      std::printf(
+          "                %llu arrived before they were written: the clocks of the machines differ\n",
+          static_cast<unsigned long long>(from_the_future_));
     if (not_finite_ > 0)
       std::printf("not finite      %llu poses: left out of path and file\n",
                   static_cast<unsigned long long>(not_finite_));
@@ -201,7 +202,7 @@ class WatchStatistics {
   PacketToPose packet_to_pose_{dds::read_host_id()};
 };
 
-// The one line that changes on a terminal; a line each second elsewhere.
+// Status line: rewritten in place on a terminal, otherwise one line per second.
 class StatusLine {
  public:
   void show(const std::function<std::string()>& text) {
@@ -225,8 +226,8 @@ class StatusLine {
   Clock::time_point next_ = Clock::now() + (terminal_ ? Clock::duration{0} : Clock::duration{kLinePeriod});
 };
 
-// Blocks SIGINT and SIGTERM, in the threads of DDS too, and makes a descriptor of them, as the summary must
-// still be shown.
+// Blocks SIGINT and SIGTERM, in the threads of DDS too, and returns a descriptor for them, so that the
+// summary is still printed.
 int take_signals() {
   sigset_t signals;
   sigemptyset(&signals);
@@ -241,7 +242,7 @@ bool is_interrupted(int signals) {
   return read(signals, &signal, sizeof signal) == sizeof signal;
 }
 
-// Until interrupted, enough, or nothing came for the time-out.
+// Receives until a signal, `count`, or the time-out.
 void receive(const Options& options, int signals, dds::OdometrySubscriber& subscriber, TumFile& tum,
              WatchStatistics& statistics) {
   StatusLine status_line;

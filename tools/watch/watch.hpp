@@ -23,11 +23,12 @@ struct Options {
   std::string json_path;
 };
 
-/// Shows the published poses until SIGINT, SIGTERM, `count` or `timeout_s`, then prints a summary. Returns the
-/// exit status: 1 without any pose and when a file could not be written, with a message on standard error.
+/// Shows the published poses until SIGINT, SIGTERM, `count` or `timeout_s`, then prints a summary. Returns
+/// the exit status: 1 without any pose and when a file could not be written, with a message on standard
+/// error.
 int run(const Options& options);
 
-/// Text from the network: nothing of it may steer the terminal.
+/// Text from the network without control characters, at most `longest` characters.
 std::string printable(const std::string& text, std::size_t longest = 32);
 
 /// Tables on standard output.
@@ -35,8 +36,8 @@ void print_report(const dds::LatencyReport& report);
 void print_imu_status(const dds::ImuPoseStatus& status);
 void print_diagnostics(const dds::DiagnosticArray& diagnostics);
 
-/// The same for programs: counters, and for each stage its percentiles in microseconds and its buckets as
-/// [from, to, count].
+/// The same as JSON: counters, and for each stage its percentiles in microseconds and its buckets as [from,
+/// to, count].
 nlohmann::json report_json(const dds::LatencyReport& report);
 nlohmann::json imu_status_json(const dds::ImuPoseStatus& status);
 

@@ -98,7 +98,7 @@ TEST_CASE("a recording of a silent port fails and says what to check") {
   NilioProcess recorder(folder.path() / "log",
                         record_arguments(folder, tests::free_port(), "--duration 0.3"));
   CHECK(recorder.end(0) == 1);
-  CHECK_THAT(recorder.output(), Contains("nothing was recorded") && Contains("nothing arrives"));
+  CHECK_THAT(recorder.output(), Contains("no data were recorded") && Contains("nothing arrives"));
   CHECK(std::filesystem::is_empty(folder.path() / "run"));
 }
 

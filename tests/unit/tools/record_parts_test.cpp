@@ -161,7 +161,7 @@ TEST_CASE("a folder that cannot be made is named") {
   const auto parts =
       RecordParts::create(folder.path() / "file" / "run", {}, counters, [](const std::string&) {});
   REQUIRE_FALSE(parts.ok());
-  CHECK_THAT(parts.error().message, Contains("file/run") && Contains("cannot be made"));
+  CHECK_THAT(parts.error().message, Contains("file/run") && Contains("could not be created"));
 }
 
 TEST_CASE("a full disk is said once, costs what does not fit, and recording goes on when there is room") {
@@ -192,7 +192,7 @@ TEST_CASE("a full disk is said once, costs what does not fit, and recording goes
     record(100);
     CHECK_FALSE(parts.counters.blocked.load());
     REQUIRE(parts.lines.size() == 2);
-    CHECK_THAT(parts.lines[1], Contains("written again") &&
+    CHECK_THAT(parts.lines[1], Contains("writable again") &&
                                    Contains(std::to_string(parts.counters.lost[0].load()) + " packets"));
     record(100);
     parts->close(now);

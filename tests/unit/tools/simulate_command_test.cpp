@@ -101,7 +101,7 @@ TEST_CASE("what cannot be done is said with place and remedy") {
     std::ofstream(folder.path() / "file") << "x";
     const std::string path = (folder.path() / "file" / "below").string();
     result = hear_simulate(path + kShort);
-    CHECK_THAT(result.errors, Catch::Contains(path) && Catch::Contains("cannot be made"));
+    CHECK_THAT(result.errors, Catch::Contains(path) && Catch::Contains("could not be created"));
   }
   SECTION("a full disk") {
     std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap");

@@ -13,7 +13,7 @@ namespace nilio::tools::inspect {
 namespace {
 
 constexpr double kParallel = 20.0 * std::numbers::pi / 180.0;
-// Beyond it, an angle counts as not observed.
+// Angles with a larger standard deviation count as not observed.
 constexpr double kLargestSigma = 5.0 * std::numbers::pi / 180.0;
 
 bool is_one_line(const std::vector<DirectionPair>& pairs) {
@@ -22,7 +22,7 @@ bool is_one_line(const std::vector<DirectionPair>& pairs) {
   });
 }
 
-/// Of all rotations that take one direction to another the smallest; upside down is a roll, as mounted.
+/// Smallest rotation from one direction to another; upside down is a roll, as in usual mountings.
 core::Matrix3 smallest_rotation(const core::Vector3& from, const core::Vector3& to) {
   constexpr double kOpposite = -0.9999;
   if (from.dot(to) < kOpposite) {
@@ -34,10 +34,12 @@ core::Matrix3 smallest_rotation(const core::Vector3& from, const core::Vector3& 
 }
 
 std::array<double, 3> sigmas(const std::vector<DirectionPair>& pairs) {
-  // Information about a small rotation of the actual axes: a direction tells nothing about a turn around it.
+  // Information about a small rotation of the actual axes: a direction carries none about rotation around
+  // itself.
   core::Matrix3 information = 1e-3 * core::Matrix3::Identity();
   for (const DirectionPair& pair : pairs)
-    information += (core::Matrix3::Identity() - pair.actual * pair.actual.transpose()) / (pair.sigma * pair.sigma);
+    information +=
+        (core::Matrix3::Identity() - pair.actual * pair.actual.transpose()) / (pair.sigma * pair.sigma);
   const core::Matrix3 covariance = information.inverse();
   std::array<double, 3> result{};
   for (Eigen::Index i = 0; i < 3; ++i) {
@@ -104,7 +106,7 @@ double angle_between(const core::Matrix3& a, const core::Matrix3& b) {
 
 MirroredRotation split_mirror(const core::Matrix3& matrix) {
   if (matrix.determinant() > 0.0) return {matrix, {}};
-  // Rounding must not decide between equal angles.
+  // Tolerance for equal angles.
   constexpr double kSame = 1e-6;
   const std::array<std::array<bool, 3>, 4> choices = {{
       {false, false, true},

@@ -13,21 +13,21 @@ namespace nilio::tools::inspect {
 
 namespace {
 
-// Scans over which a velocity is taken: the noise of a position has to fade against 1 m/s^2.
+// Scans per velocity: the noise of a position has to be small against 1 m/s^2.
 constexpr std::size_t kSpan = 5;
 constexpr double kUnevenness = 0.1;
 constexpr double kSteadyAcceleration = 1.0;
-constexpr std::size_t kLeastSteady = 30;
-constexpr std::size_t kLeastCompared = 50;
-// Neighbouring results share all but one scan: fewer of them are independent.
+constexpr std::size_t kMinimumSteady = 30;
+constexpr std::size_t kMinimumCompared = 50;
+// Neighbouring results share all but one scan and are correlated.
 constexpr double kOverlap = 10.0;
-// base_link is upright on average; a single road is not level.
+// base_link is upright on average, but single roads are not level.
 constexpr double kGravitySigma = 2.0 * kRadiansPerDegree;
-// Suspension and the lever of a wrong position lean with the same forces.
-constexpr double kLeastHorizontalSigma = 1.0 * kRadiansPerDegree;
-constexpr double kLargestHorizontalSigma = 10.0 * kRadiansPerDegree;
+// Suspension and a wrong lever arm are correlated with the forces.
+constexpr double kMinimumHorizontalSigma = 1.0 * kRadiansPerDegree;
+constexpr double kMaximumHorizontalSigma = 10.0 * kRadiansPerDegree;
 
-/// Specific force as the IMU has it and as it is, both in base_link, and the acceleration.
+/// Specific force of the IMU and of the registered motion, both in base_link, and the acceleration.
 struct ForcePair {
   core::Vector3 measured = core::Vector3::Zero();
   core::Vector3 actual = core::Vector3::Zero();
@@ -45,12 +45,13 @@ bool is_one_piece(std::span<const core::RegisteredMotion> window) {
 
 core::Vector3 up_in_odom(std::span<const core::RegisteredMotion> motions) {
   core::Vector3 sum = core::Vector3::Zero();
-  for (const core::RegisteredMotion& motion : motions) sum += motion.T_odom_to.rotation * core::Vector3::UnitZ();
+  for (const core::RegisteredMotion& motion : motions)
+    sum += motion.T_odom_to.rotation * core::Vector3::UnitZ();
   return sum.norm() > 0.0 ? sum.normalized().eval() : core::Vector3::UnitZ().eval();
 }
 
-ForcePair compare(std::span<const core::RegisteredMotion> window, const core::ImuBuffer& imu, const core::Vector3& imu_position,
-                  const core::Vector3& up) {
+ForcePair compare(std::span<const core::RegisteredMotion> window, const core::ImuBuffer& imu,
+                  const core::Vector3& imu_position, const core::Vector3& up) {
   const double half = 0.5 * (window.back().to - window.front().from).seconds();
   const core::RegisteredMotion& middle = window[kSpan];
   const core::Vector3 acceleration =
@@ -60,7 +61,8 @@ ForcePair compare(std::span<const core::RegisteredMotion> window, const core::Im
   ForcePair pair;
   pair.acceleration = acceleration.norm();
   pair.actual = middle.T_odom_from.rotation.conjugate() * (acceleration + core::kGravity * up);
-  // A second difference of positions sees acceleration through a triangle; so must the force be weighted.
+  // A second difference of positions weights acceleration by a triangle; the specific force needs the same
+  // weights.
   for (std::size_t i = 0; i < window.size(); ++i) {
     const double distance = static_cast<double>(std::min(i + 1, window.size() - i)) - 0.5;
     pair.measured += distance / static_cast<double>(kSpan * kSpan) *
@@ -69,8 +71,9 @@ ForcePair compare(std::span<const core::RegisteredMotion> window, const core::Im
   return pair;
 }
 
-std::vector<ForcePair> compare_all(std::span<const core::RegisteredMotion> motions, const core::ImuBuffer& imu,
-                                   const core::Vector3& imu_position, core::Duration max_gap) {
+std::vector<ForcePair> compare_all(std::span<const core::RegisteredMotion> motions,
+                                   const core::ImuBuffer& imu, const core::Vector3& imu_position,
+                                   core::Duration max_gap) {
   std::vector<ForcePair> pairs;
   const core::Vector3 up = up_in_odom(motions);
   for (std::size_t i = 0; i + 2 * kSpan <= motions.size(); ++i) {
@@ -81,7 +84,7 @@ std::vector<ForcePair> compare_all(std::span<const core::RegisteredMotion> motio
   return pairs;
 }
 
-/// Adds gravity's pair; false when there was too little steady motion.
+/// Adds the pair of gravity; false with too little steady motion.
 bool add_gravity(const std::vector<ForcePair>& forces, ForceComparison& result) {
   core::Vector3 measured = core::Vector3::Zero();
   core::Vector3 actual = core::Vector3::Zero();
@@ -92,7 +95,7 @@ bool add_gravity(const std::vector<ForcePair>& forces, ForceComparison& result) 
     actual += force.actual;
     ++steady;
   }
-  if (steady < kLeastSteady || measured.norm() == 0.0) return false;
+  if (steady < kMinimumSteady || measured.norm() == 0.0) return false;
   result.gravity_ratio = measured.norm() / actual.norm();
   result.pairs.push_back({measured.normalized(), actual.normalized(), kGravitySigma});
   return true;
@@ -104,9 +107,10 @@ struct Covariances {
   double aa = 0.0;
 };
 
-/// Of what is across gravity: along it there are bumps.
+/// Covariances of the horizontal components; the vertical ones are dominated by road bumps.
 Covariances horizontal_covariances(const std::vector<ForcePair>& forces, const DirectionPair& gravity) {
-  const core::Matrix3 across_measured = core::Matrix3::Identity() - gravity.measured * gravity.measured.transpose();
+  const core::Matrix3 across_measured =
+      core::Matrix3::Identity() - gravity.measured * gravity.measured.transpose();
   const core::Matrix3 across_actual = core::Matrix3::Identity() - gravity.actual * gravity.actual.transpose();
   core::Vector3 mean_measured = core::Vector3::Zero();
   core::Vector3 mean_actual = core::Vector3::Zero();
@@ -142,8 +146,8 @@ void add_horizontal(const std::vector<ForcePair>& forces, ForceComparison& resul
     const core::Vector3 actual = c.am * direction / variance;
     const double independent = 2.0 * static_cast<double>(forces.size()) / kOverlap;
     const double sigma = std::sqrt(std::max(0.0, residual) / (independent * variance)) / actual.norm();
-    if (!(sigma < kLargestHorizontalSigma)) return;
-    result.pairs.push_back({direction, actual.normalized(), std::max(sigma, kLeastHorizontalSigma)});
+    if (!(sigma < kMaximumHorizontalSigma)) return;
+    result.pairs.push_back({direction, actual.normalized(), std::max(sigma, kMinimumHorizontalSigma)});
   }
   result.spans_space = true;
 }
@@ -155,7 +159,7 @@ ForceComparison compare_forces(std::span<const core::RegisteredMotion> motions, 
   ForceComparison result;
   const std::vector<ForcePair> forces = compare_all(motions, imu, imu_position, max_gap);
   if (!add_gravity(forces, result)) return result;
-  if (forces.size() >= kLeastCompared) add_horizontal(forces, result);
+  if (forces.size() >= kMinimumCompared) add_horizontal(forces, result);
   return result;
 }
 

@@ -9,13 +9,13 @@
 
 namespace nilio::tools::inspect {
 
-/// What the accelerometer and the registered positions have in common.
+/// Directions of specific force from accelerometer and registered positions.
 struct ForceComparison {
-  /// Gravity first, then horizontal directions, the strongest first.
+  /// Gravity first, then horizontal directions in descending order of strength.
   std::vector<DirectionPair> pairs;
   /// Both horizontal directions are among them.
   bool spans_space = false;
-  /// Measured over actual length of the force at steady speed; 0 = not known.
+  /// Measured over actual norm of the specific force at steady speed; 0 = unknown.
   double gravity_ratio = 0.0;
 };
 

@@ -19,20 +19,20 @@ namespace {
 constexpr double kStandardGravity = 9.80665;
 constexpr int kOffsetRounds = 10;
 constexpr double kOffsetSettled = 2e-3;
-// Less is not worth correcting: a host's clock and a bus wander that much.
-constexpr double kLeastOffset = 5e-3;
-constexpr double kLeastScaleError = 0.03;
+// Smaller offsets are within the drift of a host's clock and a bus.
+constexpr double kMinimumOffset = 5e-3;
+constexpr double kMinimumScaleError = 0.03;
 constexpr double kUnitTolerance = 0.1;
-// From here on, a direction belongs to another axis rather than to a crooked mounting.
+// Larger angles mean another axis rather than a misalignment.
 constexpr double kSameAxis = 45.0 / kDegreesPerRadian;
-// Of the registered directions of rotation, whatever their number says.
-constexpr double kLeastGyroSigma = 0.5 / kDegreesPerRadian;
-// Nobody mounts a box to the degree by hand; whole axes are meant.
+// Minimum error of the registered directions of rotation.
+constexpr double kMinimumGyroSigma = 0.5 / kDegreesPerRadian;
+// Rotations within this tolerance of an axis permutation are snapped to it.
 constexpr double kAxesTolerance = 2.0 / kDegreesPerRadian;
 constexpr double kLargestAxesTolerance = 6.0 / kDegreesPerRadian;
 
 core::ImuBuffer shifted_buffer(std::span<const core::ImuSample> samples, const Eigen::Quaterniond& R_base_imu,
-                         core::Duration shift) {
+                               core::Duration shift) {
   core::ImuBuffer buffer(std::max<std::size_t>(samples.size(), 1));
   for (core::ImuSample sample : samples) {
     sample.stamp = sample.stamp - shift;
@@ -41,25 +41,26 @@ core::ImuBuffer shifted_buffer(std::span<const core::ImuSample> samples, const E
   return buffer;
 }
 
-core::RotationEstimate fit_rotation(std::span<const core::RegisteredMotion> motions, const core::ImuBuffer& imu,
-                              core::Duration max_gap) {
+core::RotationEstimate fit_rotation(std::span<const core::RegisteredMotion> motions,
+                                    const core::ImuBuffer& imu, core::Duration max_gap) {
   core::RotationFit fit;
   for (const core::RegisteredMotion& motion : motions) {
     if (!imu.covers(motion.from - core::kLargestShift, motion.to + core::kLargestShift, max_gap)) continue;
     std::array<core::Vector3, core::kTimeShifts> rates;
     for (std::size_t i = 0; i < core::kTimeShifts; ++i)
-      rates[i] = core::mean_angular_velocity(imu, motion.from + core::shift_at(i), motion.to + core::shift_at(i));
+      rates[i] =
+          core::mean_angular_velocity(imu, motion.from + core::shift_at(i), motion.to + core::shift_at(i));
     fit.add(motion.mean_rate(), rates);
   }
   return fit.estimate();
 }
 
-ScaleCorrection judge_scale(double ratio, double sigma, std::initializer_list<double> units) {
+ScaleCorrection check_scale(double ratio, double sigma, std::initializer_list<double> units) {
   ScaleCorrection result;
   if (!(ratio > 0.0)) return result;
   result.known = true;
   result.sigma = sigma;
-  if (std::abs(ratio - 1.0) < kLeastScaleError + 3.0 * sigma) return result;
+  if (std::abs(ratio - 1.0) < kMinimumScaleError + 3.0 * sigma) return result;
   result.factor = 1.0 / ratio;
   for (const double unit : units) {
     if (std::abs(ratio * unit - 1.0) > kUnitTolerance) continue;
@@ -73,9 +74,9 @@ std::vector<DirectionPair> gyro_pairs(const core::RotationEstimate& rotation) {
   std::vector<DirectionPair> pairs;
   for (std::size_t k = 0; k < rotation.observed; ++k) {
     const core::ObservedDirection& d = rotation.directions[k];
-    // A weak direction has what leaks into it from the strongest one.
+    // A weak direction is contaminated by the strongest one.
     if (k > 0 && !d.strong) continue;
-    pairs.push_back({d.gyro, d.registered.normalized(), std::max(d.angle_sigma, kLeastGyroSigma)});
+    pairs.push_back({d.gyro, d.registered.normalized(), std::max(d.angle_sigma, kMinimumGyroSigma)});
   }
   return pairs;
 }
@@ -84,7 +85,7 @@ double angle_of(const core::Vector3& a, const core::Vector3& b) {
   return std::acos(std::clamp(a.normalized().dot(b.normalized()), -1.0, 1.0));
 }
 
-/// The gyroscope by the accelerometer's axes: in agreement, with the opposite sign, or neither.
+/// Agreement of the gyroscope with the accelerometer's axes: same, opposite sign, or none.
 enum class Agreement { kSame, kOpposite, kNone };
 
 Agreement compare_axes(const std::vector<DirectionPair>& gyro, const core::Matrix3& accel_axes) {
@@ -105,9 +106,10 @@ double largest_seen(const std::array<double, 3>& sigma) {
   return largest;
 }
 
-/// Rounds to whole axes what is near them: axes swapped in the IMU, whose configured mounting then stays; or
-/// the mounting itself.
-core::Matrix3 round_to_axes(const core::Matrix3& actual, const core::Matrix3& configured, double tolerance, bool& along_axes) {
+/// Snaps to an axis permutation within `tolerance`: of the IMU's axes, whose configured mounting then stays,
+/// or of the mounting itself.
+core::Matrix3 round_to_axes(const core::Matrix3& actual, const core::Matrix3& configured, double tolerance,
+                            bool& along_axes) {
   const core::Matrix3 swapped = configured.transpose() * actual;
   const core::Matrix3 whole_swap = nearest_axes(swapped);
   const core::Matrix3 whole = nearest_axes(actual);
@@ -123,7 +125,8 @@ void set_orientation(const AxesFit& fit, const core::Matrix3& configured, ImuCal
   const double tolerance = std::clamp(3.0 * largest_seen(fit.sigma), kAxesTolerance, kLargestAxesTolerance);
   result.fitted_angle = angle_between(fit.matrix, core::Matrix3::Identity());
   if (result.fitted_angle < tolerance) return;
-  const core::Matrix3 actual = round_to_axes(fit.matrix * configured, configured, tolerance, result.along_axes);
+  const core::Matrix3 actual =
+      round_to_axes(fit.matrix * configured, configured, tolerance, result.along_axes);
   const MirroredRotation split = split_mirror(actual);
   result.R_base_imu = Eigen::Quaterniond(split.rotation).normalized();
   result.negate_gyro = split.negated;
@@ -131,8 +134,7 @@ void set_orientation(const AxesFit& fit, const core::Matrix3& configured, ImuCal
   result.orientation_changed = true;
 }
 
-/// The gyro's signs are wrong for themselves: the axis that it is about, or all when that is none of the
-/// IMU's.
+/// Negates gyro axes only: the axis of each direction, or all if it is along none of the IMU's axes.
 void negate_gyro_alone(const std::vector<DirectionPair>& gyro, const Eigen::Quaterniond& R_base_imu,
                        ImuCalibration& result) {
   for (const DirectionPair& pair : gyro) {
@@ -167,15 +169,16 @@ void find_orientation(const std::vector<DirectionPair>& gyro, const ForceCompari
   if (agreement == Agreement::kOpposite) negate_gyro_alone(gyro, R_base_imu, result);
 }
 
-void judge_offset(ImuCalibration& result) {
-  const double least = std::max(kLeastOffset, 3.0 * result.time_offset_sigma_s);
+void check_offset(ImuCalibration& result) {
+  const double least = std::max(kMinimumOffset, 3.0 * result.time_offset_sigma_s);
   result.time_offset_matters = std::abs(result.time_offset_s) > least;
 }
 
-/// Finds the offset in rounds, each over samples shifted by what the one before found: the fit looks only so
-/// far, and is best near 0.
-core::RotationEstimate find_offset(std::span<const core::RegisteredMotion> motions, std::span<const core::ImuSample> samples,
-                             const ImuMounting& mounting, ImuCalibration& result) {
+/// Finds the offset iteratively, each time with samples shifted by the previous result: the fit has a limited
+/// range and is most accurate near 0.
+core::RotationEstimate find_offset(std::span<const core::RegisteredMotion> motions,
+                                   std::span<const core::ImuSample> samples, const ImuMounting& mounting,
+                                   ImuCalibration& result) {
   double offset_s = 0.0;
   core::RotationEstimate rotation;
   for (int round = 0; round < kOffsetRounds; ++round) {
@@ -193,7 +196,7 @@ core::RotationEstimate find_offset(std::span<const core::RegisteredMotion> motio
   if (at_edge || std::abs(offset_s) > kLargestCorrectableOffset) result.time_offset_known = false;
   if (!result.time_offset_known) return rotation;
   result.time_offset_s = offset_s;
-  judge_offset(result);
+  check_offset(result);
   return rotation;
 }
 
@@ -208,20 +211,20 @@ void refine_scale(const ScaleCorrection& rest, ScaleCorrection& scale) {
 }  // namespace
 
 ImuCalibration calibrate_imu(std::span<const core::RegisteredMotion> motions,
-                                  std::span<const core::ImuSample> samples, const ImuMounting& mounting) {
+                             std::span<const core::ImuSample> samples, const ImuMounting& mounting) {
   ImuCalibration result;
   result.R_base_imu = mounting.T_base_imu.rotation;
   const core::RotationEstimate rotation = find_offset(motions, samples, mounting, result);
   if (rotation.observed > 0) {
     const core::ObservedDirection& strongest = rotation.directions[0];
     const double ratio = 1.0 / strongest.registered.norm();
-    result.gyro = judge_scale(ratio, strongest.angle_sigma, {kDegreesPerRadian, 1.0 / kDegreesPerRadian});
+    result.gyro = check_scale(ratio, strongest.angle_sigma, {kDegreesPerRadian, 1.0 / kDegreesPerRadian});
   }
-  const core::ImuBuffer imu =
-      shifted_buffer(samples, mounting.T_base_imu.rotation, core::Duration::from_seconds(result.time_offset_s));
+  const core::ImuBuffer imu = shifted_buffer(samples, mounting.T_base_imu.rotation,
+                                             core::Duration::from_seconds(result.time_offset_s));
   const ForceComparison forces =
       compare_forces(motions, imu, mounting.T_base_imu.translation, mounting.max_gap);
-  result.accel = judge_scale(forces.gravity_ratio, 0.0,
+  result.accel = check_scale(forces.gravity_ratio, 0.0,
                              {kStandardGravity, 1.0 / kStandardGravity, 1e-3 * kStandardGravity});
   find_orientation(gyro_pairs(rotation), forces, mounting.T_base_imu.rotation, result);
   return result;
@@ -230,12 +233,11 @@ ImuCalibration calibrate_imu(std::span<const core::RegisteredMotion> motions,
 ImuCalibration refine(const ImuCalibration& first, const ImuCalibration& rest) {
   ImuCalibration result = first;
   if (rest.time_offset_known) {
-    // What did not matter was not applied.
-    result.time_offset_s =
-        rest.time_offset_s + (first.time_offset_matters ? first.time_offset_s : 0.0);
+    // An offset below the threshold was not applied.
+    result.time_offset_s = rest.time_offset_s + (first.time_offset_matters ? first.time_offset_s : 0.0);
     result.time_offset_sigma_s = rest.time_offset_sigma_s;
     result.time_offset_known = true;
-    judge_offset(result);
+    check_offset(result);
   }
   refine_scale(rest.gyro, result.gyro);
   refine_scale(rest.accel, result.accel);

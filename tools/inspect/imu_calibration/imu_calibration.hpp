@@ -12,77 +12,78 @@
 
 namespace nilio::tools::inspect {
 
-/// How the IMU is configured to be mounted, and which samples are one stream.
+/// Configured mounting of the IMU, and the maximum gap within its stream.
 struct ImuMounting {
   core::SE3 T_base_imu;
-  /// A longer gap between samples is not bridged.
+  /// Longer gaps between samples are not interpolated.
   core::Duration max_gap = core::Duration::from_milliseconds(150.0);
 };
 
-/// A factor for all axes of one sensor.
+/// Scale factor of all axes of one sensor.
 struct ScaleCorrection {
   bool known = false;
-  /// To multiply the values by; 1 = they are right.
+  /// Correction factor; 1 = none.
   double factor = 1.0;
   double sigma = 0.0;
-  /// It is that of a usual mistake of units: degrees for radians, g for m/s^2, or the other way round.
+  /// The factor is that of a unit mistake: degrees for radians, g for m/s^2, or the reverse.
   bool is_unit = false;
 };
 
-/// What has to be changed so that the IMU agrees with the motion that the LiDAR registers.
+/// Calibration of an IMU against the motion registered from LiDAR: time offset, scales and mounting.
 struct ImuCalibration {
   bool time_offset_known = false;
-  /// Large enough to be corrected.
+  /// It exceeds the threshold for a correction.
   bool time_offset_matters = false;
-  /// IMU stamps less LiDAR stamps of the same instant, s: to be subtracted from the IMU's stamps.
+  /// IMU stamp minus LiDAR stamp of the same time, s: to be subtracted from the IMU's stamps.
   double time_offset_s = 0.0;
   double time_offset_sigma_s = 0.0;
 
   ScaleCorrection gyro;
   ScaleCorrection accel;
 
-  /// Rotation IMU to base_link to configure in place of the present one.
+  /// Rotation from IMU to base_link to be configured.
   Eigen::Quaterniond R_base_imu = Eigen::Quaterniond::Identity();
-  /// Axes of the IMU to be negated before that rotation: a mirror image is no rotation.
+  /// Axes of the IMU to be negated before that rotation, for mirrored axes.
   std::array<bool, 3> negate_gyro{};
   std::array<bool, 3> negate_accel{};
-  /// Rotation and signs differ from the configured ones by more than the fit's error.
+  /// Rotation or signs differ from the configured ones by more than the standard deviation.
   bool orientation_changed = false;
-  /// What changed are whole axes, to which the fit was near enough.
+  /// The change was rounded to an axis permutation.
   bool along_axes = false;
-  /// The fitted rotation from present to right axes of base_link, rad, before it was rounded to axes.
+  /// Angle of the fitted rotation before rounding, rad.
   double fitted_angle = 0.0;
-  /// One standard deviation about x, y and z of base_link, rad; infinite = the drive does not show it, and
-  /// the configured value was kept.
+  /// Standard deviation about x, y and z of base_link, rad; infinite = not observed, and the configured value
+  /// was kept.
   std::array<double, 3> rotation_sigma{std::numeric_limits<double>::infinity(),
                                        std::numeric_limits<double>::infinity(),
                                        std::numeric_limits<double>::infinity()};
-  /// The forces show all three axes, so that a mirror image is told from a rotation.
+  /// All three axes are observed by the accelerometer, so that mirrored axes are distinguished from a
+  /// rotation.
   bool mirror_known = false;
-  /// Gyroscope and accelerometer fit to different axes: no rotation puts both right.
+  /// Gyroscope and accelerometer result in different axes: no rotation fits both.
   bool axes_disagree = false;
 
-  /// True when anything is to be changed.
+  /// True if there is any correction.
   [[nodiscard]] bool any() const {
     return time_offset_matters || gyro.factor != 1.0 || accel.factor != 1.0 || orientation_changed;
   }
 };
 
-/// Largest time offset that is found, s.
+/// Largest time offset in the search, s.
 inline constexpr double kLargestCorrectableOffset = 1.0;
 
-/// Compares a whole drive's samples (in axes, units and stamps as configured, in order of time) with its
-/// registered motions. What the drive does not show stays as it is. Values within the fit's error count as
-/// right. Both gravity and a turning car's gyro tell the upright axis only; where forward is, the forces of
-/// braking and bends tell, or roll and pitch. Allocates; not for the scan path.
+/// Calibrates the IMU over a whole drive. `samples`: in order of time, in axes, units and stamps as
+/// configured. Unobserved quantities and those within the error stay as configured. Gravity and the gyro of a
+/// turning car observe only the vertical axis; the forward axis needs the forces of braking and bends, or
+/// roll and pitch. Allocates; not for the scan path.
 ImuCalibration calibrate_imu(std::span<const core::RegisteredMotion> motions,
-                                  std::span<const core::ImuSample> samples, const ImuMounting& mounting);
+                             std::span<const core::ImuSample> samples, const ImuMounting& mounting);
 
-/// A correction and what was found to be left of it when it was applied, as one: the first cannot be exact,
-/// for a gyro that is wrong does not deskew.
+/// Combines a calibration with that of a second run with its correction. The first is not exact, because a
+/// wrong gyro degrades deskewing.
 ImuCalibration refine(const ImuCalibration& first, const ImuCalibration& rest);
 
-/// [roll, pitch, yaw] about fixed axes (R = Rz Ry Rx), rad; where pitch is upright, roll is 0.
+/// [roll, pitch, yaw] about fixed axes (R = Rz Ry Rx), rad; at gimbal lock (pitch +-90 deg) roll is 0.
 core::Vector3 roll_pitch_yaw(const core::Matrix3& rotation);
 
 }  // namespace nilio::tools::inspect

@@ -34,7 +34,7 @@ std::string message_table(const CanFindings& can) {
       [](const CanMessageFindings& a, const CanMessageFindings& b) { return a.frames > b.frames; });
   std::string text = without_trailing_space(
       format("\n  %-10s %-9s %10s %7s %9s %10s %12s %6s  %s", "interface", "id", "frames", "bytes", "rate Hz",
-             "jitter ms", "largest ms", "gaps", has_names(can) ? "message" : ""));
+             "jitter ms", "maximum ms", "gaps", has_names(can) ? "message" : ""));
   for (std::size_t i = 0; i < std::min(kShown, sorted.size()); ++i) {
     const CanMessageFindings& message = sorted[i];
     const std::string bytes = message.shortest == message.longest
@@ -51,18 +51,18 @@ std::string message_table(const CanFindings& can) {
   return text + "\n";
 }
 
-/// Of the messages that the DBC has.
+/// Signals of the messages in the DBC.
 std::string signal_table(const CanFindings& can) {
   if (!has_names(can)) return "";
   std::string text = format("  %-10s %-9s %-28s %8s %11s %11s %11s  %s\n", "interface", "id", "signal",
-                            "values", "least", "mean", "largest", "unit");
+                            "values", "minimum", "mean", "maximum", "unit");
   for (const CanMessageFindings& message : can.messages) {
     for (const CanSignalFindings& signal : message.signals) {
-      text += without_trailing_space(
-          format("  %-10s %-9s %-28s %8llu %11.5g %11.5g %11.5g  %s",
-                 printable_text(message.interface_name).c_str(), message_name(message).c_str(),
-                 printable_text(signal.name).c_str(), count(signal.physical.count()), signal.physical.minimum(),
-                 signal.physical.mean(), signal.physical.maximum(), printable_text(signal.unit).c_str()));
+      text += without_trailing_space(format(
+          "  %-10s %-9s %-28s %8llu %11.5g %11.5g %11.5g  %s", printable_text(message.interface_name).c_str(),
+          message_name(message).c_str(), printable_text(signal.name).c_str(), count(signal.physical.count()),
+          signal.physical.minimum(), signal.physical.mean(), signal.physical.maximum(),
+          printable_text(signal.unit).c_str()));
     }
   }
   return text + "\n";
@@ -110,7 +110,7 @@ std::string imu_report(const ImuFindings& imu) {
                                     axes_text(imu.still_angular_velocity, kDegreesPerRadian, "deg/s").c_str(),
                                     count(imu.still_seconds)));
   } else {
-    text += row("gyro bias", "not known: turning or shaken all the time");
+    text += row("gyro bias", "unknown: turning or vibrating all the time");
   }
   if (const auto tilt = imu.tilt_deg()) text += row("attitude", level_text(*tilt));
   return text;
@@ -151,7 +151,7 @@ std::string can_report(const CanFindings& can) {
     for (const std::string& name : drivers::imu_preset_names())
       presets += (presets.empty() ? "" : ", ") + name;
     text += row("IMU",
-                "none of the built-in ones (" + presets + "); own devices: imu.dbc and six mapped signals");
+                "none of the built-in ones (" + presets + "); other devices: imu.dbc and six mapped signals");
   }
   return text;
 }

@@ -1,7 +1,6 @@
-#include "tools/inspect/report/report.hpp"
-
 #include "nilio/core/units.hpp"
 
+#include "tools/inspect/report/report.hpp"
 #include "tools/inspect/text.hpp"
 
 #include <array>
@@ -13,7 +12,7 @@ namespace {
 
 constexpr std::array<const char*, 3> kAxes = {"x", "y", "z"};
 
-/// To a hundredth; no negative zero.
+/// Rounded to multiples of `step`, without negative zero.
 double rounded(double value, double step) {
   const double result = std::round(value / step) * step;
   return result == 0.0 ? 0.0 : result;
@@ -26,16 +25,15 @@ std::string offset_reason(const ImuCalibration& c) {
 }
 
 std::string rotation_reason(const ImuCalibration& c) {
-  if (c.along_axes) return "the IMU's axes are others than configured, by whole axes";
-  return format("gyro, gravity and accelerations fit to this mounting; the configured one is %.1f deg off",
+  if (c.along_axes) return "the IMU's axes are permuted relative to the configuration";
+  return format("best fit to gyro, gravity and accelerations; the configured mounting is %.1f deg off",
                 c.fitted_angle * kDegreesPerRadian);
 }
 
-std::string scale_reason(const ScaleCorrection& scale, bool negated, const char* right,
-                         const char* wrong) {
+std::string scale_reason(const ScaleCorrection& scale, bool negated, const char* right, const char* wrong) {
   std::string text;
   if (scale.factor != 1.0 && scale.is_unit) {
-    text = format("%s are taken for %s: times %.6g", wrong, right, scale.factor);
+    text = format("%s are read as %s: times %.6g", wrong, right, scale.factor);
   } else if (scale.factor != 1.0) {
     text = format("the values are too %s: times %.4g", scale.factor > 1.0 ? "small" : "large", scale.factor);
   }
@@ -48,7 +46,7 @@ const char* accel_unit(double factor) {
   return factor > 1.0 ? "g" : factor < 0.05 ? "milli-g" : "m/s^2 in g";
 }
 
-/// For one sensor the factors of its axes' scales.
+/// Scale factors of one sensor's axes.
 struct AxisScales {
   const ScaleCorrection& scale;
   const std::array<bool, 3>& negated;

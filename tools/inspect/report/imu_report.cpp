@@ -17,7 +17,7 @@ std::string row(const char* name, const std::string& value) {
   return format("  %-16s %s\n", name, value.c_str());
 }
 
-/// Four digits, as many of them behind the point as there is room for.
+/// Four digits.
 std::string number_text(double value) {
   const double size = std::abs(value);
   return format(size < 9.9995 ? "%.3f" : size < 99.995 ? "%.2f" : "%.1f", value);
@@ -37,7 +37,7 @@ const char* state_text(ImuCheckState state) {
   return "-";
 }
 
-/// Clipping has no threshold: it is there or not.
+/// Clipping has no threshold.
 bool is_flag(ImuCheck check) {
   return check == ImuCheck::kGyroSaturation || check == ImuCheck::kAccelSaturation;
 }
@@ -54,7 +54,7 @@ std::string value_text(ImuCheck check, const ImuDiagnosis& diagnosis) {
   return is_flag(check) && diagnosis.value == 0.0 ? "none" : number_text(diagnosis.value);
 }
 
-/// Only where it says more than value and state do.
+/// Empty if it equals the value and state.
 std::string worst_text(const ImuDiagnosis& diagnosis) {
   if (diagnosis.worst_state < ImuCheckState::kWarn) return "";
   if (diagnosis.worst_state == diagnosis.state && diagnosis.worst_value == diagnosis.value) return "";
@@ -86,8 +86,8 @@ std::string hints(const ImuHealth& health) {
 
 std::string time_offset_text(const ImuCalibration& c) {
   if (!c.time_offset_known)
-    return "not known: the drive has too few turns, or the gyroscope does not follow them";
-  return format("%+.1f ms +- %.1f: the IMU's stamps less the LiDAR's of the same instant; + is late",
+    return "unknown: the drive has too few turns, or the gyroscope does not follow them";
+  return format("%+.1f ms +- %.1f: IMU stamp minus LiDAR stamp of the same time; + is late",
                 1e3 * c.time_offset_s, 1e3 * c.time_offset_sigma_s);
 }
 
@@ -119,10 +119,10 @@ std::string correction_text(const DriveFindings& drive) {
   std::string text;
   if (c.axes_disagree) {
     text += row("correction",
-                "gyroscope and accelerometer fit to different axes, so no rotation puts both right: check "
+                "gyroscope and accelerometer result in different axes, which no rotation corrects: check "
                 "which signals are mapped to which axis");
   } else if (keys.empty()) {
-    text += row("correction", "none: what the drive shows agrees with the configuration");
+    text += row("correction", "none: the drive agrees with the configuration");
   }
   if (keys.empty()) return text;
   std::size_t width = 0;
@@ -145,7 +145,8 @@ std::string observed_row(const ImuCalibration& c) {
   if (!any) return "no axis of the mounting: too little steady driving and turning";
   std::string text = observed_text(c);
   if (!c.mirror_known)
-    text += "; too little braking and cornering to tell a mirror image (one sign wrong) from a rotation";
+    text +=
+        "; too little braking and cornering to distinguish a mirror image (one wrong sign) from a rotation";
   return text;
 }
 

@@ -272,7 +272,7 @@ json drive_json(const DriveFindings& drive) {
   for (const double sigma : c.rotation_sigma)
     result["rotation_sigma_deg"].push_back(std::isfinite(sigma) ? json(sigma * 180.0 / std::numbers::pi)
                                                                 : json(nullptr));
-  // Values are YAML, which numbers and lists of them share with JSON.
+  // Numbers and lists are the same in YAML and JSON.
   for (const CorrectedKey& key : corrected_keys(drive))
     result["correction"][key.path] = json::parse(key.value);
   return result;
@@ -291,7 +291,7 @@ std::string inspect_json(const RecordingFindings& findings) {
     result["captures"].push_back(capture_json(capture));
   for (const CanFindings& can : findings.can_logs)
     result["can_logs"].push_back(can_json(can, findings.captures));
-  // Paths and interface names are any bytes.
+  // Paths and interface names may contain any bytes.
   return result.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }
 

@@ -40,7 +40,7 @@ std::string size_text(const StreamFindings& stream) {
                                            : format("%u-%u", stream.smallest, stream.largest);
 }
 
-/// LiDAR streams all, of the others those with most packets.
+/// All LiDAR streams, and the other ones with most packets.
 std::string stream_table(const CaptureFindings& capture) {
   constexpr std::size_t kOthersShown = 8;
   std::vector<StreamFindings> shown = capture.streams;
@@ -88,13 +88,14 @@ std::string capture_report(const CaptureFindings& capture) {
 std::string relation_text(const CanFindings& can, const CaptureFindings& capture) {
   if (!can.has_wall_clock())
     return format(
-        "  %-16s the log's stamps count from its start: it cannot be set beside the capture; record with "
+        "  %-16s the log's stamps are relative to its start and cannot be compared with the capture - record "
+        "with "
         "'candump -L' or '-l'\n",
         "with the LiDAR");
   const TimeRelation relation = relate(can, capture);
   const char* order = relation.start_offset_s > 0.0 ? "after" : "before";
   if (relation.apart_s > 0.0)
-    return format("  %-16s NOT OF THE SAME TIME as %s: %s apart, the log starts %s %s it\n", "with the LiDAR",
+    return format("  %-16s NO OVERLAP with %s: %s apart, the log starts %s %s it\n", "with the LiDAR",
                   capture.path.c_str(), span_text(relation.apart_s).c_str(),
                   span_text(std::abs(relation.start_offset_s)).c_str(), order);
   return format("  %-16s covers %.1f %% of %s, starts %s %s it\n", "with the LiDAR",

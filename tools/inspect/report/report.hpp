@@ -7,14 +7,14 @@
 
 namespace nilio::tools::inspect {
 
-/// For people: sections for each capture, its sensors, and each CAN log.
+/// Report for people, with a section for each capture, its sensors, and each CAN log.
 std::string inspect_report(const RecordingFindings& findings);
 /// One part of it.
 std::string sensor_report(const SensorFindings& sensor);
 std::string can_report(const CanFindings& can);
 std::string imu_check_report(const DriveFindings& drive);
 
-/// The same as JSON; what was not seen is null.
+/// The same as JSON; missing values are null.
 std::string inspect_json(const RecordingFindings& findings);
 
 /// "PPS locked", "free-running" and the like.
@@ -22,22 +22,22 @@ const char* clock_source_name(core::ClockSource source);
 /// "single (strongest)": the mode with what the mode byte adds to it.
 std::string return_mode_text(const SensorFindings& sensor);
 
-/// One configuration key to be changed.
+/// A change of one configuration key.
 struct CorrectedKey {
   std::string path;   ///< "imu.time_offset_ms"
-  std::string value;  ///< as YAML has it
+  std::string value;  ///< in YAML syntax
   std::string why;
 };
 
-/// What the correction means for the configuration that the drive was run with; empty = nothing.
+/// Changes of the drive's configuration for its calibration; empty = none.
 std::vector<CorrectedKey> corrected_keys(const DriveFindings& drive);
-/// That configuration with the correction.
+/// The drive's configuration with these changes.
 daemon::Config corrected_config(const DriveFindings& drive);
 
-/// Roll, pitch and yaw with their errors, or that the drive does not show them.
+/// Standard deviations of roll, pitch and yaw, or "not observed".
 std::string observed_text(const ImuCalibration& calibration);
 
-/// "[0, 90, -1.5]", rounded to what a mounting can be known to.
+/// "[0, 90, -1.5]".
 std::string numbers_text(const std::vector<double>& numbers);
 
 }  // namespace nilio::tools::inspect

@@ -14,7 +14,7 @@ std::string row(const char* name, const std::string& value) {
 }
 
 std::string spread_text(const Spread& spread, int digits, const char* unit) {
-  if (spread.empty()) return "not known";
+  if (spread.empty()) return "unknown";
   if (spread.maximum() - spread.minimum() < 0.5 * std::pow(10.0, -digits))
     return format("%.*f %s", digits, spread.mean(), unit);
   return format("%.*f %s (%.*f to %.*f)", digits, spread.mean(), unit, digits, spread.minimum(), digits,
@@ -30,7 +30,7 @@ std::string model_text(const SensorFindings& sensor) {
   }
   if (others.empty()) return text;
   return text + (sensor.detection.model ? " (packets of " + others + " are alike)"
-                                        : " or " + others + ": the packets do not tell which");
+                                        : " or " + others + ": not distinguishable by the packets");
 }
 
 std::string loss_text(const drivers::ScanAssemblerStats& stats) {
@@ -50,7 +50,7 @@ std::string loss_text(const drivers::ScanAssemblerStats& stats) {
   return text;
 }
 
-/// Empty when there is nothing to tell.
+/// Empty without irregularities.
 std::string jumps_text(const SensorFindings& sensor) {
   std::string text;
   const auto add = [&](std::uint64_t n, const char* what) {
@@ -74,12 +74,12 @@ std::string scan_rows(const SensorFindings& sensor) {
                                     360.0 - sensor.status.blind_sector_deg, sensor.field_of_view->start_deg,
                                     sensor.field_of_view->end_deg, sensor.status.blind_sector_deg));
   } else {
-    text += row("field of view", sensor.complete_scans > 0 ? "360 deg" : "not known");
+    text += row("field of view", sensor.complete_scans > 0 ? "360 deg" : "unknown");
   }
-  text += row("scans",
-              format("%llu whole, %llu partial", count(sensor.complete_scans), count(sensor.partial_scans)));
+  text += row("scans", format("%llu complete, %llu partial", count(sensor.complete_scans),
+                              count(sensor.partial_scans)));
   if (sensor.points_per_scan.empty()) {
-    text += row("points", format("%llu, no whole scan", count(sensor.stats.points)));
+    text += row("points", format("%llu, no complete scan", count(sensor.stats.points)));
   } else {
     text += row("points", format("%llu, %s", count(sensor.stats.points),
                                  spread_text(sensor.points_per_scan, 0, "a scan").c_str()));
@@ -96,7 +96,7 @@ std::string clock_rows(const SensorFindings& sensor) {
   std::string text;
   const ClockFindings& clock = *sensor.clock;
   text += row("time", format("%s; sensor clock %s the capture's (%s, modulo 1 h)",
-                             sensor.clock_source ? clock_source_name(*sensor.clock_source) : "not known",
+                             sensor.clock_source ? clock_source_name(*sensor.clock_source) : "unknown",
                              clock.agrees ? "agrees with" : "differs from",
                              ((clock.offset_s >= 0.0 ? "+" : "") + span_text(clock.offset_s)).c_str()));
   if (clock.drift_ppm)
@@ -116,7 +116,7 @@ std::string nmea_text(const TelemetryFindings& telemetry) {
                                                                                        : text;
 }
 
-/// A sentence is of the second before, so some time behind is normal.
+/// A sentence describes the preceding second, so that a delay is normal.
 std::string fix_text(const TelemetryFindings& telemetry) {
   const double behind_s = (telemetry.fix_stamp - *telemetry.fix->utc).seconds();
   return format("UTC %s, %s %s the capture's stamp", utc_text(*telemetry.fix->utc).c_str(),
@@ -158,7 +158,7 @@ std::string telemetry_rows(const TelemetryFindings& telemetry) {
 }
 
 std::string hdl64e_rows(const Hdl64eFindings& hdl64e) {
-  if (!hdl64e.readings) return row("status", "no whole cycle in the status bytes");
+  if (!hdl64e.readings) return row("status", "no complete cycle in the status bytes");
   const drivers::Hdl64eReadings& readings = *hdl64e.readings;
   std::string text = row("firmware", format("%u.%02u", readings.firmware >> 4, readings.firmware & 0x0FU));
   text += row("temperature", spread_text(hdl64e.temperature_degc, 0, "degC"));
@@ -175,15 +175,16 @@ std::string hdl64e_rows(const Hdl64eFindings& hdl64e) {
   const drivers::Hdl64eStatusCounters& counters = hdl64e.counters;
   if (hdl64e.calibration) {
     const bool crc = hdl64e.calibration->checksum == drivers::Hdl64eChecksum::kCrc;
-    text += row("calibration", format("whole in the status stream, %llu x, %s; --write-calibration saves it",
-                                      count(counters.tables), crc ? "CRC right" : "no CRC (S2 firmware)"));
+    text +=
+        row("calibration", format("complete in the status stream, %llu x, %s; --write-calibration saves it",
+                                  count(counters.tables), crc ? "CRC right" : "no CRC (S2 firmware)"));
   } else if (counters.cycles >= 2 * drivers::kHdl64eStatusCycles && counters.gaps == 0 &&
              counters.wrong_crc + counters.implausible == 0) {
     text += row("calibration", "none in the status stream");
   } else {
     text += row(
         "calibration",
-        format("not whole in the status stream (%llu cycles, %zu make one; %llu gaps, %llu wrong CRC, %llu "
+        format("incomplete in the status stream (%llu cycles, %zu make one; %llu gaps, %llu wrong CRC, %llu "
                "implausible)",
                count(counters.cycles), drivers::kHdl64eStatusCycles, count(counters.gaps),
                count(counters.wrong_crc), count(counters.implausible)));
@@ -222,7 +223,7 @@ std::string sensor_report(const SensorFindings& sensor) {
   std::string text =
       format("  Sensor %s, data to port %u\n", address_text(sensor.address).c_str(), sensor.data_port);
   if (!sensor.model) {
-    text += row("model", "not known");
+    text += row("model", "unknown");
     return text + row("evidence", sensor.detection.evidence);
   }
   text += row("model", model_text(sensor));

@@ -16,7 +16,7 @@ using core::Vector3;
 namespace {
 
 constexpr double kStandardGravity = 9.80665;
-/// Sets what a name stands for; the value is within the range of its row.
+/// Sets the fault's field; the value is within the range of its row.
 using Setter = void (*)(ImuFaultConfig&, double);
 
 struct NumberFault {
@@ -39,9 +39,9 @@ constexpr std::array kNumberFaults = {
                 [](ImuFaultConfig& c, double v) { c.time_offset_ms = v; }},
     NumberFault{"gyro_bias", "deg/s", -100.0, 100.0, "added to each axis of the gyroscope",
                 [](ImuFaultConfig& c, double v) { c.gyro_bias_deg_s = v; }},
-    NumberFault{"gyro_range", "deg/s", 0.1, 10000.0, "the gyroscope clips here",
+    NumberFault{"gyro_range", "deg/s", 0.1, 10000.0, "full scale of the gyroscope",
                 [](ImuFaultConfig& c, double v) { c.gyro_range_deg_s = v; }},
-    NumberFault{"dropout", "s", 0.0, 3600.0, "silent for this long from half way on",
+    NumberFault{"dropout", "s", 0.0, 3600.0, "no samples for this long, from half way on",
                 [](ImuFaultConfig& c, double v) { c.dropout_s = v; }},
     NumberFault{"frames_lost", "%", 0.0, 100.0, "CAN frames lost at random",
                 [](ImuFaultConfig& c, double v) { c.frames_lost = 0.01 * v; }},
@@ -57,7 +57,7 @@ constexpr std::array kPlainFaults = {
     PlainFault{"gyro_degrees", "angular rate in deg/s where rad/s are expected",
                &ImuFaultConfig::gyro_in_degrees},
     PlainFault{"accel_g", "acceleration in g where m/s^2 are expected", &ImuFaultConfig::accel_in_g},
-    PlainFault{"stuck", "values never change from half way on", &ImuFaultConfig::stuck},
+    PlainFault{"stuck", "constant values from half way on", &ImuFaultConfig::stuck},
 };
 
 constexpr std::string_view kAxesHelp = "axes=SXSYSZ  the axes sent as x, y and z, e.g. axes=zyx or axes=xy-z";
@@ -79,7 +79,7 @@ bool parse_axes(std::string_view text, ImuFaultConfig& config) {
   return text.empty();
 }
 
-/// Empty when the fault was understood, else what is wrong with it.
+/// Empty if the fault was parsed, else the problem.
 std::string parse_number_fault(const NumberFault& fault, std::string_view value, ImuFaultConfig& config) {
   double number = 0.0;
   const char* const end = value.data() + value.size();

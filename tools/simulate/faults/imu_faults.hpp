@@ -15,19 +15,19 @@
 
 namespace nilio::tools::simulate {
 
-/// Mistakes and defects of an IMU that can be planted in a recording. Mistakes of mounting, unit and clock
-/// last the whole drive; dropouts and stuck values begin half way.
+/// Faults of an IMU for a recording. Faults of mounting, unit and clock last the whole drive; dropouts and
+/// stuck values begin half way through it.
 struct ImuFaultConfig {
   /// Axis i of the recording is axis_sign[i] times the IMU's axis axis_source[i].
   std::array<std::uint8_t, 3> axis_source{0, 1, 2};
   std::array<double, 3> axis_sign{1.0, 1.0, 1.0};
-  /// The IMU is mounted rotated by this from where the configuration has it.
+  /// Rotation of the mounting relative to the configured one.
   core::Vector3 mounting_rotation_deg = core::Vector3::Zero();
   bool gyro_in_degrees = false;
   bool accel_in_g = false;
   /// Added to all stamps.
   double time_offset_ms = 0.0;
-  /// Of the IMU's x, y and z axis alike.
+  /// Added to the x, y and z axis.
   double gyro_bias_deg_s = 0.0;
   double dropout_s = 0.0;
   /// Share of CAN frames, 0 to 1.
@@ -37,7 +37,8 @@ struct ImuFaultConfig {
   double gyro_range_deg_s = 0.0;
 };
 
-/// Reads faults as "NAME" or "NAME=VALUE". Errors name the fault, its unit and range, or the names there are.
+/// Parses faults as "NAME" or "NAME=VALUE". Errors name the fault, its unit and range, or list the valid
+/// names.
 core::Result<ImuFaultConfig> parse_imu_faults(const std::vector<std::string>& faults);
 /// One line per fault for `--help`.
 std::string describe_imu_faults();
@@ -49,7 +50,7 @@ class ImuFaults {
 
   /// The sample as the faulty IMU would send it; nothing during a dropout.
   std::optional<core::ImuSample> apply(const core::ImuSample& sample);
-  /// Whether the next CAN frame gets lost.
+  /// Whether the next CAN frame is lost.
   bool loses_frame() { return config_.frames_lost > 0.0 && random_.chance(config_.frames_lost); }
 
  private:

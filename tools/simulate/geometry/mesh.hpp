@@ -26,11 +26,11 @@ enum class Material : std::uint8_t {
   kRetroreflector,
 };
 
-/// Share of light at the laser's wavelength (905 nm) that comes back diffusely, 0 to 1; a retroreflector
-/// sends back more than a white diffuse surface and has more than 1.
+/// Share of light at the laser's wavelength (905 nm) that is reflected diffusely, 0 to 1. A retroreflector
+/// reflects more than a white diffuse surface and has more than 1.
 double reflectivity(Material material);
 
-/// Triangles of one rigid thing, metres.
+/// Triangles of one rigid object, metres.
 struct TriangleMesh {
   std::vector<Eigen::Vector3f> vertices;
   std::vector<std::array<std::uint32_t, 3>> triangles;
@@ -52,7 +52,7 @@ struct TriangleMesh {
   void append(const TriangleMesh& part, const core::SE3& T_mesh_part);
 };
 
-/// Frame that stands upright at `origin`, its x axis turned by `yaw_rad` from that of the mesh.
+/// Upright frame at `origin`, its x axis turned by `yaw_rad` from that of the mesh.
 core::SE3 upright_frame(const core::Vector3& origin, double yaw_rad);
 
 }  // namespace nilio::tools::simulate

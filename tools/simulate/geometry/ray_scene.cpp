@@ -17,9 +17,9 @@ namespace {
 using core::SE3;
 using core::Vector3;
 
-/// Inside of the sensor's housing nothing is seen.
+/// Minimum range: the sensor's housing.
 constexpr float kMinDistanceM = 0.4F;
-/// Beyond half the diagonal: a vehicle's way in 10 ms.
+/// Added to half the diagonal: the distance a vehicle travels in 10 ms.
 constexpr double kWayM = 0.5;
 /// Half the height of a car, a truck.
 constexpr double kCarMiddleM = 0.9;
@@ -48,7 +48,7 @@ struct CastMesh {
   std::vector<Material> materials;
 };
 
-/// Nothing in `scene` when memory is short.
+/// `scene` is null when memory is short.
 CastMesh make_cast_mesh(RTCDevice device, const TriangleMesh& mesh) {
   RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
@@ -63,7 +63,7 @@ CastMesh make_cast_mesh(RTCDevice device, const TriangleMesh& mesh) {
   std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * 3 * sizeof(std::uint32_t));
   rtcCommitGeometry(geometry);
   Scene scene(rtcNewScene(device));
-  // Robust: no ray slips through between two triangles of the ground.
+  // Robust: no ray passes between two triangles of the ground.
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcAttachGeometry(scene.get(), geometry);
   rtcReleaseGeometry(geometry);
@@ -76,7 +76,7 @@ float incidence_cosine(const Eigen::Vector3f& normal, const Eigen::Vector3f& dir
   return norm > 0.0F ? std::min(1.0F, std::abs(normal.dot(direction)) / norm) : 0.0F;
 }
 
-/// Casts one ray against one car; replaces `hit` by what is nearer.
+/// Casts one ray against one car; replaces `hit` by a nearer one.
 void cast_at_car(const CastMesh& mesh, const SE3& T_world_car, const Eigen::Vector3f& origin,
                  const Eigen::Vector3f& direction, float max_distance_m, RayHit& hit) {
   const SE3 T_car_world = T_world_car.inverse();
@@ -103,7 +103,7 @@ void cast_at_car(const CastMesh& mesh, const SE3& T_world_car, const Eigen::Vect
   hit.material = mesh.materials[ray.hit.primID];
 }
 
-/// Whether the ray comes near the car's middle before `max_distance_m`.
+/// Whether the ray passes the car's bounding sphere before `max_distance_m`.
 bool may_hit(const NearbyCar& nearby, const Eigen::Vector3f& origin, const Eigen::Vector3f& direction,
              float max_distance_m) {
   const Eigen::Vector3f to_centre = nearby.centre - origin;
@@ -130,8 +130,7 @@ RayScene::~RayScene() = default;
 
 core::Result<RayScene> RayScene::create(const TriangleMesh& still, std::vector<MovingCar> cars) {
   auto state = std::make_unique<State>();
-  // One thread builds: the hierarchy, and so which of two coinciding triangles is hit, is then always the
-  // same.
+  // One thread: the hierarchy, and with it the choice between two coinciding triangles, is then reproducible.
   state->device.reset(rtcNewDevice("threads=1"));
   if (!state->device) {
     return core::Error{"Embree cannot start (error " + std::to_string(rtcGetDeviceError(nullptr)) +

@@ -23,7 +23,7 @@ struct RayGroup {
   std::array<double, kRayGroup> time_s{};
 };
 
-/// First thing on a ray.
+/// First surface on a ray.
 struct RayHit {
   bool hit = false;
   float distance_m = 0.0F;
@@ -32,16 +32,16 @@ struct RayHit {
   Material material = Material::kAsphalt;
 };
 
-/// A car that may be near during some span of time, and where its middle is then.
+/// A car that may be near during a span of time, and its centre in that span.
 struct NearbyCar {
   const MovingCar* car = nullptr;
   Eigen::Vector3f centre;
-  /// Around the centre, all of it.
+  /// Bounding radius around the centre.
   float radius_m = 0.0F;
 };
 
-/// Ray casting (Embree) against what stands still and against moving cars, each at its pose at the ray's own
-/// time. Casting is const and may be done by any number of threads; results do not depend on the threads.
+/// Ray casting (Embree) against static geometry and moving vehicles, each at its pose at the ray's own time.
+/// Casting is const and thread-safe; results do not depend on the number of threads.
 class RayScene {
  public:
   /// Fails when Embree cannot start or there is not enough memory.
@@ -56,7 +56,7 @@ class RayScene {
   /// Cars within `range_m` of a place at a time; replaces the content of `nearby`.
   void find_cars(double time_s, const core::Vector3& place, double range_m,
                  std::vector<NearbyCar>& nearby) const;
-  /// `nearby` must be those found for within 10 ms of the rays' times.
+  /// `nearby`: the result of find_cars() for a time within 10 ms of the rays' times.
   void cast(const RayGroup& rays, float max_distance_m, std::span<const NearbyCar> nearby,
             std::array<RayHit, kRayGroup>& hits) const;
 

@@ -9,8 +9,8 @@
 
 namespace nilio::tools::simulate {
 
-/// Rolling country: five waves of random direction and length, each as steep as `steepness` says (amplitude
-/// over length).
+/// Terrain relief: five waves of random direction and length, each with the given steepness (amplitude over
+/// length).
 struct Relief {
   struct Wave {
     Vector2 number;  ///< rad/m

@@ -12,7 +12,7 @@ using core::Vector3;
 
 namespace {
 
-/// How long a vehicle stands where it halts on its way: two seconds.
+/// Duration of a halt: two seconds.
 constexpr std::size_t kHaltIntervals = 40;
 
 /// Appends points every kRouteStepM from the last point to `end`.

@@ -15,7 +15,7 @@ namespace nilio::tools::simulate {
 /// Distance between the points of a route.
 inline constexpr double kRouteStepM = 0.25;
 
-/// A plane curve with what the vehicle needs to know along it; points kRouteStepM apart.
+/// A plane curve with arc length, heading and curvature; points kRouteStepM apart.
 struct Route {
   std::vector<Vector2> points;
   std::vector<double> arc_length;
@@ -23,7 +23,7 @@ struct Route {
   std::vector<double> curvature;  ///< 1/m, left positive
 };
 
-/// Radii with which a vehicle takes corners to either side, metres.
+/// Ranges of the corner radii to either side, metres.
 struct CornerRadii {
   double left_low = 10.5;
   double left_high = 12.5;
@@ -38,27 +38,27 @@ struct RoutePoint {
   double curvature = 0.0;
 };
 
-/// The ground under a place.
+/// Height and gradient of the ground at a point.
 struct GroundSlope {
   double height = 0.0;
   Vector2 gradient = Vector2::Zero();
 };
 
-/// How a driver drives; m/s and m/s^2.
+/// Limits of the driver model; m/s and m/s^2.
 struct DrivingStyle {
   double cruise_speed_m_s = 10.0;
   double lateral_acceleration = 2.4;
   double acceleration = 1.8;
   double braking = 2.2;
-  /// Half width of the moving average that limits the jerk, control intervals; it is applied twice. 6 is how
-  /// a person works the pedals.
+  /// Half width of the moving average that limits the jerk, control intervals; it is applied twice. 6
+  /// resembles normal use of the pedals.
   std::size_t pedal_half_width = 6;
-  /// Begin at cruising speed instead of standing.
+  /// Begin at cruising speed instead of standing still.
   bool moving_start = false;
 };
 
-/// Moving average over 2 * half_width + 1 values, `passes` times; beyond its ends the sequence continues as
-/// it came.
+/// Moving average over 2 * half_width + 1 values, `passes` times. Beyond its ends the sequence is continued
+/// by point reflection.
 template <class T>
 std::vector<T> smooth(std::vector<T> values, std::size_t half_width, int passes) {
   const auto count = static_cast<std::ptrdiff_t>(values.size());
@@ -89,29 +89,26 @@ Vector2 right_of(const Vector2& direction);
 std::vector<Vector2> round_corners(const std::vector<Vector2>& corners, const CornerRadii& radii,
                                    RandomStream random);
 
-/// `half_width` of the smoothing, points; 10 turns the steps of curvature into ramps of 10 m, as a driver
-/// steers.
+/// `half_width` of the smoothing in points; 10 turns steps of curvature into ramps of 10 m, as steering does.
 Route make_route(std::vector<Vector2> points, std::size_t half_width = 10);
 
 RoutePoint route_at(const Route& route, double arc_length);
 
-/// Fastest speed along the route within the limits of acceleration that ends at `stop_m` with standing still,
-/// and stands for a moment at each of `halts_m`.
+/// Fastest speed along the route within the acceleration limits; zero at `stop_m` and at each of `halts_m`.
 std::vector<double> speed_profile(const Route& route, double stop_m, const DrivingStyle& style,
                                   const std::vector<double>& halts_m = {});
 
-/// Arc length at every control instant: standing, driving, standing.
+/// Arc length at every control instant: stationary, driving, stationary.
 std::vector<double> arc_length_over_time(const Route& route, const std::vector<double>& speed, double stop_m,
                                          const DrivingStyle& style);
 
-/// Puts a vehicle that has travelled so far at each control instant on the ground, whose slope
-/// `ground(arc length, place)` says: on a body that sways on its springs with speed and leans with
-/// acceleration.
+/// Poses of a vehicle at the arc lengths `travelled`, one per control instant, on the ground given by
+/// `ground(arc length, position)`. The body sways with speed and pitches and rolls with acceleration.
 template <class GroundAt>
 std::vector<core::SE3> drive_over(const Route& route, const std::vector<double>& travelled,
                                   double cruise_speed, const GroundAt& ground);
 
-/// One control pose of the above.
+/// One control pose of drive_over().
 core::SE3 place_vehicle(const RoutePoint& at, const GroundSlope& ground, double time_s, double speed,
                         double acceleration, double cruise_speed);
 

@@ -19,7 +19,7 @@ constexpr double kSightM = 45.0;
 constexpr double kTrackHalfWidthM = 2.0;
 constexpr double kLongestM = 5000.0;
 
-/// Hills, and humps that rock a vehicle; roots and tussocks off the track.
+/// Hills, humps of the track, and roots and tussocks beside it.
 struct ForestGround {
   Relief hills;
   Relief humps;
@@ -39,11 +39,11 @@ struct ForestGround {
   }
 };
 
-/// Which places are near the track, in squares of 1 m.
+/// Distance of a point to the track.
 class TrackDistance {
  public:
   explicit TrackDistance(const std::vector<Vector2>& track) : track_(track) {}
-  /// Metres, as far as `limit_m`.
+  /// Metres, at most `limit_m`; searched around track point `around`.
   [[nodiscard]] double operator()(const Vector2& p, std::size_t around, double limit_m) const {
     double nearest = limit_m * limit_m;
     const auto reach = static_cast<std::size_t>(2.0 * kSightM / kRouteStepM);
@@ -79,7 +79,7 @@ void add_trunk(TriangleMesh& mesh, const SE3& T_mesh_tree, RandomStream& random)
   }
 }
 
-/// Trunks, bushes and logs beside the track; what there is.
+/// Adds trunks, bushes and logs beside the track; returns their summary.
 std::string plant_forest(const RoadLine& line, const ForestGround& ground, const SceneConfig& config,
                          TriangleMesh& mesh) {
   RandomStream random(config.seed, 244);
@@ -111,7 +111,7 @@ std::string plant_forest(const RoadLine& line, const ForestGround& ground, const
   return counted(trunks, "trunks, ") + counted(bushes, "bushes, ") + counted(logs, "logs");
 }
 
-/// The longest route within the wanted extent.
+/// Length of the route for the requested extent.
 double wanted_length(const SceneConfig& config) {
   if (config.extent.length_m > 0.0) return config.extent.length_m;
   return config.extent.duration_s > 0.0 ? config.extent.duration_s * *config.speed_m_s + 10.0 : 350.0;

@@ -17,16 +17,16 @@ using core::SE3;
 using core::Vector3;
 
 constexpr double kLaneM = 3.75;
-// The vehicle drives in the middle of three lanes; what follows is left of it.
+// The vehicle drives in the middle of three lanes; the following are offsets to the left of it.
 constexpr double kShoulderEdgeM = -8.2;
 constexpr double kMedianM = 6.0;
 constexpr double kFarMedianM = 9.2;
 constexpr double kFarEdgeM = 23.4;
-/// Road before and behind the drive: as far as a LiDAR sees.
+/// Road before and after the drive: the range of a LiDAR.
 constexpr double kBeyondM = 250.0;
 constexpr double kLongestM = 40000.0;
-/// Free of cars beside the vehicle at the beginning: with nothing to be seen but what keeps pace no estimator
-/// could tell its speed from 0.
+/// No cars beside the vehicle within this distance at the start: with only vehicles of equal speed in view,
+/// no estimator could observe its own speed.
 constexpr double kStartGapM = 70.0;
 
 struct HighwayCounts {
@@ -60,7 +60,7 @@ class HighwayBuilder {
  private:
   [[nodiscard]] Stretch whole(double step_m) const { return {0.0, line_.length_m(), step_m}; }
 
-  /// Ground beside the road, above the road.
+  /// Height of the ground beside the road, relative to the road.
   [[nodiscard]] double verge(double at_m, double left_m) const {
     const double off = left_m < 0.0 ? kShoulderEdgeM - left_m : left_m - kFarEdgeM;
     const Vector2 p = line_.place(at_m, left_m, 0.0).head<2>();
@@ -192,7 +192,7 @@ class HighwayBuilder {
     }
   }
 
-  /// Farms, halls and the last houses of villages, beyond the fences.
+  /// Farms and halls beyond the fences.
   void add_buildings() {
     RandomStream random(config_.seed, 209);
     for (const double side : {-1.0, 1.0}) {
@@ -216,7 +216,7 @@ class HighwayBuilder {
   HighwayCounts counts_;
 };
 
-/// What drives in one lane, all at one speed.
+/// Traffic of one lane, all at one speed.
 struct TrafficLane {
   double left_m;
   double speed_m_s;
@@ -225,7 +225,7 @@ struct TrafficLane {
   double largest_gap_m;
 };
 
-/// Cars that may ever be within sight of the vehicle, which drives `own_m` in all.
+/// Adds the cars that come within range of the vehicle, which drives `own_m` in total.
 void fill_lane(const RoadLine& line, const TrafficLane& lane, double own_m, double duration_s,
                RandomStream& random, std::vector<MovingCar>& cars) {
   const bool oncoming = lane.left_m > kMedianM;
@@ -245,7 +245,7 @@ void fill_lane(const RoadLine& line, const TrafficLane& lane, double own_m, doub
   }
 }
 
-/// Cars before and behind the vehicle in its lane that set off when it does and keep their distance.
+/// Vehicles ahead and behind in the same lane that start with the vehicle and keep their distance.
 void add_companions(const RoadLine& line, const SceneConfig& config, std::vector<MovingCar>& cars) {
   for (const double ahead : {60.0, -40.0}) {
     MovingCar car;
@@ -254,7 +254,7 @@ void add_companions(const RoadLine& line, const SceneConfig& config, std::vector
     car.speed_m_s = *config.speed_m_s;
     car.start_m = kBeyondM + ahead;
     if (!config.moving_start) {
-      // Came to rest just at time 0.
+      // It came to rest at time 0.
       const double braking_s = car.speed_m_s / kHaltAcceleration;
       car.halt_m = car.start_m;
       car.halt_s = kStandingTimeS;
@@ -280,7 +280,7 @@ std::vector<MovingCar> make_highway_traffic(const RoadLine& line, const SceneCon
   return cars;
 }
 
-/// At a speed that is held, or setting off with the others at the end of a queue.
+/// Travelled distance: at constant speed, or starting with the others from a queue.
 std::vector<double> drive_on_highway(const RoadLine& line, const SceneConfig& config, double speed,
                                      double duration_s) {
   if (config.moving_start) return travel_at(kBeyondM, speed, duration_s);
@@ -298,7 +298,7 @@ std::vector<double> drive_on_highway(const RoadLine& line, const SceneConfig& co
 
 core::Result<Scene> build_highway(const SceneConfig& config) {
   const double speed = *config.speed_m_s;
-  // Setting off takes half a minute.
+  // Acceleration to cruising speed takes half a minute.
   const double setting_off_s = config.moving_start ? 0.0 : 0.5 * speed / kHaltAcceleration + kStandingTimeS;
   const double duration_s =
       wanted_duration(config.extent, speed, 60.0) + (config.extent.duration_s > 0.0 ? 0.0 : setting_off_s);

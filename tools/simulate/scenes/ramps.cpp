@@ -16,10 +16,10 @@ using core::Vector3;
 constexpr int kStoreys = 4;
 constexpr double kStoreyM = 3.2;
 constexpr double kSlabM = 0.25;
-// The building, its centre the origin.
+// The building; its centre is the origin.
 constexpr double kHalfLengthM = 32.0;
 constexpr double kHalfDepthM = 18.0;
-// The lap that is driven: up the ramp on the one long side, level on the others.
+// The driven lap: up the ramp on one long side, level on the others.
 constexpr double kLapX = 24.0;
 constexpr double kLapY = 9.0;
 constexpr double kAisleHalfM = 3.0;
@@ -88,7 +88,7 @@ class CarParkBuilder {
     }
   }
 
-  /// With a hole above the ramp.
+  /// The slab has an opening above the ramp.
   void add_slab(double top) {
     const double low = top - kSlabM;
     const double inner = -kLapY + kAisleHalfM;
@@ -117,7 +117,7 @@ class CarParkBuilder {
         box(x - 0.25, x + 0.25, y - 0.25, y + 0.25, z, top, Material::kPavement);
         ++columns_;
       }
-      // Beams, but not across the ramp.
+      // Beams, except across the ramp.
       const double foot = std::abs(x) < kRampX + 1.0 ? -kLapY + kAisleHalfM : -kHalfDepthM;
       box(x - 0.15, x + 0.15, foot, kHalfDepthM, top - 0.35, top, Material::kPavement);
       for (const double y : {-kHalfDepthM, kHalfDepthM - 0.3})
@@ -140,7 +140,7 @@ class CarParkBuilder {
     }
   }
 
-  /// Surface, underside and side walls, wherever the vehicle climbs.
+  /// Surface, underside and side walls along the climbing parts of the route.
   void add_ramps() {
     const Route& route = line_.route;
     const auto on_ramp = [&](std::size_t i) {

@@ -8,7 +8,7 @@ namespace nilio::tools::simulate {
 const std::vector<SceneInfo>& scene_infos() {
   static const std::vector<SceneInfo> infos{
       {SceneKind::kTown, "town", "streets with houses, trees, parked cars and traffic", 10.0, true},
-      {SceneKind::kHighway, "highway", "30 m/s among cars and trucks, few things that stand", 30.0, true},
+      {SceneKind::kHighway, "highway", "30 m/s among cars and trucks, few static objects", 30.0, true},
       {SceneKind::kTunnel, "tunnel", "300 m of bare tube between open roads", 20.0, false},
       {SceneKind::kRamps, "ramps", "up four storeys of a car park", 5.0, true},
       {SceneKind::kForest, "forest", "trunks and bushes along an uneven track", 6.0, true},

@@ -15,10 +15,10 @@
 
 namespace nilio::tools::simulate {
 
-/// Where a simulated drive takes place.
+/// Scene of a simulated drive.
 enum class SceneKind : std::uint8_t {
   kTown,
-  kHighway,     ///< three lanes each way, much traffic, few things that stand
+  kHighway,     ///< three lanes each way, dense traffic, few static objects
   kTunnel,      ///< 300 m of bare tube between open roads
   kRamps,       ///< up a multi-storey car park
   kForest,      ///< a track among trunks and bushes on uneven ground
@@ -29,55 +29,55 @@ enum class SceneKind : std::uint8_t {
 struct SceneConfig {
   std::uint64_t seed = 1;
   DriveExtent extent;
-  /// Nothing: as is usual there.
+  /// Unset = the scene's own.
   std::optional<double> speed_m_s;
   bool moving_start = false;
-  /// Scales how much stands there.
+  /// Scales the number of static objects.
   double density = 1.0;
-  /// Nothing: as is usual there.
+  /// Unset = the scene's own.
   std::optional<unsigned> moving_cars;
   bool tunnel_lamps = false;
 };
 
-/// A drive and everything around it.
+/// Poses of a drive, and the geometry around it.
 struct Scene {
   /// Every kControlIntervalS.
   std::vector<core::SE3> poses;
   TriangleMesh mesh;
   std::vector<MovingCar> cars;
-  /// What there is, for people: "12 bridges, 300 trees".
+  /// Summary for people: "12 bridges, 300 trees".
   std::string contents;
 };
 
 struct SceneInfo {
   SceneKind kind;
   const char* name;
-  /// What makes it hard.
+  /// One-line description for --help.
   const char* summary;
-  /// 0 = the vehicle stands.
+  /// 0 = stationary.
   double speed_m_s;
-  /// Whether the drive may begin standing: not just before a tunnel.
-  bool standing_start;
+  /// Whether the drive may begin stationary: false for the tunnel.
+  bool may_start_stationary;
 };
-/// In the order in which help names them.
+/// In the order of the help text.
 const std::vector<SceneInfo>& scene_infos();
 const SceneInfo& info_of(SceneKind kind);
 
-/// Builds any scene but those in the town, which are built around their drive. The same configuration gives
-/// the same scene. An error when the drive is too long for it.
+/// Builds a scene other than the town's, which are built around their drive. The same configuration gives the
+/// same scene. Fails when the drive is too long for the scene.
 core::Result<Scene> build_scene(SceneKind kind, const SceneConfig& config);
 
-// One each; speed is set.
+// The scenes; the speed has to be set.
 core::Result<Scene> build_highway(const SceneConfig& config);
 core::Result<Scene> build_tunnel(const SceneConfig& config);
 core::Result<Scene> build_ramps(const SceneConfig& config);
 core::Result<Scene> build_forest(const SceneConfig& config);
 core::Result<Scene> build_standstill(const SceneConfig& config);
 
-/// How long a drive at `speed_m_s` lasts, `usual_s` if the extent does not say.
+/// Duration of a drive at `speed_m_s`; `usual_s` if the extent has no limit.
 double wanted_duration(const DriveExtent& extent, double speed_m_s, double usual_s);
 
-/// "3 trees" for the texts above.
+/// "3 trees", for Scene::contents.
 std::string counted(std::size_t count, const char* things);
 
 }  // namespace nilio::tools::simulate

@@ -23,10 +23,10 @@ constexpr double kOncomingM = 6.5;
 constexpr double kKerbM = -1.2;
 constexpr double kFarKerbM = 8.6;
 constexpr double kUsualDurationS = 60.0;
-/// A bus comes this often, or once in a shorter stay.
+/// Period of the bus; once in a shorter stay.
 constexpr double kBusPeriodS = 600.0;
 
-/// When the lane beside is the bus's: from before it brakes until it is gone.
+/// Time span for which the bus occupies the adjacent lane.
 struct BusStop {
   double arrives_s = 0.0;
   double stands_s = 0.0;

@@ -15,16 +15,16 @@ namespace {
 using core::SE3;
 using core::Vector3;
 
-/// How far before and behind the place where it meets the vehicle an oncoming car drives.
+/// Length of an oncoming car's path before and after the point of encounter.
 constexpr double kOncomingReachM = 200.0;
 
-/// A line with its places a metre apart and how far along it the car meets the vehicle.
+/// Path of points a metre apart, and the distance along it at which the car meets the vehicle.
 struct MeetingPath {
   std::vector<Vector3> places;
   double meeting_m = 0.0;
 };
 
-/// Continues a line towards `end` in steps of one metre; a rest shorter than that is left for the next call.
+/// Extends a path towards `end` in steps of one metre; a shorter rest is left for the next call.
 void extend_to(std::vector<Vector3>& places, const Vector2& end, const Ground& ground) {
   if (places.empty()) places.push_back(ground.on_ground(end));
   Vector2 rest = end - places.back().head<2>();
@@ -34,7 +34,7 @@ void extend_to(std::vector<Vector3>& places, const Vector2& end, const Ground& g
   }
 }
 
-/// The lane for oncoming cars around a sample, against the driving direction.
+/// Path in the oncoming lane around a sample, against the driving direction.
 MeetingPath oncoming_path(const StreetLayout& layout, std::size_t meeting, const Ground& ground) {
   const std::vector<StreetSample>& samples = layout.samples();
   const auto reach = static_cast<std::size_t>(kOncomingReachM / kSampleSpacingM);
@@ -63,7 +63,7 @@ MeetingPath crossing_path(const StreetLayout& layout, const SideStreet& street, 
 
 constexpr double kTrackStepS = 0.1;
 
-/// Where something is at the instants first * kTrackStepS, (first + 1) * kTrackStepS...
+/// Poses at the times first * kTrackStepS, (first + 1) * kTrackStepS...
 struct Track {
   std::size_t first = 0;
   std::vector<SE3> poses;
@@ -91,7 +91,7 @@ Track make_track(const VehicleTrajectory& trajectory) {
   return track;
 }
 
-/// Whether `b` never comes into the rectangle around `a`, 2 * ahead_m long and 2 * beside_m wide.
+/// Whether `b` stays outside the rectangle around `a` of 2 * ahead_m by 2 * beside_m.
 bool keep_clear(const Track& a, const Track& b, double ahead_m, double beside_m) {
   const double reach = ahead_m + beside_m;
   const std::size_t begin = std::max(a.first, b.first);
@@ -106,7 +106,7 @@ bool keep_clear(const Track& a, const Track& b, double ahead_m, double beside_m)
   return true;
 }
 
-/// A car that meets the vehicle somewhere, in the oncoming lane or at a side street.
+/// A car that meets the vehicle in the oncoming lane or at a side street.
 MovingCar random_car(const StreetLayout& layout, const Ground& ground, RandomStream& random) {
   MovingCar car;
   car.model = random.index(kCarModels);
@@ -151,7 +151,7 @@ std::optional<SE3> MovingCar::pose(double time_s) const {
   const auto index = static_cast<std::size_t>(travelled);
   const Vector3& a = path[index];
   const Vector3& b = path[index + 1];
-  // Heading over a car's length: the path is a polyline.
+  // Heading over a car's length, since the path is a polyline.
   const Vector3 chord = path[std::min(index + 3, path.size() - 1)] - path[index < 2 ? 0 : index - 2];
   const double yaw = std::atan2(chord.y(), chord.x());
   const double pitch = -std::atan2(chord.z(), chord.head<2>().norm());

@@ -12,22 +12,22 @@
 
 namespace nilio::tools::simulate {
 
-/// A vehicle that drives at constant speed along a line on the ground, and may stop on its way.
+/// A vehicle that drives at constant speed along a path on the ground, optionally with one halt.
 struct MovingCar {
   /// Below kVehicleModels.
   std::size_t model = 0;
-  /// Places a metre apart on the ground.
+  /// Points a metre apart on the ground.
   std::vector<core::Vector3> path;
   double speed_m_s = 0.0;
-  /// Where on the path the car is at time 0; it is there while 0 <= travelled < length of the path.
+  /// Distance along the path at time 0; the car exists while 0 <= travelled < length of the path.
   double start_m = 0.0;
-  /// Where on the path it stops, and how long; it brakes and sets off with kHaltAcceleration.
+  /// Distance along the path and duration of the halt, braked and left with kHaltAcceleration; 0 s = none.
   double halt_m = 0.0;
   double halt_s = 0.0;
 
-  /// How far along the path it is, as if the path went on at both ends.
+  /// Distance along the path, extrapolated beyond both ends.
   [[nodiscard]] double travelled_m(double time_s) const;
-  /// T_world_car (x forward, origin on the ground under the centre) where the car is on its path.
+  /// T_world_car (x forward, origin on the ground under the centre); unset beyond the ends of the path.
   [[nodiscard]] std::optional<core::SE3> pose(double time_s) const;
 };
 
@@ -35,9 +35,8 @@ struct MovingCar {
 inline constexpr double kHaltAcceleration = 1.2;
 
 /// Oncoming cars in the lane to the left of the driven one, and cars on side streets that cross shortly
-/// before or after the vehicle passes; about `count`, fewer where there is no room. No car comes near the
-/// vehicle's own way (2.4 m to the side, 7 m ahead and behind) at the time it is there, nor into another
-/// moving car.
+/// before or after the vehicle passes; about `count`, fewer where there is no space. No car comes near the
+/// vehicle (2.4 m to the side, 7 m ahead and behind) or another moving car.
 std::vector<MovingCar> make_traffic(const VehicleTrajectory& trajectory, const StreetLayout& layout,
                                     const Ground& ground, std::size_t count, std::uint64_t seed);
 

@@ -16,7 +16,7 @@ using core::SE3;
 using core::Vector3;
 
 constexpr double kTunnelM = 300.0;
-/// Where the drive begins; there is road behind it.
+/// Start of the drive; the road begins before it.
 constexpr double kStartM = 120.0;
 constexpr double kPortalM = 300.0;
 constexpr double kFarPortalM = kPortalM + kTunnelM;
@@ -31,7 +31,7 @@ constexpr double kWallM = 3.0;
 constexpr double kVaultM = 2.8;
 constexpr int kVaultFacets = 12;
 
-/// From the right foot of the wall over the vault to the left one.
+/// Cross-section from the right foot of the wall over the vault to the left one.
 Profile tube() {
   const double centre = 0.5 * (kRightWallM + kLeftWallM);
   const double radius = 0.5 * (kLeftWallM - kRightWallM);
@@ -66,7 +66,7 @@ class TunnelBuilder {
   }
 
  private:
-  /// `outwards` is the sign of the way out of the tunnel.
+  /// `outwards`: sign of the direction out of the tunnel.
   void add_portal(double at_m, double outwards) {
     const Profile vault = tube();
     constexpr double kTopM = 8.5;
@@ -80,7 +80,7 @@ class TunnelBuilder {
       mesh_.add_quad(line_.place(at_m, from, -0.5), line_.place(at_m, to, -0.5), line_.place(at_m, to, kTopM),
                      line_.place(at_m, from, kTopM), Material::kBrick);
     }
-    // Signals before the portal, a cabinet behind it.
+    // Signals before the portal and a cabinet behind it.
     const double facing = outwards < 0.0 ? 0.0 : std::numbers::pi;
     for (const double left : {kRightWallM - 0.6, kLeftWallM + 0.6}) {
       mesh_.add_box(line_.frame(at_m + 12.0 * outwards, left, 0.0, facing), {-0.08, -0.08, -0.3},

@@ -8,26 +8,26 @@
 
 namespace nilio::tools::simulate {
 
-/// Light that comes back from one surface to one shot.
+/// Light reflected by one surface to one shot.
 struct Echo {
   double range_m = 0.0;
-  /// Share of the light that comes back, 0 to 1; more from a retroreflector.
+  /// Share of the reflected light, 0 to 1; more for a retroreflector.
   double reflectance = 0.0;
-  /// How far beyond the noise it is: 1 = just seen.
+  /// Signal over the detection threshold; 1 = just detected.
   double margin = 1.0;
 
-  /// What the receiver sees: falls with the square of the range.
+  /// Received intensity: decreases with the square of the range.
   [[nodiscard]] double strength() const { return reflectance / (range_m * range_m); }
 };
 
-/// The two echoes of a shot that a sensor in dual return mode sends, as indices; the same one twice when
-/// there is only one.
+/// Indices of the two echoes that a sensor reports in dual return mode; the same one twice if there is only
+/// one.
 struct ReturnPair {
   std::size_t last = 0;
   /// The strongest, or the second strongest when the strongest is the last.
   std::size_t strongest = 0;
 };
-/// Nothing without echoes.
+/// Unset without echoes.
 inline std::optional<ReturnPair> choose_returns(std::span<const Echo> echoes) {
   if (echoes.empty()) return std::nullopt;
   ReturnPair pair;
@@ -43,10 +43,10 @@ inline std::optional<ReturnPair> choose_returns(std::span<const Echo> echoes) {
   return pair;
 }
 
-/// A VLS-128's words of confidence in two returns, 12 bits each with the last return's lowest: bits 8 to 10
-/// are a confidence of 0 to 7 that grows with the margin. The other bits tell interference, sun light and
-/// ghosts of retroreflectors, which are not simulated; their order is an open driver's, and how two words
-/// share three bytes is ours.
+/// Confidence words of a VLS-128 for two returns, 12 bits each, the last return's in the low bits: bits 8 to
+/// 10 are a confidence of 0 to 7 that grows with the margin. The other bits (interference, sun light, ghosts
+/// of retroreflectors) are not simulated. The order of the bits is that of an open driver, the packing of two
+/// words into three bytes our own.
 inline std::uint32_t confidence_bits(const Echo& last, const Echo& strongest) {
   const auto word = [](const Echo& echo) {
     const double level = std::clamp(2.0 * (echo.margin - 1.0), 0.0, 7.0);

@@ -15,7 +15,7 @@ using drivers::Hdl64eStatusWriter;
 /// H M S D N Y G T V, then bytes of the calibration.
 constexpr std::size_t kClockBytes = 9;
 constexpr std::int64_t kDayNs = 86'400'000'000'000;
-/// 2000-01-01: the clock's date without GPS.
+/// 2000-01-01: date of the clock without GPS.
 constexpr std::int64_t kNoGpsNs = 946'684'800'000'000'000;
 
 Hdl64eReadings readings(GpsReception gps, core::Time clock) {
@@ -55,7 +55,7 @@ drivers::Hdl64eUnit unit_of(drivers::ReturnMode mode, double revolutions_per_min
   return unit;
 }
 
-/// Lasers that always fit the stream.
+/// Writer with zero calibration, which always fits the stream.
 Hdl64eStatusWriter blank_writer() {
   const std::array<drivers::LaserCalibration, drivers::kHdl64eLasers> lasers{};
   return Hdl64eStatusWriter::create(lasers, {}).value();
@@ -96,7 +96,7 @@ core::Result<Hdl64eStream> Hdl64eStream::with_calibration(const drivers::Velodyn
 Hdl64eStatusByte Hdl64eStream::at(std::uint64_t packet, core::Time clock) const {
   const std::size_t position = packet % drivers::kHdl64eStatusCycle;
   if (position >= kClockBytes) return pass_[packet % pass_.size()];
-  // All cycles begin alike.
+  // All cycles begin with the same bytes.
   Hdl64eStatusWriter cycle = writer_;
   Hdl64eStatusByte byte;
   for (std::size_t i = 0; i <= position; ++i) byte = cycle.next(readings(gps_, clock));

@@ -19,18 +19,18 @@ ImuErrorProcess::ImuErrorProcess(const ImuErrors& errors, double rate_hz, Random
       random_(random) {
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
     constant_[axis] = random_.chance(0.5) ? errors.constant_bias : -errors.constant_bias;
-    wandering_[axis] = errors.drift * random_.gaussian();
+    in_run_[axis] = errors.drift * random_.gaussian();
   }
   for (double& scale : scale_) scale = random_.chance(0.5) ? 1.0 + errors.scale : 1.0 - errors.scale;
 }
 
 Vector3 ImuErrorProcess::next(const Vector3& truth) {
-  Vector3 error = constant_ + wandering_;
+  Vector3 error = constant_ + in_run_;
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
     error[axis] += noise_per_sample_ * random_.gaussian();
-    // Keeps the standard deviation at `drift` for ever.
-    wandering_[axis] =
-        decay_ * wandering_[axis] + errors_.drift * std::sqrt(1.0 - decay_ * decay_) * random_.gaussian();
+    // Keeps the standard deviation at `drift`.
+    in_run_[axis] =
+        decay_ * in_run_[axis] + errors_.drift * std::sqrt(1.0 - decay_ * decay_) * random_.gaussian();
   }
   return scale_.cwiseProduct(truth) + error;
 }

@@ -14,17 +14,17 @@ namespace nilio::tools::simulate {
 /// m/s^2, along -z of world.
 inline constexpr double kGravity = 9.81;
 
-/// Errors of an inertial sensor's three axes, in the sensor's unit (rad/s or m/s^2).
+/// Errors of the three axes of an inertial sensor, in its unit (rad/s or m/s^2).
 struct ImuErrors {
   double noise_density = 0.0;  ///< unit / sqrt(Hz), one-sided
-  double constant_bias = 0.0;  ///< size of the bias of each axis; its signs are random
-  double drift = 0.0;          ///< standard deviation of the part of the bias that wanders
-  double scale = 0.0;          ///< error of each axis's scale as a share; its signs are random
+  double constant_bias = 0.0;  ///< magnitude of each axis's bias; random signs
+  double drift = 0.0;          ///< standard deviation of the in-run bias
+  double scale = 0.0;          ///< relative scale error of each axis; random signs
 };
 
 struct ImuModelConfig {
   std::uint64_t seed = 1;
-  /// Instant of the trajectory's time 0.
+  /// Time of the trajectory's time 0.
   core::Time start;
   core::SE3 T_base_imu;
   double rate_hz = 200.0;
@@ -32,13 +32,12 @@ struct ImuModelConfig {
   ImuErrors accelerometer;
 };
 
-/// Errors that a real MEMS IMU has: white noise, a constant turn-on bias, and a bias that wanders as a
-/// first-order Gauss-Markov process with a time constant of 300 s (IEEE Std 952), and a scale that is not
-/// quite right.
+/// Error model of a MEMS IMU: white noise, a constant turn-on bias, an in-run bias as first-order
+/// Gauss-Markov process with a time constant of 300 s (IEEE Std 952), and a scale error.
 class ImuErrorProcess {
  public:
   ImuErrorProcess(const ImuErrors& errors, double rate_hz, RandomStream random);
-  /// The next sample of what is truly `truth`.
+  /// Next sample for the true value `truth`.
   core::Vector3 next(const core::Vector3& truth);
 
  private:
@@ -47,19 +46,19 @@ class ImuErrorProcess {
   double decay_;
   RandomStream random_;
   core::Vector3 constant_;
-  core::Vector3 wandering_;
+  core::Vector3 in_run_;
   core::Vector3 scale_;
 };
 
-/// What an inertial sensor without errors measures, in its own axes.
+/// Measurement of an ideal inertial sensor in its own axes.
 struct TrueInertia {
   core::Vector3 angular_velocity;  ///< rad/s
   core::Vector3 specific_force;    ///< m/s^2, +9.81 on z when level and at rest
 };
 TrueInertia true_inertia(const VehicleTrajectory& trajectory, const core::SE3& T_base_imu, double time_s);
 
-/// An IMU on the moving vehicle: specific force and angular rate at its own place and in its own axes.
-/// Samples come in order; one thread.
+/// IMU on the moving vehicle: specific force and angular rate at its own place and in its own axes. Samples
+/// come in order; one thread.
 class ImuModel {
  public:
   ImuModel(const ImuModelConfig& config, const VehicleTrajectory& trajectory);

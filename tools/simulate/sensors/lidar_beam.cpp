@@ -9,15 +9,15 @@ using core::Vector3;
 
 namespace {
 
-/// Where the two-point calibration was made, m.
+/// Distances of the two-point calibration, m.
 constexpr double kFarCalibrationM = 25.04;
 constexpr double kNearCalibrationXM = 2.40;
 constexpr double kNearCalibrationYM = 1.93;
-/// Range that focal distances are relative to, m.
+/// Reference range of focal distances, m.
 constexpr double kFocalRangeM = 131.0;
 constexpr double kLargestRaw = 65535.0;
 
-/// Correction at `away_m` from the axis, over the far one: linear between the two calibrations.
+/// Correction at `away_m` from the axis minus the far one: linear between the two calibrations.
 double near_correction(double far_m, double near_m, double away_m, double near_calibration_m) {
   const double slope = (far_m - near_m) / (kFarCalibrationM - near_calibration_m);
   return slope * (away_m - near_calibration_m) + near_m - far_m;
@@ -70,7 +70,7 @@ Vector3 LidarBeam::direction_at(double range_m, BeamAzimuth azimuth) const {
 
 double LidarBeam::distance_for(double range_m, BeamAzimuth azimuth) const {
   if (!bent_ || range_m >= kFarCalibrationM) return range_m;
-  // The correction changes by less than one part in a hundred of the distance: this converges at once.
+  // The correction changes by less than 1 % of the distance, so that this converges at once.
   double distance = range_m;
   for (int i = 0; i < 4; ++i) {
     const Vector3 bent = distance * direction(azimuth) + bend(distance, azimuth);

@@ -15,27 +15,27 @@ struct BeamAzimuth {
   static BeamAzimuth of(double azimuth_rad);
 };
 
-/// Where a decoder puts the returns of one laser, and what the packet has to say for a point to come out at a
-/// wanted place: the HDL-64E manual's formulas (63-HDL64ES3, appendix F), which hold for the other models
+/// Beam model of one laser: position of a return in the decoder, and its inverse, the packet's values for a
+/// wanted point. Formulas of the HDL-64E manual (63-HDL64ES3, appendix F), which hold for the other models
 /// with zeros. Points are in the sensor's ROS frame; metres. Immutable.
 class LidarBeam {
  public:
   LidarBeam(const drivers::LaserCalibration& laser, bool vertical_offset_across_beam);
 
   [[nodiscard]] core::Vector3 origin(BeamAzimuth azimuth) const;
-  /// Of the straight beam; unit vector.
+  /// Unit vector of the straight beam.
   [[nodiscard]] core::Vector3 direction(BeamAzimuth azimuth) const;
-  /// Point of a distance as measured plus the far correction.
+  /// Point at a distance: the measured one plus the far correction.
   [[nodiscard]] core::Vector3 point(double distance_m, BeamAzimuth azimuth) const;
 
-  /// Whether the two-point correction bends the line on which near points lie.
+  /// Whether the two-point correction bends the line of the near points.
   [[nodiscard]] bool bent() const { return bent_; }
   /// Unit vector from the origin to the point `range_m` away from it.
   [[nodiscard]] core::Vector3 direction_at(double range_m, BeamAzimuth azimuth) const;
   /// Distance, far correction included, whose point is nearest to `range_m` away from the origin.
   [[nodiscard]] double distance_for(double range_m, BeamAzimuth azimuth) const;
-  /// What the packet must have for a point of raw distance `raw` to come out with `intensity` (0 to 255),
-  /// as near as the byte allows.
+  /// Raw intensity for a point of raw distance `raw` that decodes to `intensity` (0 to 255), as near as the
+  /// byte allows.
   [[nodiscard]] std::uint8_t raw_intensity(double intensity, double raw) const;
 
   [[nodiscard]] double far_correction_m() const { return laser_.distance_correction_m; }

@@ -23,15 +23,15 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr std::int64_t kHourUs = 3'600'000'000;
-/// Tells the noise's random numbers from others of the same seed.
+/// Separates the noise's random numbers from others of the same seed.
 constexpr std::uint64_t kNoiseStream = 0x4E6F697365;
 constexpr std::uint64_t kStampStream = 0x5374616D70;
-/// Cars are looked for this much farther away than the sensor sees.
+/// Cars are searched this far beyond the sensor's range.
 constexpr double kCarMarginM = 10.0;
-/// Two surfaces in a beam give two echoes when they are farther apart than its pulse is long.
+/// Two surfaces in a beam give two echoes if they are farther apart than the pulse is long.
 constexpr double kEchoSeparationM = 0.5;
 
-/// From data sheets: range, range to a surface of 10 % reflectivity, divergence of the beam.
+/// From data sheets: range, range for 10 % reflectivity, beam divergence.
 struct Optics {
   double max_range_m = 100.0;
   double dark_range_m = 50.0;
@@ -64,7 +64,7 @@ drivers::PacketLayout layout_of(const drivers::VelodyneSensor& sensor, ReturnMod
   throw std::invalid_argument(sensor.name + " has no return mode " + std::string(return_mode_name(mode)));
 }
 
-/// An entry's firing after its azimuth step's time.
+/// Time from an azimuth step to an entry's firing.
 std::int64_t offset_in_step_ns(const drivers::PacketLayout& layout, std::size_t block, std::size_t entry) {
   const auto step = static_cast<std::int64_t>(block / layout.blocks_per_azimuth);
   return layout.entries[block][entry].time_offset_ns - step * layout.azimuth_period_ns;
@@ -72,7 +72,7 @@ std::int64_t offset_in_step_ns(const drivers::PacketLayout& layout, std::size_t 
 
 }  // namespace
 
-/// The sensor's motion over one packet: a millisecond, in which it is straight to a micrometre.
+/// Motion of the sensor over one packet: constant velocity, exact to a micrometre over a millisecond.
 struct LidarModel::Motion {
   core::Duration start;
   SE3 T_world_lidar;
@@ -86,13 +86,13 @@ struct LidarModel::Motion {
   }
 };
 
-/// Shots of 16 lasers, and what they hit.
+/// Shots of 16 lasers and their hits.
 struct LidarModel::Shots {
   std::array<const LidarBeam*, kRayGroup> beams{};
   std::array<BeamAzimuth, kRayGroup> azimuths{};
   std::array<Eigen::Quaterniond, kRayGroup> R_world_lidar;
   std::array<Vector3, kRayGroup> directions;  ///< of the middle of the beam, in the sensor's frame
-  /// How far the rays are off the middle of the beam, clockwise: a beam is wider than it is high.
+  /// Offset of the rays from the middle of the beam, clockwise: a beam is wider than high.
   double aside_rad = 0.0;
   RayGroup rays;
   std::array<RayHit, kRayGroup> hits{};
@@ -194,7 +194,7 @@ std::uint32_t LidarModel::fill_step(const Motion& motion, const Step& step,
   return returns;
 }
 
-/// Block of the same azimuth step and lasers as block `like`, with another content.
+/// Block of the same azimuth step and lasers as `like`, with another content.
 std::size_t LidarModel::block_with(std::size_t like, BlockContent content) const {
   const std::size_t first = like - like % layout_.blocks_per_azimuth;
   for (std::size_t b = first; b < first + layout_.blocks_per_azimuth; ++b) {
@@ -220,14 +220,14 @@ std::uint32_t LidarModel::fill_group(const Motion& motion, const Step& step, std
     const std::size_t c = first + i;
     const std::uint64_t word =
         random_word(config_.seed ^ kNoiseStream, step.packet, block * drivers::kEntriesPerBlock + c);
-    const Returns heard = hear(shots.hits[i], edge.hits[i], *shots.beams[i], shots.azimuths[i], word);
-    const auto pair = choose_returns(std::span(heard.echoes).first(heard.count));
+    const Returns found = echoes_of(shots.hits[i], edge.hits[i], *shots.beams[i], shots.azimuths[i], word);
+    const auto pair = choose_returns(std::span(found.echoes).first(found.count));
     if (!pair) continue;
     ++count;
-    packet.blocks[block].entries[c] = heard.entries[pair->last];
-    if (strongest != block) packet.blocks[strongest].entries[c] = heard.entries[pair->strongest];
+    packet.blocks[block].entries[c] = found.entries[pair->last];
+    if (strongest != block) packet.blocks[strongest].entries[c] = found.entries[pair->strongest];
     if (confidence == block) continue;
-    const std::uint32_t bits = confidence_bits(heard.echoes[pair->last], heard.echoes[pair->strongest]);
+    const std::uint32_t bits = confidence_bits(found.echoes[pair->last], found.echoes[pair->strongest]);
     packet.blocks[confidence].entries[c] = {static_cast<std::uint16_t>(bits & 0xFFFFU),
                                             static_cast<std::uint8_t>(bits >> 16U)};
   }
@@ -255,8 +255,9 @@ LidarModel::Shots LidarModel::aim(const Motion& motion, const Step& step, std::s
   return shots;
 }
 
-/// Near an HDL-64E the decoder puts points beside the straight beam: the shot follows them until the surface
-/// that it hits is where it would be decoded. One that finds none, at the edge of a thing, is lost.
+/// Near an HDL-64E the decoder puts points beside the straight beam. The shot is redirected until the hit
+/// surface is where the point will be decoded; without convergence, at the edge of an object, the return is
+/// lost.
 void LidarModel::cast(const Motion& motion, Shots& shots) const {
   constexpr int kAttempts = 5;
   constexpr double kSettledM = 1e-4;
@@ -279,27 +280,26 @@ void LidarModel::cast(const Motion& motion, Shots& shots) const {
   }
 }
 
-LidarModel::Returns LidarModel::hear(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
-                                     BeamAzimuth azimuth, std::uint64_t word) const {
+LidarModel::Returns LidarModel::echoes_of(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
+                                          BeamAzimuth azimuth, std::uint64_t word) const {
   const bool two = middle.hit && edge.hit &&
                    std::abs(middle.distance_m - edge.distance_m) > static_cast<float>(kEchoSeparationM);
-  // The edge between the two surfaces crosses the beam anywhere.
+  // The edge between the two surfaces is anywhere in the beam.
   const double share = two ? 0.1 + 0.8 * to_unit_interval(mix_bits(word ^ 4U)) : 1.0;
-  Returns heard;
-  measure(middle.hit ? middle : edge, share, beam, azimuth, word, heard);
-  if (two) measure(edge, 1.0 - share, beam, azimuth, mix_bits(word ^ 3U), heard);
-  return heard;
+  Returns found;
+  measure(middle.hit ? middle : edge, share, beam, azimuth, word, found);
+  if (two) measure(edge, 1.0 - share, beam, azimuth, mix_bits(word ^ 3U), found);
+  return found;
 }
 
-/// Adds what is heard of one surface, if anything.
+/// Adds the echo of one surface if it is above the threshold.
 void LidarModel::measure(const RayHit& hit, double share, const LidarBeam& beam, BeamAzimuth azimuth,
-                         std::uint64_t word, Returns& heard) const {
+                         std::uint64_t word, Returns& found) const {
   if (!hit.hit) return;
-  // Real surfaces are rough: some light comes back also at grazing incidence.
+  // Real surfaces are rough and reflect some light also at grazing incidence.
   const double reflectance =
       share * reflectivity(hit.material) * (0.25 + 0.75 * static_cast<double>(hit.incidence_cosine));
-  // The signal falls with the square of the distance; near the limit an echo is sometimes seen, sometimes
-  // not.
+  // The signal decreases with the square of the distance; near the limit an echo is detected at random.
   const double limit = std::min(max_range_m_, dark_range_m_ * std::sqrt(reflectance / 0.1));
   const double fading = 0.9 + 0.2 * to_unit_interval(mix_bits(word ^ 1U));
   const double margin = limit * fading / hit.distance_m;
@@ -310,9 +310,9 @@ void LidarModel::measure(const RayHit& hit, double share, const LidarBeam& beam,
   if (raw < 1.0 || raw > 65535.0) return;
   const double speckle = 0.94 + 0.12 * to_unit_interval(mix_bits(word ^ 2U));
   const double intensity = std::clamp(100.0 * reflectance * speckle, 1.0, 255.0);
-  heard.echoes[heard.count] = {range, reflectance, margin * margin};
-  heard.entries[heard.count] = {static_cast<std::uint16_t>(raw), beam.raw_intensity(intensity, raw)};
-  ++heard.count;
+  found.echoes[found.count] = {range, reflectance, margin * margin};
+  found.entries[found.count] = {static_cast<std::uint16_t>(raw), beam.raw_intensity(intensity, raw)};
+  ++found.count;
 }
 
 }  // namespace nilio::tools::simulate

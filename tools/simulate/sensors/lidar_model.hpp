@@ -7,9 +7,9 @@
 
 #include "tools/simulate/geometry/ray_scene.hpp"
 #include "tools/simulate/sensors/echo.hpp"
-#include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/sensors/lidar_beam.hpp"
+#include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <array>
@@ -21,11 +21,11 @@ namespace nilio::tools::simulate {
 
 struct LidarModelConfig {
   std::uint64_t seed = 1;
-  /// Instant of the trajectory's time 0; whole microseconds.
+  /// Time of the trajectory's time 0; whole microseconds.
   core::Time start;
   core::SE3 T_base_lidar;
   double revolutions_per_minute = 600.0;
-  /// One standard deviation.
+  /// Standard deviation.
   double range_noise_m = 0.02;
   drivers::ReturnMode return_mode = drivers::ReturnMode::kSingle;
   GpsReception gps = GpsReception::kLocked;
@@ -33,28 +33,28 @@ struct LidarModelConfig {
   core::Duration clock_offset;
   double clock_drift_ppm = 0.0;
   core::Duration network_jitter;
-  /// HDL-64E from S2 on: what it says of itself, with its sensor's lasers if it sends a calibration. Nothing
-  /// = clock and health only.
+  /// HDL-64E from S2 on: its status stream, with its sensor's lasers if it sends a calibration. Unset = clock
+  /// and health only.
   std::optional<Hdl64eStream> stream;
 };
 
 struct SimulatedPacket {
-  /// When a host would receive it.
+  /// Host receive time.
   core::Time stamp;
   std::array<std::uint8_t, drivers::kDataPacketSize> payload{};
-  /// Firings that something came back from.
+  /// Firings with a return.
   std::uint32_t returns = 0;
 };
 
-/// A Velodyne sensor on a moving vehicle: each firing is cast at its own time, from where the sensor is then,
-/// along the beam that the decoder will reconstruct from the packet (with its rounding of azimuths and
+/// A Velodyne sensor on a moving vehicle. Each firing is cast at its own time and from the sensor's place at
+/// that time, along the beam that the decoder reconstructs from the packet (with its rounding of azimuths and
 /// times), through the inverse of the sensor's calibration. Ranges get noise and the packet's resolution;
-/// weak echoes (dark, grazing or far surfaces) get lost. For two returns the beam's edge is cast too.
-/// Packets depend on nothing but the configuration and their index, so they may be made by any number of
-/// threads in any order. The references must outlive the model.
+/// weak echoes (dark, grazing or far surfaces) are lost. For two returns the beam's edge is cast too. Packets
+/// depend only on the configuration and their index, so that any number of threads may make them in any
+/// order. The references must outlive the model.
 class LidarModel {
  public:
-  /// Throws std::invalid_argument when the sensor does not have the return mode.
+  /// Throws std::invalid_argument for a return mode that the sensor does not have.
   LidarModel(drivers::VelodyneSensor sensor, const LidarModelConfig& config,
              const VehicleTrajectory& trajectory, const RayScene& scene);
 
@@ -69,13 +69,13 @@ class LidarModel {
  private:
   struct Motion;
   struct Shots;
-  /// What comes back to one shot, and how the packet says it.
+  /// Echoes of one shot, and their entries in the packet.
   struct Returns {
     std::array<Echo, 2> echoes;
     std::array<drivers::VelodyneDataPacket::Entry, 2> entries;
     std::size_t count = 0;
   };
-  /// Place of an azimuth step in a packet.
+  /// Index and azimuth of a step in a packet.
   struct Step {
     std::uint64_t packet = 0;
     std::size_t index = 0;
@@ -92,10 +92,10 @@ class LidarModel {
                            drivers::VelodyneDataPacket& packet) const;
   [[nodiscard]] Shots aim(const Motion& motion, const Step& step, std::size_t block, std::size_t first) const;
   void cast(const Motion& motion, Shots& shots) const;
-  [[nodiscard]] Returns hear(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
-                             BeamAzimuth azimuth, std::uint64_t word) const;
+  [[nodiscard]] Returns echoes_of(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
+                                  BeamAzimuth azimuth, std::uint64_t word) const;
   void measure(const RayHit& hit, double share, const LidarBeam& beam, BeamAzimuth azimuth,
-               std::uint64_t word, Returns& heard) const;
+               std::uint64_t word, Returns& found) const;
   [[nodiscard]] std::size_t block_with(std::size_t like, drivers::BlockContent content) const;
 
   drivers::VelodyneSensor sensor_;
@@ -105,10 +105,10 @@ class LidarModel {
   const VehicleTrajectory& trajectory_;
   const RayScene& scene_;
   std::vector<LidarBeam> beams_;
-  /// Steps in which azimuths are reported, 0.01 degree.
+  /// Resolution of reported azimuths, 0.01 degree.
   int azimuth_unit_ = 1;
   double max_range_m_ = 100.0;
-  /// How far a surface of 10 % reflectivity is seen.
+  /// Range limit for a surface of 10 % reflectivity.
   double dark_range_m_ = 50.0;
   double divergence_rad_ = 0.003;
   std::uint64_t packet_count_ = 0;

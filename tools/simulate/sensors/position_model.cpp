@@ -17,9 +17,9 @@ namespace {
 constexpr double kMetresPerSecondPerKnot = 0.514444;
 constexpr std::int64_t kHourUs = 3'600'000'000;
 constexpr std::int64_t kSecondNs = 1'000'000'000;
-/// A receiver's sentence about a pulse comes this much after it.
+/// Delay of a receiver's sentence after its pulse.
 constexpr core::Duration kSentenceDelay{300'000'000};
-/// Where the world's origin is; its x is east and its y is north.
+/// Origin of the world; x is east and y is north.
 constexpr double kLatitudeDeg = 49.011;
 constexpr double kLongitudeDeg = 8.416;
 constexpr double kEarthRadiusM = 6'378'137.0;
@@ -81,14 +81,14 @@ SimulatedPosition PositionModel::make_packet(std::uint64_t index) const {
   if (gps_ != GpsReception::kNone) packet.set_nmea(sentence(time));
   if (model_ == drivers::VelodyneModel::kHdl32e) packet.motion = boards(time);
   SimulatedPosition result;
-  // It waits for the data packet before it like every packet.
+  // It waits for the preceding data packet.
   result.stamp = std::max(timing_.config().start + time + kTransmission, timing_.received(after));
   result.payload = drivers::encode_position_packet(packet);
   return result;
 }
 
-/// Of the last pulse that the receiver has told about. With a pulse the sensor's clock is the receiver's,
-/// else the receiver is right.
+/// Sentence of the last reported pulse. With a pulse the sensor's clock is the receiver's, else the receiver
+/// is exact.
 std::string PositionModel::sentence(core::Duration time) const {
   const core::Time utc =
       (gps_ == GpsReception::kLocked ? timing_.sensor_clock_at(time) : timing_.config().start + time) -
@@ -107,8 +107,8 @@ std::string PositionModel::sentence(core::Duration time) const {
   return format_rmc(fields);
 }
 
-/// Boards 0 and 1 stand upright, one across and one along; board 2 lies flat. What Hdl32eBoard knows of the
-/// axes is kept; that the free signs make each gyro's axis X cross Y, and which board is across, is ours.
+/// Boards 0 and 1 are upright, one across and one along; board 2 is horizontal. The axes follow Hdl32eBoard;
+/// the choice of the free signs (each gyro's axis is X cross Y) and of the board across is our own.
 std::array<drivers::Hdl32eBoard, 3> PositionModel::boards(core::Duration time) const {
   const TrueInertia truth = true_inertia(trajectory_, T_base_lidar_, time.seconds());
   const core::Vector3& rate = truth.angular_velocity;

@@ -18,13 +18,13 @@ namespace nilio::tools::simulate {
 inline constexpr std::uint64_t kDataPacketsPerPosition = 14;
 
 struct SimulatedPosition {
-  /// When a host would receive it: after data packet 14 * index and before the next.
+  /// Host receive time: after data packet 14 * index and before the next.
   core::Time stamp;
   std::array<std::uint8_t, drivers::kPositionPacketSize> payload{};
 };
 
-/// The sensor's telemetry: state of its clock, temperatures, the GPS receiver's sentence, and an HDL-32E's
-/// gyros and accelerometers. Packets depend on their index only. The references must outlive the model.
+/// The sensor's telemetry: state of its clock, temperatures, the GPS sentence, and an HDL-32E's gyros and
+/// accelerometers. Packets depend only on their index. The references must outlive the model.
 class PositionModel {
  public:
   PositionModel(drivers::VelodyneModel model, GpsReception gps, const core::SE3& T_base_lidar,
@@ -43,7 +43,7 @@ class PositionModel {
   const VehicleTrajectory& trajectory_;
 };
 
-/// All but the HDL-64E, which says it in its status stream.
+/// True for all models except the HDL-64E, which has a status stream instead.
 bool sends_position_packets(drivers::VelodyneModel model);
 
 /// An RMC sentence with checksum and line end.

@@ -28,7 +28,7 @@ using core::Result;
 
 constexpr std::uint16_t kDataPort = 2368;
 constexpr std::uint16_t kPositionPort = 8308;
-/// Packets cast before they are written: about 1.3 MB.
+/// Packets per batch of casting and writing: about 1.3 MB.
 constexpr std::uint64_t kBatch = 1024;
 constexpr core::Duration kTruthInterval{5'000'000};
 

@@ -19,14 +19,14 @@ struct LidarRecordingSummary {
   std::uint64_t packets = 0;
   std::uint64_t position_packets = 0;
   std::uint64_t firings = 0;
-  /// Firings that something came back from.
+  /// Firings with a return.
   std::uint64_t returns = 0;
   /// Wall time of casting and writing.
   double elapsed_s = 0.0;
 };
 
-/// Each writes one file of a recording, replacing it. Errors name the file and what to do.
-/// `positions` may be null.
+/// Each writes one file of a recording and replaces an existing one. Errors name the file. `positions` may be
+/// null.
 core::Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model,
                                                           const PositionModel* positions,
                                                           const std::string& path);
@@ -36,7 +36,7 @@ core::Result<std::uint64_t> write_imu_recording(ImuModel model, ImuFaults faults
 core::Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, core::Time start,
                                         const std::string& path);
 
-/// A sensor's place on the vehicle as configuration files have it: R = Rz(yaw) Ry(pitch) Rx(roll).
+/// Mounting of a sensor on the vehicle as in configuration files: R = Rz(yaw) Ry(pitch) Rx(roll).
 struct Mounting {
   core::Vector3 translation_m = core::Vector3::Zero();
   core::Vector3 rotation_rpy_deg = core::Vector3::Zero();
@@ -55,7 +55,7 @@ struct RecordedSensors {
   Mounting imu;
 };
 
-/// What niliod needs to know about the recording.
+/// Writes the configuration of niliod for the recording.
 core::Result<bool> write_configuration(const RecordedSensors& sensors, const std::string& path);
 
 }  // namespace nilio::tools::simulate

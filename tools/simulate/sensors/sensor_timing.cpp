@@ -12,7 +12,7 @@ namespace {
 constexpr std::int64_t kMicrosecondNs = 1000;
 constexpr std::uint64_t kRestStream = 0x52657374;
 constexpr std::uint64_t kJitterStream = 0x4A6974746572;
-/// A VLS-128 rests after each firing sequence for a random time with this mean (manual 63-9483).
+/// A VLS-128 pauses after each firing sequence for a random time with this mean (manual 63-9483).
 constexpr std::int64_t kMeanRestNs = 1'940;
 
 std::int64_t floor_to_microsecond(std::int64_t ns) {
@@ -28,7 +28,7 @@ SensorTiming::SensorTiming(const drivers::VelodyneSensor& sensor, const drivers:
   config_.clock_offset.ns = floor_to_microsecond(config.clock_offset.ns + kMicrosecondNs / 2);
   if (sensor.model == drivers::VelodyneModel::kVls128) {
     step_period_ns_ += kMeanRestNs;
-    // Each sequence is late by at most the mean, so that no rest is negative.
+    // Each sequence is delayed by at most the mean, so that no pause is negative.
     rest_jitter_ns_ = kMeanRestNs;
   }
   for (std::size_t block = 0; block < layout.blocks_per_azimuth; ++block) {
@@ -37,7 +37,7 @@ SensorTiming::SensorTiming(const drivers::VelodyneSensor& sensor, const drivers:
   }
 }
 
-/// By the sensor's clock since the start.
+/// Sensor time since the start.
 std::int64_t SensorTiming::sequence_ns(std::uint64_t sequence) const {
   const std::int64_t even_ns = static_cast<std::int64_t>(sequence) * step_period_ns_;
   if (rest_jitter_ns_ == 0) return even_ns;
@@ -50,7 +50,7 @@ std::int64_t SensorTiming::to_true_ns(std::int64_t sensor_ns) const {
 }
 
 core::Time SensorTiming::sensor_clock(std::uint64_t packet) const {
-  // The packet's clock counts whole microseconds; firings are at the times that it says.
+  // The packet's clock counts whole microseconds; firings are relative to it.
   return config_.start + config_.clock_offset +
          core::Duration{floor_to_microsecond(sequence_ns(packet * steps_))};
 }
@@ -72,7 +72,7 @@ core::Time SensorTiming::received(std::uint64_t packet) const {
     return config_.start + last_firing(index) + kTransmission + core::Duration{delay_ns};
   };
   core::Time latest = arrival(packet);
-  // A packet waits for those before it, of which only these can be late enough.
+  // A packet waits for earlier ones; only these can be late enough.
   const auto queue = static_cast<std::uint64_t>(config_.network_jitter.ns / packet_period().ns + 1);
   for (std::uint64_t back = 1; back <= std::min(queue, packet) && config_.network_jitter.ns > 0; ++back)
     latest = std::max(latest, arrival(packet - back));

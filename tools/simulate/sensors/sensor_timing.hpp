@@ -8,7 +8,7 @@
 
 namespace nilio::tools::simulate {
 
-/// What the sensor has of a GPS receiver.
+/// GPS receiver of the sensor.
 enum class GpsReception : std::uint8_t {
   kLocked,    ///< pulse and time: the sensor's clock is the receiver's
   kNmeaOnly,  ///< time without a pulse: the sensor's clock runs by itself
@@ -17,31 +17,32 @@ enum class GpsReception : std::uint8_t {
 
 struct SensorTimingConfig {
   std::uint64_t seed = 1;
-  /// Instant of the trajectory's time 0, by the host's clock, which is right. Whole microseconds.
+  /// Host time of the trajectory's time 0; the host's clock is exact. Whole microseconds.
   core::Time start;
-  /// Sensor's clock less the host's at the start; rounded to whole microseconds.
+  /// Sensor clock minus host clock at the start; rounded to whole microseconds.
   core::Duration clock_offset;
-  /// How much faster the sensor's clock runs, parts per million. Its oscillator times the firings too.
+  /// Rate error of the sensor's clock, parts per million; positive = fast. Its oscillator also times the
+  /// firings.
   double clock_drift_ppm = 0.0;
-  /// Longest delay of a packet beyond the shortest; packets do not overtake one another.
+  /// Maximum additional delay of a packet; packets do not overtake one another.
   core::Duration network_jitter;
 };
 
-/// When a sensor fires, what its clock then says, and when a host receives the packet. Everything is a
-/// function of the packet's index, so that packets may be made in any order. Immutable.
+/// Firing times of a sensor, the readings of its clock, and the host's receive times. All are functions of
+/// the packet's index, so that packets may be made in any order. Immutable.
 class SensorTiming {
  public:
-  /// `sensor` is looked at only here.
+  /// `sensor` is used only in the constructor.
   SensorTiming(const drivers::VelodyneSensor& sensor, const drivers::PacketLayout& layout,
                const SensorTimingConfig& config);
 
-  /// What a packet's stamp says, in full; whole microseconds. For the first azimuth step.
+  /// Time stamp of a packet in full; whole microseconds. For the first azimuth step.
   [[nodiscard]] core::Time sensor_clock(std::uint64_t packet) const;
-  /// True time since the start that the time offsets of an azimuth step's entries are relative to.
+  /// True time since the start to which the time offsets of an azimuth step's entries refer.
   [[nodiscard]] core::Duration step_time(std::uint64_t packet, std::size_t step) const;
   /// True time of a packet's last firing since the start.
   [[nodiscard]] core::Duration last_firing(std::uint64_t packet) const;
-  /// When the host stamps the packet: the last firing, transmission and jitter.
+  /// Receive time of a packet: the last firing, transmission and jitter.
   [[nodiscard]] core::Time received(std::uint64_t packet) const;
   /// The sensor's clock at a true time since the start.
   [[nodiscard]] core::Time sensor_clock_at(core::Duration time) const;
@@ -56,13 +57,13 @@ class SensorTiming {
   SensorTimingConfig config_;
   std::size_t steps_;
   std::int64_t step_period_ns_;
-  /// How late a firing sequence may be: the mean of the random rests between them is in the period.
+  /// Maximum delay of a firing sequence; the mean of the random rests between them is part of the period.
   std::int64_t rest_jitter_ns_ = 0;
   /// Last firing of an azimuth step after its time.
   std::int64_t last_offset_ns_ = 0;
 };
 
-/// From the last firing to the host's time stamp when nothing delays a packet.
+/// From the last firing to the host's time stamp without additional delay.
 inline constexpr core::Duration kTransmission{100'000};
 
 }  // namespace nilio::tools::simulate

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kLatticeM = 2.0;
 constexpr double kReachM = 90.0;
-/// The street goes on beyond the drive's ends, so there may be ground this far from where the vehicle drove.
+/// The street continues beyond the drive's ends, so that ground is needed this far from the driven path.
 constexpr double kSupportM = 170.0;
 /// Ground is computed and meshed in tiles of this many lattice squares.
 constexpr std::int64_t kTile = 8;
@@ -40,7 +40,7 @@ double value_noise(std::uint64_t seed, const Vector2& p, double wavelength_m) {
   return low + v * (high - low);
 }
 
-/// Ground at p as the passages of the vehicle say: each is a plane near by, a height farther off.
+/// Height of the ground at p from the driven path: each sample is a plane near by, a height farther away.
 double height_from_path(const std::vector<const StreetSample*>& path, const Vector2& p, std::uint64_t seed) {
   double sum = 0.0;
   double total = 0.0;
@@ -82,7 +82,7 @@ Ground::Ground(const StreetLayout& layout, std::uint64_t seed) : seed_(random_wo
                   std::numeric_limits<float>::quiet_NaN());
 
   tbb::parallel_for(std::int64_t{0}, rows_ + 1, [&](std::int64_t row) {
-    // Only what lies within reach of this row counts; without the cut a long drive takes minutes.
+    // Only samples within reach of this row; otherwise a long drive takes minutes.
     const double y = origin_.y() + kLatticeM * static_cast<double>(row);
     std::vector<const StreetSample*> near_row;
     for (const StreetSample* sample : path) {

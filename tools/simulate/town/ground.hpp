@@ -8,14 +8,13 @@
 
 namespace nilio::tools::simulate {
 
-/// Height of the ground: where the vehicle drove it carries the vehicle (height and slope), elsewhere it is a
-/// weighted mean of that, with unevenness of a few centimetres everywhere and gentle hills off the road.
-/// Immutable.
+/// Height of the ground. On the driven path it is the height and slope under the vehicle, elsewhere their
+/// weighted mean, with unevenness of a few centimetres and gentle hills off the road. Immutable.
 class Ground {
  public:
   Ground(const StreetLayout& layout, std::uint64_t seed);
 
-  /// World z of the ground, metres; defined everywhere, meant for within 90 m of the path.
+  /// World z of the ground, metres; defined everywhere, valid within 90 m of the path.
   [[nodiscard]] double height(const Vector2& p) const;
   [[nodiscard]] core::Vector3 on_ground(const Vector2& p) const { return {p.x(), p.y(), height(p)}; }
   /// Lowest ground under the corners of a footprint.

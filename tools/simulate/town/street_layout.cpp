@@ -19,7 +19,7 @@ constexpr double kCellM = 0.5;
 constexpr double kMarginM = 100.0;
 /// 200 million cells of half a metre: a square of 7 km.
 constexpr double kMaxCells = 2e8;
-/// Half of a car's width and as much room beside it as a driver keeps.
+/// Half of a car's width plus the clearance that a driver keeps.
 constexpr double kDrivenHalfWidthM = 1.7;
 constexpr double kStreetEndM = 60.0;
 /// Length of street between changes of its profile (parking strips, parks).
@@ -64,7 +64,7 @@ std::vector<StreetSample> sample_path(const VehicleTrajectory& trajectory) {
   samples.insert(samples.end(), driven.begin(), driven.end());
   const std::vector<StreetSample> tail = extend(driven.back(), 1.0);
   samples.insert(samples.end(), tail.begin(), tail.end());
-  // Over 4 m, so that the body's sway does not count.
+  // Over 4 m, so that the body's sway has no effect.
   for (std::size_t i = 4; i + 4 < samples.size(); ++i) {
     const double turn =
         std::remainder(samples[i + 4].yaw_rad - samples[i - 4].yaw_rad, 2.0 * std::numbers::pi);
@@ -73,7 +73,7 @@ std::vector<StreetSample> sample_path(const VehicleTrajectory& trajectory) {
   return samples;
 }
 
-/// Finds where the path comes along the same street again.
+/// Finds the samples on a street that the path has used before.
 void find_passes(std::vector<StreetSample>& samples) {
   constexpr double bucket_m = 6.0;
   constexpr double same_street_m = 5.5;
@@ -170,7 +170,7 @@ void StreetLayout::choose_side_streets(std::uint64_t seed) {
 void StreetLayout::mark_streets() {
   using namespace cell_use;
   for (const StreetSample& sample : samples_) {
-    // Rectangles longer than the spacing, so that no gap opens on the outside of a bend.
+    // Rectangles longer than the spacing leave no gap on the outside of a bend.
     const auto mark_band = [&](double right, double left, std::uint8_t use) {
       mark({sample.beside(0.5 * (left - right)), sample.yaw_rad, 1.6, left + right}, use);
     };

@@ -15,7 +15,7 @@ using Vector2 = Eigen::Vector2d;
 Vector2 direction(double angle_rad);
 Vector2 left_of(const Vector2& direction);
 
-/// Ground plan of a thing: a rectangle, x along `yaw_rad`.
+/// Ground plan of an object: a rectangle, x along `yaw_rad`.
 struct Footprint {
   Vector2 centre = Vector2::Zero();
   double yaw_rad = 0.0;
@@ -23,17 +23,17 @@ struct Footprint {
   double width_m = 0.0;
 };
 
-/// What a cell of the ground plan is used for.
+/// Uses of a cell of the ground plan, as bits.
 namespace cell_use {
-inline constexpr std::uint8_t kDriven = 1;  ///< the lane that the vehicle drives, with what it sweeps
-inline constexpr std::uint8_t kLane = 2;    ///< that lane and the one for oncoming traffic
+inline constexpr std::uint8_t kDriven = 1;  ///< the swept area of the vehicle
+inline constexpr std::uint8_t kLane = 2;    ///< that lane and the oncoming one
 inline constexpr std::uint8_t kRoad = 4;    ///< from kerb to kerb
-inline constexpr std::uint8_t kTaken = 8;   ///< something stands there
+inline constexpr std::uint8_t kTaken = 8;   ///< an object
 }  // namespace cell_use
 
-/// One place on the driven path, every half metre.
+/// One sample of the driven path, every half metre.
 struct StreetSample {
-  /// When the vehicle is there; the drive's first or last instant beyond its ends.
+  /// Time at which the vehicle is there; the drive's first or last time beyond its ends.
   double time_s = 0.0;
   Vector2 position = Vector2::Zero();
   double z = 0.0;
@@ -44,10 +44,10 @@ struct StreetSample {
   /// Distances from the path to the kerbs.
   double right_edge_m = 2.3;
   double left_edge_m = 5.6;
-  /// False beyond the ends of the drive, where the street goes on straight.
+  /// False beyond the ends of the drive, where the street continues straight.
   bool driven = true;
-  /// False where an earlier sample passed the same piece of street (either way): nothing is built along it
-  /// again.
+  /// False where an earlier sample passed the same piece of street in either direction: it gets no second set
+  /// of buildings.
   bool first_pass = true;
 
   /// Point `left_m` to the left of the path.
@@ -67,8 +67,8 @@ inline constexpr double kSampleSpacingM = 0.5;
 inline constexpr double kOncomingLaneM = 3.5;
 inline constexpr double kSideStreetHalfWidthM = 3.7;
 
-/// Streets laid out around a drive: where the vehicle drives, where the road is, what is still free. Things
-/// are placed one after the other by one thread; afterwards it is only read.
+/// Ground plan around a drive: the driven path, the road, and the free space. One thread places objects;
+/// afterwards it is read-only.
 class StreetLayout {
  public:
   /// Fails when the drive spans too large an area to be simulated.

@@ -12,7 +12,7 @@ namespace {
 using core::SE3;
 using core::Vector3;
 
-/// Half widths and heights along a car's body, from the rear bumper to the front one.
+/// Heights and longitudinal positions of a car's body.
 struct CarShape {
   CarSize size;
   double bonnet_m;       ///< height of the bonnet
@@ -88,7 +88,7 @@ Vector3 point_in_crown(RandomStream& random) {
   return p.normalized() * std::sqrt(random.uniform(0.1, 1.0));
 }
 
-/// The ground may fall away under a long building.
+/// The ground may be lower under a long building.
 constexpr double kFoundationM = 2.0;
 constexpr double kEavesM = 0.4;
 
@@ -261,7 +261,7 @@ void add_building(TriangleMesh& mesh, const SE3& T_mesh_building, const Building
   const double x = 0.5 * plan.length_m;
   const double y = 0.5 * plan.depth_m;
   const double height = plan.floors * plan.floor_height_m;
-  // What shows between piers and spandrels is the core: the windows.
+  // The core between piers and spandrels is the windows.
   mesh.add_box(T_mesh_building, {-x + plan.recess_m, -y + plan.recess_m, -kFoundationM},
                {x - plan.recess_m, y - plan.recess_m, height}, Material::kGlass);
   const double quarter = 0.5 * std::numbers::pi;

@@ -6,7 +6,7 @@
 namespace nilio::tools::simulate {
 
 inline constexpr std::size_t kCarModels = 4;
-/// Larger ones after the cars.
+/// Heavy vehicles follow the cars.
 inline constexpr std::size_t kTruckModel = 4;
 inline constexpr std::size_t kBusModel = 5;
 inline constexpr std::size_t kVehicleModels = 6;
@@ -21,7 +21,7 @@ CarSize car_size(std::size_t model);
 /// Frame: x forward, z up, origin on the ground under the vehicle's centre.
 TriangleMesh make_car(std::size_t model);
 
-/// Trunk and a crown of loose leaves. Nothing of the crown is below 2.4 m, nor beyond `crown_radius_m`.
+/// Trunk and a crown of separate leaves, above 2.4 m and within `crown_radius_m`.
 void add_tree(TriangleMesh& mesh, const core::SE3& T_mesh_tree, double crown_radius_m, RandomStream& random);
 /// Leaves down to the ground.
 void add_bush(TriangleMesh& mesh, const core::SE3& T_mesh_bush, double radius_m, RandomStream& random);
@@ -30,16 +30,16 @@ void add_lamp(TriangleMesh& mesh, const core::SE3& T_mesh_lamp, RandomStream& ra
 /// Traffic sign that faces -x.
 void add_sign(TriangleMesh& mesh, const core::SE3& T_mesh_sign, RandomStream& random);
 
-/// What a building is to look like. Its frame has x along the street, y into the plot, the origin at the
-/// centre of the ground plan on the ground.
+/// Dimensions and style of a building. Its frame has x along the street, y into the plot, the origin on the
+/// ground at the centre of the ground plan.
 struct BuildingPlan {
   double length_m = 12.0;  ///< along x
   double depth_m = 10.0;   ///< along y
   int floors = 3;
   double floor_height_m = 3.0;
-  /// How far the windows lie behind the wall.
+  /// Depth of the windows behind the wall.
   double recess_m = 0.2;
-  /// Wall piers from centre to centre.
+  /// Spacing of the wall piers.
   double bay_m = 3.0;
   /// 0 = flat with a parapet.
   double roof_pitch_rad = 0.6;
@@ -49,8 +49,8 @@ struct BuildingPlan {
 
 BuildingPlan random_building_plan(double length_m, double depth_m, RandomStream& random);
 
-/// Walls with piers, spandrels and recessed windows, a cornice, and a pitched or flat roof. Nothing but the
-/// eaves (0.4 m) and balconies (1.1 m, above 3 m, towards -y) stands out beyond the ground plan.
+/// Adds walls with piers, spandrels and recessed windows, a cornice, and a pitched or flat roof. Only the
+/// eaves (0.4 m) and balconies (1.1 m, above 3 m, towards -y) extend beyond the ground plan.
 void add_building(TriangleMesh& mesh, const core::SE3& T_mesh_building, const BuildingPlan& plan);
 
 }  // namespace nilio::tools::simulate

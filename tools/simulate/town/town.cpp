@@ -20,7 +20,7 @@ constexpr double kPavementWidthM = 2.2;
 constexpr double kKerbHeightM = 0.12;
 constexpr double kPi = std::numbers::pi;
 
-/// Left or right of the driven path.
+/// Side of the driven path.
 enum class Side { kRight, kLeft };
 
 double sign_of(Side side) { return side == Side::kLeft ? 1.0 : -1.0; }
@@ -29,13 +29,12 @@ double edge_of(const StreetSample& sample, Side side) {
   return side == Side::kLeft ? sample.left_edge_m : sample.right_edge_m;
 }
 
-/// Heading along the street with the plot on the left hand, so that a front that looks towards -y looks at
-/// the street.
+/// Heading along the street with the plot on the left hand, so that a front facing -y faces the street.
 double front_yaw(const StreetSample& sample, Side side) {
   return side == Side::kLeft ? sample.yaw_rad : sample.yaw_rad + kPi;
 }
 
-/// Puts things on the free places of a layout, one kind after the other.
+/// Places objects on the free cells of a layout, one kind after the other.
 class TownBuilder {
  public:
   TownBuilder(Town& town, const TownConfig& config) : town_(town), config_(config) {}
@@ -63,10 +62,10 @@ class TownBuilder {
     return {config_.seed, 100 + 10 * kind + (side == Side::kLeft ? 1 : 0)};
   }
 
-  /// Chance of an object where there would be one with `chance` at density 1.
+  /// `chance` of an object, scaled by the density.
   [[nodiscard]] double scaled(double chance) const { return std::min(1.0, chance * config_.density); }
 
-  /// Occupies the footprint if nothing of `uses` is within `margin_m`.
+  /// Occupies the footprint if no cell within `margin_m` has one of `uses`.
   bool claim(const Footprint& footprint, std::uint8_t uses, double margin_m) {
     if (!town_.layout.is_free(footprint, static_cast<std::uint8_t>(uses | cell_use::kTaken), margin_m))
       return false;
@@ -80,7 +79,7 @@ class TownBuilder {
   }
 
   void add_pavement(Side side) {
-    // Kerb face, then a slab that sinks into the ground at its far side.
+    // Kerb face, then a slab down to the ground at its far side.
     for (std::size_t i = 0; i + 1 < samples().size(); ++i) {
       const StreetSample& a = samples()[i];
       const StreetSample& b = samples()[i + 1];
@@ -148,7 +147,7 @@ class TownBuilder {
     }
   }
 
-  /// Builds with the front's beginning at a sample.
+  /// Builds with the front starting at a sample.
   bool place_building(std::size_t first, Side side, double setback_m, double turned, const BuildingPlan& plan,
                       Random& random) {
     const std::size_t middle = first + static_cast<std::size_t>(0.5 * plan.length_m / kSampleSpacingM);
@@ -157,7 +156,7 @@ class TownBuilder {
     const double out = edge_of(sample, side) + kPavementWidthM + setback_m + 0.5 * plan.depth_m;
     const double yaw = front_yaw(sample, side) + turned;
     const Footprint footprint{sample.beside(sign_of(side) * out), yaw, plan.length_m, plan.depth_m};
-    // Room for pavement and balconies.
+    // Space for pavement and balconies.
     if (!town_.layout.is_free(footprint, cell_use::kRoad, 1.8) || !claim(footprint, 0, 0.3)) return false;
     const double z = town_.ground.lowest(footprint);
     add_building(town_.mesh, upright_frame({footprint.centre.x(), footprint.centre.y(), z}, yaw), plan);
@@ -221,7 +220,7 @@ class TownBuilder {
   void plant_tree(const Vector2& place, double crown_radius_m, Random& random) {
     const Footprint crown{place, 0.0, 2.0 * crown_radius_m, 2.0 * crown_radius_m};
     if (!town_.layout.is_free(crown, cell_use::kLane, 0.0)) return;
-    // Crowns may touch each other and walls; trunks need their own ground.
+    // Crowns may touch each other and walls; trunks need free ground.
     if (!claim({place, 0.0, 0.8, 0.8}, cell_use::kRoad, 0.4)) return;
     add_tree(town_.mesh, frame_at(place, random.uniform(0.0, kPi)), crown_radius_m, random);
     ++town_.summary.trees;
@@ -233,8 +232,7 @@ class TownBuilder {
     ++town_.summary.bushes;
   }
 
-  /// Visits a sample about every `spacing_m` (plus up to `spread_m`) where the street is passed for the first
-  /// time.
+  /// Visits a sample about every `spacing_m` (plus up to `spread_m`) on first passes of a street.
   template <class Visit>
   void for_each_place(Side side, double spacing_m, double spread_m, Random& random, Visit visit) {
     double next = random.uniform(0.0, spacing_m);

@@ -13,7 +13,7 @@ namespace nilio::tools::simulate {
 
 struct TownConfig {
   std::uint64_t seed = 1;
-  /// Scales how many buildings, trees, parked cars and posts there are; 0 leaves streets and ground.
+  /// Scales the number of buildings, trees, parked cars and posts; 0 leaves streets and ground.
   double density = 1.0;
 };
 
@@ -26,7 +26,7 @@ struct TownSummary {
   std::size_t walls = 0;
 };
 
-/// Everything that stands still, in world coordinates.
+/// All static geometry, in world coordinates.
 struct Town {
   StreetLayout layout;
   Ground ground;
@@ -35,8 +35,7 @@ struct Town {
 };
 
 /// Builds a town around a drive: uneven ground, kerbs, buildings, garden walls, trees, posts and parked cars.
-/// The same drive and configuration give the same town. Nothing but ground is in the lane that the vehicle
-/// drives, on any of its passes.
+/// The same drive and configuration give the same town. The driven lane is free of objects on all passes.
 core::Result<Town> build_town(const VehicleTrajectory& trajectory, const TownConfig& config);
 
 }  // namespace nilio::tools::simulate

@@ -21,7 +21,7 @@ struct Crossing {
   int row = 0;
 };
 
-/// Streets form a grid whose crossings are moved a little, so that no two blocks are equal.
+/// Grid of streets; the crossings are shifted slightly, so that no two blocks are equal.
 class StreetGrid {
  public:
   static constexpr int kMin = -1;
@@ -51,7 +51,7 @@ class StreetGrid {
   std::uint64_t seed_;
 };
 
-/// The centre lines driven: from the middle of the first street through crossings to the same place, or on.
+/// Driven centre lines: from the middle of the first street through crossings back to the start, or onwards.
 std::vector<Vector2> street_centres(std::uint64_t seed, double length_m) {
   static constexpr std::array<Crossing, 11> tour{
       {{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0, 0}, {1, 0}, {2, 0}, {2, 1}, {1, 1}, {1, 0}, {0, 0}}};
@@ -94,8 +94,8 @@ std::vector<Vector2> to_lane(const std::vector<Vector2>& centres) {
   return lane;
 }
 
-/// With moderate pedals and steering, or as hard as tyres allow: 1 g of braking, and 90 deg/s in corners of
-/// 4.4 m, which are then 0.7 g.
+/// Driving style: moderate, or at the limit of the tyres with 1 g of braking and 90 deg/s in corners of 4.4
+/// m, which are then 0.7 g.
 DrivingStyle style_of(const TownDriveConfig& config) {
   DrivingStyle style;
   style.cruise_speed_m_s = config.cruise_speed_m_s;
@@ -108,7 +108,7 @@ DrivingStyle style_of(const TownDriveConfig& config) {
   return style;
 }
 
-/// Brakes to a stop every so often.
+/// Positions of the emergency stops.
 std::vector<double> emergency_stops(double length_m) {
   std::vector<double> halts;
   for (double halt = 35.0; halt < length_m - 20.0; halt += 110.0) halts.push_back(halt);
@@ -124,7 +124,7 @@ std::vector<SE3> make_town_drive(const TownDriveConfig& config) {
 
   const CornerRadii radii = config.hard ? CornerRadii{4.0, 4.0, 4.0, 4.0} : CornerRadii{};
   const std::vector<Vector2> lane = to_lane(street_centres(config.seed, wanted_m));
-  // Steering takes 10 m, or 1.5.
+  // Ramps of curvature take 10 m, or 1.5 m.
   const Route route =
       make_route(round_corners(lane, radii, RandomStream(config.seed, 13)), config.hard ? 2 : 10);
   const double stop_m =

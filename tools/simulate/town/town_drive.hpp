@@ -12,17 +12,17 @@ namespace nilio::tools::simulate {
 struct TownDriveConfig {
   std::uint64_t seed = 1;
   double cruise_speed_m_s = 10.0;
-  /// Begin at cruising speed instead of standing.
+  /// Begin at cruising speed instead of standing still.
   bool moving_start = false;
   DriveExtent extent;
-  /// Brake with 1 g to a stop every 110 m and turn corners with 90 deg/s.
+  /// Brake with 1 g to a stop every 110 m and turn corners at 90 deg/s.
   bool hard = false;
 };
 
 /// Control poses (every kControlIntervalS) of a drive through the streets of a town, in the right-hand lane.
-/// Without a length it is one tour of about 640 m that drives a street twice in the same and once in the
-/// opposite direction and ends where it began; a longer drive goes on at random through the same streets.
-/// Slows down for corners, and comes to a stop at the end unless a duration ends it before.
+/// Without a length it is one tour of about 640 m that uses a street twice in the same and once in the
+/// opposite direction and ends at its start; a longer drive continues at random through the same streets. The
+/// vehicle slows down for corners and stops at the end unless a duration ends the drive earlier.
 std::vector<core::SE3> make_town_drive(const TownDriveConfig& config);
 
 }  // namespace nilio::tools::simulate

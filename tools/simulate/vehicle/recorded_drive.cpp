@@ -20,11 +20,11 @@ using core::Result;
 using core::SE3;
 using core::Vector3;
 
-/// 83 m in one frame of 0.1 s is faster than any road vehicle: the file is in other units or order.
+/// 10 m in one frame of 0.1 s is faster than any road vehicle: the file has other units or another order.
 constexpr double kMaxSpeedMPerS = 100.0;
 constexpr double kSetOffAcceleration = 1.4;
 
-/// Poses of the camera in the frame of the first one.
+/// Camera poses in the frame of the first one.
 Result<std::vector<SE3>> read_camera_poses(const std::string& path) {
   const Result<tools::Trajectory> file = read_trajectory(path);
   if (!file) return file.error();
@@ -40,7 +40,7 @@ Result<std::vector<SE3>> read_camera_poses(const std::string& path) {
   return poses;
 }
 
-/// Fails where the vehicle would be faster than any.
+/// Fails where the vehicle would be faster than kMaxSpeedMPerS.
 Result<bool> check_steps(const std::vector<SE3>& poses, const RecordedDriveConfig& config) {
   for (std::size_t i = 1; i < poses.size(); ++i) {
     const double step = (poses[i].translation - poses[i - 1].translation).norm();
@@ -78,8 +78,8 @@ std::vector<SE3> smooth_poses(const std::vector<SE3>& poses) {
   return result;
 }
 
-/// Recorded time at each control instant. Standing, then time speeds up from 0 to 1 by a smooth step, so that
-/// the vehicle sets off along the recorded path.
+/// Recorded time at each control instant: stationary, then a smooth start of time from rate 0 to 1, so that
+/// the vehicle accelerates along the recorded path.
 std::vector<double> recorded_times(const VehicleTrajectory& recorded, bool moving_start) {
   const double speed = recorded.state(0.0).velocity.norm();
   const double ramp_s = moving_start ? 0.0 : std::max(0.5, speed / kSetOffAcceleration);
@@ -100,12 +100,12 @@ std::vector<double> recorded_times(const VehicleTrajectory& recorded, bool movin
 }
 
 constexpr double kNodeSpacingM = 2.0;
-/// Passes closer than this are on the same ground, oncoming lanes too.
+/// Passes closer than this share one ground, oncoming lanes too.
 constexpr double kSamePlaceM = 6.0;
 /// Nodes less than 40 m of driving apart belong to one pass.
 constexpr std::size_t kOwnPass = 20;
-/// Weight of an even correction along the drive against equal heights at one place: bends spread over about
-/// 20 m.
+/// Weight of an even correction along the drive against equal heights at one place: bends are spread over
+/// about 20 m.
 constexpr double kStiffness = 100.0;
 
 /// Poses about every kNodeSpacingM, by index.
@@ -123,7 +123,7 @@ struct Pair {
   std::size_t later;
 };
 
-/// Nodes of different passes at the same place.
+/// Pairs of nodes of different passes at the same place.
 std::vector<Pair> find_pairs(const std::vector<core::SE3>& poses, const std::vector<std::size_t>& nodes) {
   const auto bucket = [](const core::Vector3& p, int dx, int dy) {
     const auto x = static_cast<std::int64_t>(std::floor(p.x() / kSamePlaceM)) + dx;

@@ -27,7 +27,7 @@ Basis cumulative_basis(double u, double interval_s) {
           {(u - 1.0) * inv2, (1.0 - 2.0 * u) * inv2, u * inv2}};
 }
 
-/// The pose as far beyond `end` as `inner` is before it: keeps the speed at the ends.
+/// Extrapolates by the step from `inner` to `end`: keeps the speed at the ends.
 SE3 extrapolate(const SE3& inner, const SE3& end) {
   return {(end.rotation * inner.rotation.conjugate() * end.rotation).normalized(),
           2.0 * end.translation - inner.translation};

@@ -21,8 +21,8 @@ struct MotionState {
 /// metres. Immutable, so any number of threads may read it.
 class VehicleTrajectory {
  public:
-  /// `control_poses` (T_world_base, at least two) stand at 0, interval_s, 2 * interval_s...; the curve passes
-  /// them smoothly, not exactly.
+  /// `control_poses` (T_world_base, at least two) are for the times 0, interval_s, 2 * interval_s...; the
+  /// curve approximates them smoothly.
   VehicleTrajectory(const std::vector<core::SE3>& control_poses, double interval_s);
 
   [[nodiscard]] double duration_s() const { return duration_s_; }
@@ -38,21 +38,21 @@ class VehicleTrajectory {
   std::vector<core::Vector3> steps_;
 };
 
-/// How much of a drive is wanted.
+/// Limits of a drive.
 struct DriveExtent {
   double length_m = 0.0;    ///< 0 = no limit
   double duration_s = 0.0;  ///< 0 = no limit
 };
 
-/// Control poses of `poses` (one every `interval_s`) up to where the extent ends; at least two.
+/// The control poses (one every `interval_s`) up to the end of the extent; at least two.
 std::vector<core::SE3> cut_drive(std::vector<core::SE3> poses, double interval_s, const DriveExtent& extent);
 
 /// Length of the path through the poses' origins, metres.
 double path_length(const std::vector<core::SE3>& poses);
 
-/// Spacing of the control poses that the drives below are made of.
+/// Spacing of the control poses.
 inline constexpr double kControlIntervalS = 0.05;
-/// How long a drive stands before it sets off, so that an estimator can learn gravity and gyro bias.
+/// Stationary time at the start, in which an estimator initialises gravity and gyro bias.
 inline constexpr double kStandingTimeS = 2.0;
 
 }  // namespace nilio::tools::simulate
