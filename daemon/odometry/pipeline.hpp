@@ -69,6 +69,7 @@ class Pipeline {
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
   /// Log lines of the threads, to be drained by the owner.
   [[nodiscard]] EventLog& event_log() { return event_log_; }
+  [[nodiscard]] const EventLog& event_log() const { return event_log_; }
   [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
   /// Under live rules: one decision per complete scan.
   [[nodiscard]] ipc::Ring<ScanDecision>& decisions() { return decisions_; }

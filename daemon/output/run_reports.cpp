@@ -1,5 +1,7 @@
 #include "daemon/output/run_reports.hpp"
 
+#include "daemon/odometry/pipeline.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -19,6 +21,62 @@ using core::ImuHealth;
 ImuCheck check_at(std::size_t index) { return static_cast<ImuCheck>(index); }
 
 bool is_alarming(ImuCheckState state) { return state >= ImuCheckState::kWarn; }
+
+/// Counters of one LiDAR and its final stream state.
+nlohmann::json lidar_summary(const LidarInput& lidar) {
+  const drivers::ScanAssemblerStats stats = lidar.channel.stats();
+  nlohmann::json json = {
+      {"section", lidar.channel.section()},
+      {"packets", stats.packets},
+      {"packets_lost", stats.lost_packets},
+      {"packets_duplicate", stats.duplicate_packets},
+      {"packets_late", stats.late_packets},
+      {"packets_bad_length", stats.bad_length},
+      {"packets_position", stats.position_packets},
+      {"packets_dropped_kernel", lidar.source.stats().kernel_dropped},
+      {"packets_dropped_ring", lidar.ring.dropped()},
+      {"points", stats.points},
+      {"points_out_of_range", stats.points_out_of_range},
+  };
+  const drivers::ScanAssembler* assembler = lidar.channel.assembler();
+  if (assembler == nullptr) return json;
+  const drivers::ScanAssemblerStatus status = assembler->status();
+  json["model"] = assembler->sensor().name;
+  json["return_mode"] = drivers::return_mode_name(status.mode);
+  json["revolutions_per_minute"] = status.revolutions_per_minute;
+  json["packet_period_us"] = status.packet_period_us;
+  json["field_of_view_deg"] = 360.0 - status.blind_sector_deg;
+  json["clock_source"] = core::name_of(status.clock_source);
+  json["clock_offset_s"] = status.clock_offset_s;
+  json["clock_drift_ppm"] = status.clock_drift_ppm;
+  return json;
+}
+
+nlohmann::json merge_summary(const MergeCounters& counters) {
+  return {{"points_merged", counters.points_merged},
+          {"points_unused", counters.points_unused},
+          {"scans_without", counters.scans_without},
+          {"waits_timed_out", counters.waits_timed_out}};
+}
+
+nlohmann::json decoder_summary(const drivers::ImuDecoderStats& imu) {
+  return {{"imu_frames", imu.frames},
+          {"imu_frames_other", imu.other_frames},
+          {"imu_frames_other_source", imu.other_sources},
+          {"imu_frames_short", imu.short_frames},
+          {"imu_samples_incomplete", imu.incomplete},
+          {"imu_samples_out_of_order", imu.out_of_order},
+          {"imu_samples_lost", imu.lost_samples},
+          {"imu_samples_bad_status", imu.bad_status},
+          {"imu_samples_invalid", imu.invalid},
+          {"imu_samples_repeated", imu.repeated},
+          {"imu_samples_frozen", imu.frozen},
+          {"imu_samples_saturated", imu.saturated},
+          {"imu_samples_device_stamped", imu.device_stamped},
+          {"imu_gaps", imu.gaps},
+          {"imu_longest_gap_us", imu.longest_gap.ns / 1000},
+          {"imu_clock_jumps", imu.clock_jumps}};
+}
 
 }  // namespace
 
@@ -140,6 +198,45 @@ std::string BudgetReport::text(const core::BudgetConfig& budget) const {
                 static_cast<unsigned long long>(late_), overshoot.max_us, overshoot.p99_us,
                 static_cast<unsigned long long>(guarded_));
   return line.data();
+}
+
+nlohmann::json pipeline_summary(const Pipeline& pipeline) {
+  const drivers::ScanAssemblerStats scans = pipeline.scan_stats();
+  const OdometryCounters& counters = pipeline.counters();
+  nlohmann::json json;
+  json["counters"] = {
+      {"packets", scans.packets},
+      {"packets_lost", scans.lost_packets},
+      {"packets_duplicate", scans.duplicate_packets},
+      {"packets_late", scans.late_packets},
+      {"packets_bad_length", scans.bad_length},
+      {"packets_dropped_ring", pipeline.packets_dropped()},
+      {"time_jumps", scans.time_jumps},
+      {"host_clock_jumps", scans.host_clock_jumps},
+      {"return_mode_changes", scans.mode_changes},
+      {"firings", scans.firings},
+      {"firings_in_scans", scans.firings_in_scans},
+      {"firings_discarded", scans.firings_discarded},
+      {"firings_bad", scans.firings_bad},
+      {"firings_late", scans.firings_late},
+      {"scans", scans.scans},
+      {"scans_partial", scans.partial_scans},
+      {"scans_superseded", counters.superseded.load()},
+      {"points", scans.points},
+      {"imu_samples", counters.imu_samples.load()},
+      {"imu_samples_refused", counters.imu_refused.load()},
+      {"imu_samples_dropped_ring", pipeline.samples_dropped()},
+      {"imu_timeouts", counters.imu_timeouts.load()},
+      {"scans_with_imu", counters.scans_with_imu.load()},
+      {"log_events_dropped", pipeline.event_log().dropped()},
+  };
+  json["counters"].update(decoder_summary(pipeline.imu_stats()));
+  json["lidars"] = nlohmann::json::array();
+  for (std::size_t i = 0; i < pipeline.lidars().size(); ++i) {
+    json["lidars"].push_back(lidar_summary(*pipeline.lidars()[i]));
+    if (i > 0) json["lidars"].back().update(merge_summary(pipeline.merge_counters(i)));
+  }
+  return json;
 }
 
 }  // namespace nilio::daemon

@@ -16,6 +16,8 @@
 
 namespace nilio::daemon {
 
+class Pipeline;
+
 /// JSON of all IMU checks with units and hints.
 nlohmann::json imu_health_json(const core::ImuHealth& health);
 
@@ -58,5 +60,8 @@ class BudgetReport {
   ipc::Histogram overshoot_;
   ipc::Histogram iteration_;
 };
+
+/// Counters of a run and of its LiDARs for latency.json: {"counters", "lidars"}. Call after Pipeline::join().
+nlohmann::json pipeline_summary(const Pipeline& pipeline);
 
 }  // namespace nilio::daemon

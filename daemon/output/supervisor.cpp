@@ -301,91 +301,10 @@ std::string Supervisor::explain_no_poses() const {
   return text;
 }
 
-/// Counters of one LiDAR and its final stream state.
-nlohmann::json lidar_summary(const LidarInput& lidar) {
-  const drivers::ScanAssemblerStats stats = lidar.channel.stats();
-  nlohmann::json json = {
-      {"section", lidar.channel.section()},
-      {"packets", stats.packets},
-      {"packets_lost", stats.lost_packets},
-      {"packets_duplicate", stats.duplicate_packets},
-      {"packets_late", stats.late_packets},
-      {"packets_bad_length", stats.bad_length},
-      {"packets_position", stats.position_packets},
-      {"packets_dropped_kernel", lidar.source.stats().kernel_dropped},
-      {"packets_dropped_ring", lidar.ring.dropped()},
-      {"points", stats.points},
-      {"points_out_of_range", stats.points_out_of_range},
-  };
-  const drivers::ScanAssembler* assembler = lidar.channel.assembler();
-  if (assembler == nullptr) return json;
-  const drivers::ScanAssemblerStatus status = assembler->status();
-  json["model"] = assembler->sensor().name;
-  json["return_mode"] = drivers::return_mode_name(status.mode);
-  json["revolutions_per_minute"] = status.revolutions_per_minute;
-  json["packet_period_us"] = status.packet_period_us;
-  json["field_of_view_deg"] = 360.0 - status.blind_sector_deg;
-  json["clock_source"] = core::name_of(status.clock_source);
-  json["clock_offset_s"] = status.clock_offset_s;
-  json["clock_drift_ppm"] = status.clock_drift_ppm;
-  return json;
-}
-
-nlohmann::json merge_summary(const MergeCounters& counters) {
-  return {{"points_merged", counters.points_merged},
-          {"points_unused", counters.points_unused},
-          {"scans_without", counters.scans_without},
-          {"waits_timed_out", counters.waits_timed_out}};
-}
-
-nlohmann::json decoder_summary(const drivers::ImuDecoderStats& imu) {
-  return {{"imu_frames", imu.frames},
-          {"imu_frames_other", imu.other_frames},
-          {"imu_frames_other_source", imu.other_sources},
-          {"imu_frames_short", imu.short_frames},
-          {"imu_samples_incomplete", imu.incomplete},
-          {"imu_samples_out_of_order", imu.out_of_order},
-          {"imu_samples_lost", imu.lost_samples},
-          {"imu_samples_bad_status", imu.bad_status},
-          {"imu_samples_invalid", imu.invalid},
-          {"imu_samples_repeated", imu.repeated},
-          {"imu_samples_frozen", imu.frozen},
-          {"imu_samples_saturated", imu.saturated},
-          {"imu_samples_device_stamped", imu.device_stamped},
-          {"imu_gaps", imu.gaps},
-          {"imu_longest_gap_us", imu.longest_gap.ns / 1000},
-          {"imu_clock_jumps", imu.clock_jumps}};
-}
-
 nlohmann::json Supervisor::summary() const {
-  const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
-  const OdometryCounters& counters = pipeline_->counters();
-  nlohmann::json json;
+  nlohmann::json json = pipeline_summary(*pipeline_);
   json["stages"] = ipc::latency_json(latency_);
-  json["counters"] = {
-      {"packets", scans.packets},
-      {"packets_lost", scans.lost_packets},
-      {"packets_duplicate", scans.duplicate_packets},
-      {"packets_late", scans.late_packets},
-      {"packets_bad_length", scans.bad_length},
-      {"packets_dropped_ring", pipeline_->packets_dropped()},
-      {"time_jumps", scans.time_jumps},
-      {"host_clock_jumps", scans.host_clock_jumps},
-      {"return_mode_changes", scans.mode_changes},
-      {"firings", scans.firings},
-      {"firings_in_scans", scans.firings_in_scans},
-      {"firings_discarded", scans.firings_discarded},
-      {"firings_bad", scans.firings_bad},
-      {"firings_late", scans.firings_late},
-      {"scans", scans.scans},
-      {"scans_partial", scans.partial_scans},
-      {"scans_superseded", counters.superseded.load()},
-      {"points", scans.points},
-      {"imu_samples", counters.imu_samples.load()},
-      {"imu_samples_refused", counters.imu_refused.load()},
-      {"imu_samples_dropped_ring", pipeline_->samples_dropped()},
-      {"imu_timeouts", counters.imu_timeouts.load()},
-      {"scans_with_imu", counters.scans_with_imu.load()},
+  json["counters"].update({
       {"poses", poses_},
       {"poses_initialising", states_[0]},
       {"poses_tracking", states_[1]},
@@ -393,20 +312,13 @@ nlohmann::json Supervisor::summary() const {
       {"poses_lost", states_[3]},
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
-      {"log_events_dropped", pipeline_->event_log().dropped()},
       {"publisher_samples", publisher_ ? publisher_->samples().written() : 0},
       {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
-  };
-  json["counters"].update(decoder_summary(pipeline_->imu_stats()));
-  json["lidars"] = nlohmann::json::array();
-  for (std::size_t i = 0; i < pipeline_->lidars().size(); ++i) {
-    json["lidars"].push_back(lidar_summary(*pipeline_->lidars()[i]));
-    if (i > 0) json["lidars"].back().update(merge_summary(pipeline_->merge_counters(i)));
-  }
+  });
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
   json["imu"] = imu_report_.json();
   json["budget"] = budget_.json(pipeline_->budget());
-  json["budget"]["superseded"] = counters.superseded.load();
+  json["budget"]["superseded"] = pipeline_->counters().superseded.load();
   json["threads"] = plan_lines_;
   const MemoryUse memory = memory_use();
   json["memory"] = {{"resident_bytes", memory.resident_bytes},

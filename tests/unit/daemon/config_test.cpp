@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -113,6 +114,13 @@ TEST_CASE("the shipped configuration contains the defaults", "[config]") {
   Config config;
   REQUIRE(apply_file(config, std::string(NILIO_SOURCE_DIR) + "/config/nilio.yaml").ok());
   CHECK(to_yaml(config) == to_yaml(Config{}));
+}
+
+TEST_CASE("docs/configuration.md is the generated reference of the keys", "[config]") {
+  std::ifstream file(std::string(NILIO_SOURCE_DIR) + "/docs/configuration.md");
+  const std::string committed{std::istreambuf_iterator<char>(file), {}};
+  INFO("regenerate with: niliod --print-config-reference > docs/configuration.md");
+  CHECK(committed == config_reference());
 }
 
 TEST_CASE("enabled additional LiDARs are printed, disabled ones are listed", "[config]") {
