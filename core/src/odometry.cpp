@@ -1,5 +1,7 @@
 #include "nilio/core/odometry.hpp"
 
+#include "nilio/core/odometry_runtime.hpp"
+
 #include "core/src/estimation/pose_covariance.hpp"
 #include "core/src/odometry_impl.hpp"
 
@@ -19,7 +21,7 @@ bool Odometry::add_imu(const ImuSample& sample) {
   return true;
 }
 
-std::optional<Time> Odometry::latest_imu() const { return state_->imu.latest(); }
+std::optional<Time> OdometryRuntime::latest_imu() const { return odometry_->state_->imu.latest(); }
 
 const ImuHealth& Odometry::imu_health() const { return state_->monitor.health(); }
 
@@ -106,11 +108,11 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   return register_within_budget(scan);
 }
 
-OdometryResult Odometry::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
-  State& s = *state_;
+OdometryResult OdometryRuntime::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
+  Odometry::State& s = *odometry_->state_;
   s.catch_up_with_map();
   s.budget.begin_scan(decisions, s.scans < kInitialScans);
-  return register_within_budget(scan);
+  return odometry_->register_within_budget(scan);
 }
 
 void Odometry::update_map(OdometryResult& result) {
@@ -120,17 +122,17 @@ void Odometry::update_map(OdometryResult& result) {
   s.stamp(result, OdometryStage::kMapped);
 }
 
-const WorkBudget& Odometry::budget() const { return state_->budget; }
+const WorkBudget& OdometryRuntime::budget() const { return odometry_->state_->budget; }
 
-void Odometry::note_handed_over(const OdometryResult& result) {
-  state_->budget.finish_scan(result.fine_iterations);
+void OdometryRuntime::note_handed_over(const OdometryResult& result) {
+  odometry_->state_->budget.finish_scan(result.fine_iterations);
 }
 
-OdometryResult Odometry::predict_pose(const Scan& scan) const {
-  const State& s = *state_;
-  OdometryResult result = State::result_for(scan);
+OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
+  const Odometry::State& s = *odometry_->state_;
+  OdometryResult result = Odometry::State::result_for(scan);
   SweepMotion motion;
-  const State::Outlook outlook = s.outlook(scan);
+  const Odometry::State::Outlook outlook = s.outlook(scan);
   result.imu_used = outlook.imu_used;
   const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(outlook, motion);
   result.T_odom_base = s.T_odom_map * T_map_base;

@@ -1,3 +1,5 @@
+#include "nilio/core/odometry_runtime.hpp"
+
 #include "core/src/odometry_impl.hpp"
 
 #include <atomic>
@@ -16,8 +18,8 @@ constexpr int kPolls = 10'000;
 
 }  // namespace
 
-int Odometry::warm_up(const std::function<void()>& on_thread) {
-  const int wanted = state_->arena.max_concurrency();
+int OdometryRuntime::warm_up(const std::function<void()>& on_thread) {
+  const int wanted = odometry_->state_->arena.max_concurrency();
   std::atomic<int> arrived{0};
   std::atomic<bool> over{false};
   // Each arriving thread waits for all others, so that every thread takes exactly one call.
@@ -29,7 +31,7 @@ int Odometry::warm_up(const std::function<void()>& on_thread) {
       std::this_thread::sleep_for(kPoll);
     over.store(true);
   };
-  state_->arena.execute([&] { tbb::parallel_for(0, wanted, come, tbb::simple_partitioner()); });
+  odometry_->state_->arena.execute([&] { tbb::parallel_for(0, wanted, come, tbb::simple_partitioner()); });
   return arrived.load();
 }
 

@@ -1,4 +1,5 @@
 #include "nilio/core/odometry.hpp"
+#include "nilio/core/odometry_runtime.hpp"
 #include "nilio/core/units.hpp"
 
 #include "tests/support/synthetic_room.hpp"
@@ -63,11 +64,12 @@ Run drive(const Fault& fault, int threads = 1, int count = kScans) {
   OdometryConfig config;
   config.threads = threads;
   Odometry odometry(config);
+  const OdometryRuntime runtime(odometry);
   Run run;
   int next = -40;
   for (int i = 0; i < count; ++i) {
     const Scan& scan = scans()[static_cast<std::size_t>(i)];
-    while (fault && next < 200 * count && (!odometry.latest_imu() || *odometry.latest_imu() < scan.end)) {
+    while (fault && next < 200 * count && (!runtime.latest_imu() || *runtime.latest_imu() < scan.end)) {
       if (const auto sample = fault(imu_sample(winding, 0.005 * next++, Vector3(0.002, -0.001, 0.003))))
         odometry.add_imu(*sample);
     }

@@ -1,5 +1,6 @@
 #include "nilio/core/compute_budget.hpp"
 #include "nilio/core/odometry.hpp"
+#include "nilio/core/odometry_runtime.hpp"
 
 #include "tests/support/synthetic_room.hpp"
 
@@ -55,18 +56,19 @@ BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetD
   config.budget = budget;
   config.coarse = coarse;
   Odometry odometry(config, clock);
-  work_clock.budget = clock != nullptr ? &odometry.budget() : nullptr;
+  OdometryRuntime runtime(odometry);
+  work_clock.budget = clock != nullptr ? &runtime.budget() : nullptr;
   BudgetRun run;
   for (int i = 0; i < scans; ++i) {
     const Scan scan = scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i));
     OdometryResult result = repeat != nullptr
-                                ? odometry.register_scan(scan, (*repeat)[static_cast<std::size_t>(i)])
+                                ? runtime.register_scan(scan, (*repeat)[static_cast<std::size_t>(i)])
                                 : odometry.register_scan(scan);
-    run.overshoot_ns.push_back(odometry.budget().overshoot_ns());
-    odometry.note_handed_over(result);
+    run.overshoot_ns.push_back(runtime.budget().overshoot_ns());
+    runtime.note_handed_over(result);
     odometry.update_map(result);
-    run.dearest_iteration_ns = std::max(run.dearest_iteration_ns, odometry.budget().iteration_ns());
-    run.decisions.push_back(odometry.budget().decisions());
+    run.dearest_iteration_ns = std::max(run.dearest_iteration_ns, runtime.budget().iteration_ns());
+    run.decisions.push_back(runtime.budget().decisions());
     run.results.push_back(result);
   }
   work_clock.budget = nullptr;
