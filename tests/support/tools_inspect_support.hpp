@@ -65,7 +65,7 @@ inline std::span<const std::uint8_t> payload_of(const drivers::Packet& packet) {
   return std::span(packet.data).first(packet.size);
 }
 
-/// What is in a file of these bytes.
+/// Contents of a file of these bytes.
 inline tools::inspect::RecordingFindings inspect_bytes(const std::string& bytes, const std::string& suffix) {
   const TemporaryFile file(bytes, suffix);
   return tools::inspect::inspect_recording({file.path()});
@@ -73,7 +73,7 @@ inline tools::inspect::RecordingFindings inspect_bytes(const std::string& bytes,
 
 /// "nilio inspect <arguments>".
 inline CommandResult run_inspect(const std::string& arguments) {
-  return hear_command(tools::add_inspect_command, "inspect " + arguments);
+  return capture_command(tools::add_inspect_command, "inspect " + arguments);
 }
 
 }  // namespace nilio::tests

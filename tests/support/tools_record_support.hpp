@@ -35,7 +35,7 @@ inline sockaddr_in loopback_address(std::uint16_t port) {
   return address;
 }
 
-/// A bound UDP socket on a port of its own.
+/// A bound UDP socket on its own port.
 class LoopbackSocket {
  public:
   LoopbackSocket() : descriptor_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
@@ -61,10 +61,10 @@ class LoopbackSocket {
   std::uint16_t port_ = 0;
 };
 
-/// A port that was free a moment ago.
+/// A port that was free at the time of the call.
 inline std::uint16_t free_port() { return LoopbackSocket().port(); }
 
-/// A data packet's size, with its number in front.
+/// Packet with the size of a data packet and its number at the front.
 inline std::vector<std::uint8_t> numbered_payload(std::uint32_t number) {
   std::vector<std::uint8_t> payload(1206, static_cast<std::uint8_t>(number));
   std::memcpy(payload.data(), &number, sizeof(number));
@@ -81,7 +81,7 @@ inline std::vector<std::uint8_t> payload_of(const drivers::Packet& packet) {
   return {packet.data.begin(), packet.data.begin() + packet.size};
 }
 
-/// Every packet of a recording, of whichever ports.
+/// Every packet of a recording, of all ports.
 inline std::vector<drivers::Packet> read_recording(const std::string& path, std::uint16_t data_port,
                                                    std::uint16_t position_port = 1) {
   const auto files = daemon::find_replay_files({path});
@@ -137,7 +137,7 @@ inline std::vector<drivers::Packet> sensor_packets(std::size_t count, std::uint1
 /// `nilio` with both output streams in a file beside the recording.
 class NilioProcess {
  public:
-  /// `shell`: commands before it, such as limits.
+  /// `shell`: shell commands before it, such as limits.
   NilioProcess(std::filesystem::path log, const std::string& arguments, const std::string& shell = "")
       : log_(std::move(log)), pid_(fork()) {
     if (pid_ != 0) return;

@@ -9,23 +9,23 @@ namespace nilio::tests {
 
 using AddCommand = void (*)(CLI::App&, int&);
 
-/// What a command left behind.
+/// Exit status and outputs of a command.
 struct CommandResult {
   int status = 0;
   std::string output;
   std::string errors;
 };
 
-/// Status of a command line that is not accepted.
+/// Status of a rejected command line.
 inline constexpr int kNotAccepted = -1;
 
-/// Runs one of the program's commands as its main() does, and keeps what it says.
-CommandResult hear_command(AddCommand add_command, std::vector<std::string> arguments);
+/// Runs one of the program's commands as its main() does, and captures its output.
+CommandResult capture_command(AddCommand add_command, std::vector<std::string> arguments);
 
-/// The same for a line whose words are split as a shell does.
-CommandResult hear_command(AddCommand add_command, const std::string& line);
+/// The same for a line that is split as by a shell.
+CommandResult capture_command(AddCommand add_command, const std::string& line);
 
-/// The command's status alone.
+/// Only the status of the command.
 int run_command(AddCommand add_command, std::vector<std::string> arguments);
 
 }  // namespace nilio::tests

@@ -33,7 +33,7 @@ inline tools::simulate::TriangleMesh room_mesh(const Room& room) {
   return mesh;
 }
 
-/// A bend and some wobble through the hall at 8 m/s; base_link is on the floor.
+/// A bend with some wobble through the hall at 8 m/s; base_link is on the floor.
 inline std::vector<core::SE3> room_drive(double duration_s) {
   std::vector<core::SE3> poses;
   const long last = std::lround(duration_s / tools::simulate::kControlIntervalS);

@@ -19,7 +19,7 @@
 
 namespace nilio::tests {
 
-/// A folder of its own that goes when the test ends.
+/// Temporary folder, removed at the end of the test.
 class SimulationFolder {
  public:
   SimulationFolder()
@@ -65,7 +65,7 @@ inline SimulatedWorld make_world(const std::vector<core::SE3>& poses, std::uint6
   return {std::move(trajectory), std::move(town).value(), std::move(scene).value()};
 }
 
-/// Distance to the first surface on each ray; 0 where there is none.
+/// Distance to the first surface on each ray; 0 = none.
 inline std::vector<float> cast_rays(const tools::simulate::RayScene& scene,
                                     const std::vector<std::pair<core::Vector3, core::Vector3>>& rays,
                                     double time_s, float max_distance_m) {

@@ -20,7 +20,7 @@ std::string record_arguments(const TemporaryFolder& folder, std::uint16_t port,
          " --bind 127.0.0.1 --priority 0 --position-port 0 --port " + std::to_string(port) + " " + more;
 }
 
-/// Sends numbered packets, some 2000 a second; the times at which they were sent.
+/// Sends about 2000 numbered packets per second; returns their send times.
 std::vector<Clock::time_point> send_numbered(std::uint16_t port, std::uint32_t count) {
   const LoopbackSocket sender;
   std::vector<Clock::time_point> times;
@@ -34,7 +34,7 @@ std::vector<Clock::time_point> send_numbered(std::uint16_t port, std::uint32_t c
 
 }  // namespace
 
-TEST_CASE("a recording killed in the middle has every packet that was sent some time before") {
+TEST_CASE("a killed recording contains every packet up to shortly before the kill", "[record]") {
   const TemporaryFolder folder;
   const std::uint16_t port = tests::free_port();
   NilioProcess recorder(folder.path() / "log", record_arguments(folder, port, "--rotate-mb 1"));
@@ -44,7 +44,7 @@ TEST_CASE("a recording killed in the middle has every packet that was sent some 
   CHECK(recorder.end(SIGKILL) == -SIGKILL);
   const auto early =
       static_cast<std::size_t>(std::count_if(times.begin(), times.end(), [&](Clock::time_point time) {
-        // A second is promised; a busy computer and its disk get two more.
+        // One second is specified; a busy computer and its disk get two more.
         return killed - time > std::chrono::seconds(3);
       }));
   const auto numbers = numbers_of(tests::read_recording((folder.path() / "run").string(), port));
@@ -53,7 +53,7 @@ TEST_CASE("a recording killed in the middle has every packet that was sent some 
   CHECK(numbers == tests::count_up(numbers.size()));
 }
 
-TEST_CASE("SIGTERM ends a recording with everything that arrived, and with a summary") {
+TEST_CASE("SIGTERM ends a recording with all received packets and a summary", "[record]") {
   const TemporaryFolder folder;
   const std::uint16_t port = tests::free_port();
   NilioProcess recorder(folder.path() / "log", record_arguments(folder, port));
@@ -66,7 +66,7 @@ TEST_CASE("SIGTERM ends a recording with everything that arrived, and with a sum
   CHECK(numbers_of(tests::read_recording((folder.path() / "run").string(), port)) == tests::count_up(500));
 }
 
-TEST_CASE("a limit on the size of files ends a part, not the recording") {
+TEST_CASE("a limit on the size of files ends a part, not the recording", "[record]") {
   const TemporaryFolder folder;
   const std::uint16_t port = tests::free_port();
   // In blocks of 512 bytes.
@@ -79,7 +79,7 @@ TEST_CASE("a limit on the size of files ends a part, not the recording") {
   CHECK(numbers_of(tests::read_recording((folder.path() / "run").string(), port)) == tests::count_up(1500));
 }
 
-TEST_CASE("where nothing can be written the recorder says so, counts what is lost and ends in order") {
+TEST_CASE("if no file can be written the recorder reports it, counts the loss and ends cleanly", "[record]") {
   const TemporaryFolder folder;
   const std::uint16_t port = tests::free_port();
   // Too small for a single packet, large enough for the log.
@@ -93,7 +93,7 @@ TEST_CASE("where nothing can be written the recorder says so, counts what is los
   CHECK_THAT(recorder.output(), Contains("lost       0 by the kernel, 0 by full rings"));
 }
 
-TEST_CASE("a recording of a silent port fails and says what to check") {
+TEST_CASE("a recording of a silent port fails with advice", "[record]") {
   const TemporaryFolder folder;
   NilioProcess recorder(folder.path() / "log",
                         record_arguments(folder, tests::free_port(), "--duration 0.3"));
@@ -102,7 +102,7 @@ TEST_CASE("a recording of a silent port fails and says what to check") {
   CHECK(std::filesystem::is_empty(folder.path() / "run"));
 }
 
-TEST_CASE("what cannot be recorded is one message that says what to do") {
+TEST_CASE("errors of recording are one message with the remedy", "[record]") {
   const TemporaryFolder folder;
   const LoopbackSocket taken;
   const auto expect = [&](const std::string& arguments, const std::string& text) {

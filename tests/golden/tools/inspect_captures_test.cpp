@@ -31,7 +31,7 @@ CaptureFindings inspect_one(const std::filesystem::path& path) {
 
 }  // namespace
 
-TEST_CASE("what is told of every real capture is what is known of it") {
+TEST_CASE("the report of every real capture agrees with its known facts", "[inspect_captures]") {
   struct Fact {
     const char* file;
     VelodyneModel model;
@@ -89,7 +89,7 @@ TEST_CASE("what is told of every real capture is what is known of it") {
   }
 }
 
-TEST_CASE("a sensor with half its field of view switched off is said to have a blind sector") {
+TEST_CASE("a sensor with half its field of view switched off has a blind sector", "[inspect_captures]") {
   NILIO_REQUIRE_DATA(path, "velodyne/golden/vlp32.pcap");
   const CaptureFindings capture = inspect_one(path);
   const SensorFindings& sensor = capture.sensors.at(0);
@@ -101,12 +101,13 @@ TEST_CASE("a sensor with half its field of view switched off is said to have a b
   CHECK_THAT(sensor_report(sensor), Contains("from 270 to 91 deg clockwise"));
 }
 
-TEST_CASE("the gyros and accelerometers of a standing HDL-32E read gravity and no turning") {
+TEST_CASE("the gyros and accelerometers of a stationary HDL-32E measure gravity and no rotation",
+          "[inspect_captures]") {
   NILIO_REQUIRE_DATA(path, "velodyne/hdl32e_monterey_stationary.pcap");
   const CaptureFindings capture = inspect_one(path);
   const auto& telemetry = capture.sensors.at(0).telemetry;
   REQUIRE((telemetry && telemetry->motion));
-  // X of boards 0 and 1 points up; the gyros have zero offsets of up to 30 degrees a second.
+  // X of boards 0 and 1 points up; the gyros have zero offsets of up to 30 deg/s.
   for (const std::size_t board : {0U, 1U})
     CHECK((*telemetry->motion)[board].acceleration_x_m_s2.mean() == Approx(9.4).margin(0.3));
   for (const BoardMotion& board : *telemetry->motion) {
@@ -120,7 +121,8 @@ TEST_CASE("the gyros and accelerometers of a standing HDL-32E read gravity and n
   CHECK(utc_text(*telemetry->fix->utc) == "2012-12-11 22:06:33.000");
 }
 
-TEST_CASE("a sensor locked to GPS is told from the recorder's clock, which is off") {
+TEST_CASE("a sensor locked to GPS is distinguished from the recorder's clock with an offset",
+          "[inspect_captures]") {
   NILIO_REQUIRE_DATA(path, "velodyne/vlp16_gps_stationary.pcap");
   const CaptureFindings capture = inspect_one(path);
   const SensorFindings& sensor = capture.sensors.at(0);
@@ -135,7 +137,8 @@ TEST_CASE("a sensor locked to GPS is told from the recorder's clock, which is of
   CHECK_THAT(config, Contains("time_source: \"sensor\""));
 }
 
-TEST_CASE("the configuration made for every real capture is accepted and names its model") {
+TEST_CASE("the configuration written for every real capture is accepted and contains its model",
+          "[inspect_captures]") {
   const std::array<std::pair<const char*, const char*>, 4> files{{{"hdl32e_highway_moving.pcap", "HDL-32E"},
                                                                   {"vlp16_short.pcap", "VLP-16"},
                                                                   {"golden/vlp16.pcap", "VLP-16"},
@@ -149,14 +152,14 @@ TEST_CASE("the configuration made for every real capture is accepted and names i
     INFO((applied ? "" : applied.error().message));
     REQUIRE(applied.ok());
     CHECK(config.lidar.model == model);
-    // Nothing else differs from the defaults.
+    // No other key differs from the defaults.
     daemon::Config expected;
     expected.lidar.model = model;
     CHECK(daemon::to_yaml(config) == daemon::to_yaml(expected));
   }
 }
 
-TEST_CASE("a car's CAN log is told apart from an IMU's") {
+TEST_CASE("a car's CAN log is distinguished from an IMU's", "[inspect_captures]") {
   NILIO_REQUIRE_DATA(packed, "can/toyota_rav4_60s_candump.log.xz");
   const auto result = tests::run_inspect(packed.string());
   CHECK(result.status == 1);
@@ -178,7 +181,7 @@ TEST_CASE("a car's CAN log is told apart from an IMU's") {
   CHECK(kinematics->rate_hz() == Approx(82.9).margin(0.1));
 }
 
-TEST_CASE("with its DBC a car's messages have names, and every frame of them is decoded") {
+TEST_CASE("with its DBC a car's messages have names and all their frames are decoded", "[inspect_captures]") {
   NILIO_REQUIRE_DATA(packed, "can/toyota_rav4_60s_candump.log.xz");
   NILIO_REQUIRE_DATA(dbc, "can/toyota_2017.dbc");
   const tests::TemporaryFile log("", ".log");

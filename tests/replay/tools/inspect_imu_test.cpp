@@ -23,7 +23,7 @@ namespace {
 
 constexpr double kSeconds = 16.0;
 
-/// Bends to both sides at 6 m/s after standing for a second, with the brakes on now and then.
+/// Bends to both sides at 6 m/s after a stationary second, with occasional braking.
 core::SE3 winding(double t) {
   const double s = std::max(0.0, t - 1.0);
   const double along = (s < 2.0 ? 1.5 * s * s : 6.0 * s - 6.0) +
@@ -60,7 +60,7 @@ void write_imu_log(const std::vector<std::string>& faults) {
   }
 }
 
-/// What is said of the drive, by the configuration if there is one.
+/// Result of the check as JSON, with a configuration if there is one.
 json inspect(const std::string& arguments) {
   const auto result = tests::run_inspect(drive_folder().string() + " --json - " + arguments);
   CHECK(result.status == 0);
@@ -74,7 +74,7 @@ json inspect(const std::string& arguments) {
 std::vector<std::string> bad_checks(const json& drive) {
   std::vector<std::string> names;
   for (const auto& [name, row] : drive["health"]["checks"].items()) {
-    // An ideal IMU that stands repeats its values.
+    // An ideal stationary IMU repeats its values.
     if (row["state"] == "bad" && name != "gyro_stuck" && name != "accel_stuck") names.push_back(name);
   }
   return names;
@@ -82,7 +82,8 @@ std::vector<std::string> bad_checks(const json& drive) {
 
 }  // namespace
 
-TEST_CASE("an IMU that agrees with the LiDAR is said to, and there is nothing to correct", "[drives]") {
+TEST_CASE("an IMU that agrees with the LiDAR is reported as such, without a correction",
+          "[inspect_imu][drives]") {
   write_imu_log({});
   const json drive = inspect("");
   CHECK(bad_checks(drive).empty());
@@ -96,7 +97,7 @@ TEST_CASE("an IMU that agrees with the LiDAR is said to, and there is nothing to
                                 Contains("correction       none"));
 }
 
-TEST_CASE("the configuration written for a faulty IMU makes it agree", "[drives]") {
+TEST_CASE("the configuration written for a faulty IMU makes it agree", "[inspect_imu][drives]") {
   const TemporaryFolder folder;
   const std::string written = (folder.path() / "corrected.yaml").string();
   struct Case {
@@ -125,7 +126,8 @@ TEST_CASE("the configuration written for a faulty IMU makes it agree", "[drives]
   }
 }
 
-TEST_CASE("a mounting that is not configured is found, and kept with what was configured", "[drives]") {
+TEST_CASE("a mounting that is not configured is found, and the rest of the configuration is kept",
+          "[inspect_imu][drives]") {
   const TemporaryFolder folder;
   const std::string given = (folder.path() / "given.yaml").string();
   const std::string written = (folder.path() / "corrected.yaml").string();
@@ -142,7 +144,7 @@ TEST_CASE("a mounting that is not configured is found, and kept with what was co
   CHECK(config.imu.extrinsic.rotation_rpy_deg == rpy);
 }
 
-TEST_CASE("the check covers as much of the recording as is asked for", "[drives]") {
+TEST_CASE("the check covers the requested part of the recording", "[inspect_imu][drives]") {
   write_imu_log({});
   const json drive = inspect("--imu-seconds 3");
   CHECK(drive["cut_short"] == true);
@@ -152,7 +154,7 @@ TEST_CASE("the check covers as much of the recording as is asked for", "[drives]
   CHECK(json::parse(without.output)["imu_against_lidar"].is_null());
 }
 
-TEST_CASE("an IMU that is not in the log is a reason, not an end", "[drives]") {
+TEST_CASE("an IMU that is not in the log skips the check with a reason", "[inspect_imu][drives]") {
   write_imu_log({});
   const TemporaryFolder folder;
   const std::string other = (folder.path() / "other.yaml").string();

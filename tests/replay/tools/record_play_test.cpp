@@ -49,7 +49,8 @@ std::vector<drivers::Packet> read_replay(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("what is played over loopback is recorded byte for byte, in order and with rising stamps") {
+TEST_CASE("packets played over loopback are recorded byte for byte, in order and with rising stamps",
+          "[record_play]") {
   const TemporaryFolder played;
   const TemporaryFolder recorded;
   const std::uint16_t data_port = tests::free_port();
@@ -86,7 +87,7 @@ TEST_CASE("what is played over loopback is recorded byte for byte, in order and 
   for (const drivers::Packet& packet : found) CHECK(packet.sender_address == 0x7F000001);
 }
 
-TEST_CASE("the parts of a recording replay as the one file with the same packets") {
+TEST_CASE("the parts of a recording replay like one file with the same packets", "[record_play]") {
   const TemporaryFolder whole;
   const TemporaryFolder parts_folder;
   const auto packets = tests::sensor_packets(1000, 2368, 8308);
@@ -112,7 +113,7 @@ TEST_CASE("the parts of a recording replay as the one file with the same packets
   }
 }
 
-TEST_CASE("a recorded file cut anywhere gives every packet before the cut") {
+TEST_CASE("a file truncated anywhere delivers every packet before the cut", "[record_play]") {
   const TemporaryFolder folder;
   const auto packets = tests::sensor_packets(8, 2368, 8308);
   const auto path = folder.path() / "lidar_0001.pcap";

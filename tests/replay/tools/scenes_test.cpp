@@ -34,7 +34,7 @@ struct SceneRun {
   }
 };
 
-/// Simulates a VLP-16's drive through a scene and registers it as niliod would.
+/// Simulates a VLP-16 drive through a scene and registers it as niliod does.
 SceneRun drive(const std::string& scene, std::vector<std::string> options) {
   const TemporaryFolder folder;
   const std::string path = folder.file(scene);
@@ -54,8 +54,8 @@ SceneRun drive(const std::string& scene, std::vector<std::string> options) {
 
 }  // namespace
 
-TEST_CASE("a bare tunnel is driven through with its axis said to be weak, and tracking goes on behind it",
-          "[drives]") {
+TEST_CASE("a bare tunnel is reported as degenerate along its axis, and tracking continues behind it",
+          "[scenes][drives]") {
   for (const char* imu : {"xsens_mti", "none"}) {
     CAPTURE(imu);
     const SceneRun run = drive("tunnel", {"--imu", imu});
@@ -71,7 +71,7 @@ TEST_CASE("a bare tunnel is driven through with its axis said to be weak, and tr
     }
     CHECK(along > 60);
     CHECK(other == 0);
-    // 15 s of driving by the last speed known.
+    // 15 s of driving at the last known speed.
     CHECK(widest_m > 1.0);
     const auto behind = run.results.end() - 40;
     CHECK(std::count_if(behind, run.results.end(),
@@ -80,7 +80,7 @@ TEST_CASE("a bare tunnel is driven through with its axis said to be weak, and tr
   }
 }
 
-TEST_CASE("a car park's ramps, a forest and hard manoeuvres are tracked throughout", "[drives]") {
+TEST_CASE("a car park's ramps, a forest and hard manoeuvres are tracked throughout", "[scenes][drives]") {
   struct Expected {
     const char* scene;
     const char* duration;
@@ -98,18 +98,19 @@ TEST_CASE("a car park's ramps, a forest and hard manoeuvres are tracked througho
   }
 }
 
-TEST_CASE("traffic on a highway does not take the pose along", "[drives]") {
+TEST_CASE("traffic on a highway does not displace the pose", "[scenes][drives]") {
   const SceneRun run = drive("highway", {"--sensor", "hdl64e", "--duration", "30"});
   CHECK(run.count(TrackingState::kLost) == 0);
   REQUIRE(run.accuracy.far);
   CHECK(run.accuracy.far->translation_percent < 0.5);
 }
 
-TEST_CASE("a parked car stays where it is while others pass and a bus stops beside it", "[drives]") {
+TEST_CASE("the pose of a parked car stays constant while traffic passes and a bus stops beside it",
+          "[scenes][drives]") {
   const SceneRun run = drive("standstill", {"--duration", "30"});
   CHECK(run.count(TrackingState::kTracking) + run.count(TrackingState::kInitialising) ==
         static_cast<std::ptrdiff_t>(run.results.size()));
-  // Means of a second each: a single scan's pose has the noise of its ranges.
+  // Means of one second, since single poses have the noise of the ranges.
   const auto mean_place = [&](std::size_t first) {
     core::Vector3 sum = core::Vector3::Zero();
     for (std::size_t i = first; i < first + 10; ++i) sum += run.results[i].T_odom_base.translation;
@@ -117,10 +118,10 @@ TEST_CASE("a parked car stays where it is while others pass and a bus stops besi
   };
   for (std::size_t first = 20; first + 10 <= run.results.size(); first += 10) {
     CAPTURE(first);
-    // The bus hides half of what the car can see.
+    // The bus hides half of the view.
     CHECK((mean_place(first) - mean_place(10)).norm() < 0.025);
   }
   CHECK((mean_place(run.results.size() - 10) - mean_place(10)).norm() < 0.01);
-  // The map is not fed while standing, but once or twice by a pose that looks as if it moved.
+  // The map is not updated while stationary, except once or twice by an apparent motion.
   CHECK(run.results.back().map_voxels < 1.1 * run.results[20].map_voxels);
 }

@@ -1,6 +1,6 @@
-#include "nilio/core/units.hpp"
-
 #include "tools/inspect/imu_calibration/imu_calibration.hpp"
+
+#include "nilio/core/units.hpp"
 
 #include <cmath>
 #include <functional>
@@ -10,6 +10,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
+using namespace nilio::tools::inspect;
 
 namespace {
 
@@ -18,11 +19,11 @@ constexpr double kSamplePeriod = 0.005;
 
 using Drive = std::function<SE3(double)>;
 
-/// Bends to both sides while braking and speeding up, on a level road.
+/// Bends to both sides with braking and acceleration, on a level road.
 SE3 winding(double t) {
   const double along = 8.0 * t + 3.0 * std::sin(0.6 * t);
   const double yaw = 0.8 * std::sin(0.35 * t) + 0.2 * std::sin(0.9 * t);
-  // Follows the heading closely enough for forces that belong to it.
+  // Close enough to the heading for the forces that belong to it.
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())),
           Vector3(along, 15.0 * std::sin(0.35 * t), 0.0)};
 }
@@ -37,7 +38,7 @@ std::vector<RegisteredMotion> motions_of(const Drive& drive, double seconds) {
     motion.to = Time::from_seconds(t + kScanPeriod);
     motion.T_odom_from = drive(motion.from.seconds());
     motion.T_odom_to = drive(motion.to.seconds());
-    // Stamps are whole nanoseconds: what follows begins where the one before ended.
+    // Stamps are whole nanoseconds; consecutive motions share one.
     if (!motions.empty()) {
       motion.from = motions.back().to;
       motion.T_odom_from = motions.back().T_odom_to;
@@ -69,8 +70,8 @@ SE3 rotated(double roll_deg, double pitch_deg, double yaw_deg) {
 
 struct Case {
   Drive drive = winding;
-  SE3 actual{};      ///< as it is mounted
-  SE3 configured{};  ///< as it is said to be
+  SE3 actual{};      ///< true mounting
+  SE3 configured{};  ///< configured mounting
   std::function<void(ImuSample&)> fault{};
 };
 
@@ -103,7 +104,7 @@ void send_as(std::array<double, 3>& values, const Permutation& axes) {
 
 }  // namespace
 
-TEST_CASE("an IMU that is right needs no correction, with a crooked but known mounting, too") {
+TEST_CASE("a correct IMU needs no correction, also with a configured rotated mounting", "[imu_calibration]") {
   for (const SE3& mounting : {SE3::identity(), rotated(3.0, -7.0, 40.0), rotated(180.0, 0.0, 90.0)}) {
     const ImuCalibration correction = correct({.actual = mounting, .configured = mounting});
     CHECK_FALSE(correction.any());
@@ -113,7 +114,7 @@ TEST_CASE("an IMU that is right needs no correction, with a crooked but known mo
   }
 }
 
-TEST_CASE("a mounting that the configuration does not have is found about every axis") {
+TEST_CASE("a mounting that is not configured is found about every axis", "[imu_calibration]") {
   for (const SE3& actual : {rotated(0.0, 0.0, 10.0), rotated(0.0, 10.0, 0.0), rotated(10.0, 0.0, 0.0),
                             rotated(-5.0, 8.0, 130.0)}) {
     const ImuCalibration correction = correct({.actual = actual});
@@ -124,14 +125,14 @@ TEST_CASE("a mounting that the configuration does not have is found about every 
   }
 }
 
-TEST_CASE("whole axes are meant where the fit is near them") {
+TEST_CASE("a fit near an axis permutation is snapped to it", "[imu_calibration]") {
   const ImuCalibration correction = correct({.actual = rotated(180.0, 0.0, 89.0)});
   CHECK(correction.along_axes);
   const Matrix3 whole = rotated(180.0, 0.0, 90.0).rotation.toRotationMatrix();
   CHECK((correction.R_base_imu.toRotationMatrix() - whole).norm() < 1e-6);
 }
 
-TEST_CASE("axes sent as a mirror image are put right by signs and a rotation") {
+TEST_CASE("mirrored axes are corrected by signs and a rotation", "[imu_calibration]") {
   const SE3 mounting = rotated(0.5, -0.3, 0.8);
   for (const Permutation& axes : std::vector<Permutation>{
            {3, 2, 1}, {1, 2, -3}, {-1, -2, -3}, {2, 1, 3}, {-1, 2, 3}, {2, 3, 1}, {-2, 1, 3}}) {
@@ -144,7 +145,7 @@ TEST_CASE("axes sent as a mirror image are put right by signs and a rotation") {
     REQUIRE(correction.orientation_changed);
     CHECK(correction.along_axes);
     CHECK(correction.negate_gyro == correction.negate_accel);
-    // What is measured for base_link's axes, corrected, is base_link's axes again.
+    // The corrected measurement of base_link's axes is base_link's axes.
     for (int k = 0; k < 3; ++k) {
       const Vector3 direction = mounting.rotation.conjugate() * Vector3::Unit(k);
       std::array<double, 3> sent{direction.x(), direction.y(), direction.z()};
@@ -157,7 +158,7 @@ TEST_CASE("axes sent as a mirror image are put right by signs and a rotation") {
   }
 }
 
-TEST_CASE("of several ways to undo a mirror image the plainest is chosen") {
+TEST_CASE("the smallest rotation is chosen among the corrections of mirrored axes", "[imu_calibration]") {
   const auto flip = [](const Permutation& axes) {
     return correct({.fault = [axes](ImuSample& s) {
       send_as(s.angular_velocity, axes);
@@ -170,7 +171,7 @@ TEST_CASE("of several ways to undo a mirror image the plainest is chosen") {
   CHECK(degrees_of(flip({-1, -2, -3})).norm() == Approx(0.0).margin(1e-6));
 }
 
-TEST_CASE("a gyroscope whose sign alone is wrong is told from a mounting") {
+TEST_CASE("a wrong sign of the gyroscope alone is distinguished from a mounting", "[imu_calibration]") {
   const ImuCalibration correction = correct({.fault = [](ImuSample& s) { s.angular_velocity[2] *= -1.0; }});
   CHECK(correction.orientation_changed);
   CHECK(correction.negate_gyro == std::array<bool, 3>{false, false, true});
@@ -178,14 +179,15 @@ TEST_CASE("a gyroscope whose sign alone is wrong is told from a mounting") {
   CHECK(degrees_of(correction).norm() == Approx(0.0).margin(1e-9));
 }
 
-TEST_CASE("a gyroscope with other axes than its accelerometer cannot be put right by a rotation") {
+TEST_CASE("a gyroscope with other axes than its accelerometer is reported as not correctable by a rotation",
+          "[imu_calibration]") {
   const ImuCalibration correction =
       correct({.fault = [](ImuSample& s) { std::swap(s.angular_velocity[0], s.angular_velocity[2]); }});
   CHECK(correction.axes_disagree);
   CHECK_FALSE(correction.orientation_changed);
 }
 
-TEST_CASE("units are told by their factor, other scales are measured") {
+TEST_CASE("unit mistakes are recognised by their factor, other scales are estimated", "[imu_calibration]") {
   const auto degrees = correct({.fault = [](ImuSample& s) { scale(s.angular_velocity, 57.29578); }});
   CHECK(degrees.gyro.is_unit);
   CHECK(degrees.gyro.factor == Approx(std::numbers::pi / 180.0));
@@ -200,7 +202,8 @@ TEST_CASE("units are told by their factor, other scales are measured") {
   CHECK(low.gyro.factor == Approx(1.25).margin(0.01));
 }
 
-TEST_CASE("a time offset is found to a few milliseconds, beyond what one fit looks at, too") {
+TEST_CASE("a time offset is found to a few milliseconds, also beyond the range of one fit",
+          "[imu_calibration]") {
   for (const double offset_ms : {-600.0, -100.0, -20.0, 20.0, 100.0, 150.0}) {
     const auto late = [offset_ms](ImuSample& s) {
       s.stamp = s.stamp + Duration::from_milliseconds(offset_ms);
@@ -213,12 +216,12 @@ TEST_CASE("a time offset is found to a few milliseconds, beyond what one fit loo
   }
 }
 
-TEST_CASE("what is left of a correction is added to it") {
+TEST_CASE("the residual calibration of a second run is added to the first", "[imu_calibration]") {
   const ImuCalibration first = correct({.actual = rotated(0.0, 0.0, 10.0), .fault = [](ImuSample& s) {
-                                         s.stamp = s.stamp + Duration::from_milliseconds(50.0);
-                                         scale(s.angular_velocity, 57.29578);
-                                         s.angular_velocity[2] *= -1.0;
-                                       }});
+                                          s.stamp = s.stamp + Duration::from_milliseconds(50.0);
+                                          scale(s.angular_velocity, 57.29578);
+                                          s.angular_velocity[2] *= -1.0;
+                                        }});
   REQUIRE(first.gyro.is_unit);
   REQUIRE(first.negate_gyro[2]);
   ImuCalibration rest;
@@ -239,7 +242,7 @@ TEST_CASE("what is left of a correction is added to it") {
   CHECK_FALSE(refine(first, rest).negate_gyro[2]);
 }
 
-TEST_CASE("a straight road at steady speed tells only which way is up") {
+TEST_CASE("a straight road at steady speed observes only the vertical axis", "[imu_calibration]") {
   const ImuCalibration level = correct({.drive = straight});
   CHECK_FALSE(level.any());
   CHECK_FALSE(level.gyro.known);
@@ -251,13 +254,13 @@ TEST_CASE("a straight road at steady speed tells only which way is up") {
   const ImuCalibration over = correct({.drive = straight, .actual = rotated(180.0, 0.0, 0.0)});
   CHECK(over.orientation_changed);
   CHECK(std::abs(degrees_of(over).x()) == Approx(180.0).margin(1e-6));
-  // The yaw that is configured is kept where the drive does not show it.
+  // The configured yaw is kept where it is not observed.
   const ImuCalibration kept =
       correct({.drive = straight, .actual = rotated(0.0, 20.0, 30.0), .configured = rotated(0.0, 0.0, 30.0)});
   CHECK(degrees_of(kept).z() == Approx(30.0).margin(4.0));
 }
 
-TEST_CASE("without samples or motions nothing is known and nothing is changed") {
+TEST_CASE("without samples or motions there is no result and no change", "[imu_calibration]") {
   const SE3 configured = rotated(1.0, 2.0, 3.0);
   const ImuCalibration nothing = calibrate_imu({}, {}, {.T_base_imu = configured});
   CHECK_FALSE(nothing.any());
@@ -265,7 +268,7 @@ TEST_CASE("without samples or motions nothing is known and nothing is changed") 
   CHECK_FALSE(calibrate_imu(motions_of(winding, 20.0), {}, {.T_base_imu = configured}).any());
 }
 
-TEST_CASE("roll, pitch and yaw give the rotation back, upright pitch too") {
+TEST_CASE("roll, pitch and yaw reproduce the rotation, also at gimbal lock", "[imu_calibration]") {
   for (const Vector3& rpy : {Vector3(10, 20, 30), Vector3(-170, 5, 90), Vector3(0, 90, 0),
                              Vector3(0, -90, 45), Vector3(30, 90, 10)}) {
     const Matrix3 wanted = rotated(rpy.x(), rpy.y(), rpy.z()).rotation.toRotationMatrix();

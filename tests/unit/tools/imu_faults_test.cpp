@@ -36,12 +36,12 @@ std::string problem_with(const std::string& fault) {
 
 /// "nilio simulate <arguments>".
 tests::CommandResult simulate(const std::string& arguments) {
-  return tests::hear_command(tools::add_simulate_command, "simulate " + arguments);
+  return tests::capture_command(tools::add_simulate_command, "simulate " + arguments);
 }
 
 }  // namespace
 
-TEST_CASE("without faults samples stay as they are and no frame is lost") {
+TEST_CASE("without faults samples are unchanged and no frame is lost", "[imu_faults]") {
   ImuFaults faults({}, kBegin, kDuration, 1);
   const auto sample = faults.apply(kSample);
   REQUIRE(sample);
@@ -51,26 +51,26 @@ TEST_CASE("without faults samples stay as they are and no frame is lost") {
   for (int i = 0; i < 100; ++i) CHECK_FALSE(faults.loses_frame());
 }
 
-TEST_CASE("axes are sent as asked for, gyroscope and accelerometer alike") {
+TEST_CASE("axes are permuted as configured, for gyroscope and accelerometer", "[imu_faults]") {
   const auto sample = make("axes=-zyx").apply(kSample);
   REQUIRE(sample);
   CHECK(sample->angular_velocity == std::array{-0.3, 0.2, 0.1});
   CHECK(sample->linear_acceleration == std::array{-9.0, 2.0, 1.0});
 }
 
-TEST_CASE("units, bias, range, mounting and clock change values and stamps by what was asked for") {
+TEST_CASE("units, bias, range, mounting and clock change values and stamps as configured", "[imu_faults]") {
   CHECK(make("gyro_degrees").apply(kSample)->angular_velocity[0] == Approx(5.7296).margin(1e-4));
   CHECK(make("accel_g").apply(kSample)->linear_acceleration[2] == Approx(9.0 / 9.80665));
   CHECK(make("gyro_bias=2").apply(kSample)->angular_velocity[0] == Approx(0.1 + 0.034907).margin(1e-5));
   CHECK(make("gyro_range=10").apply(kSample)->angular_velocity[2] == Approx(0.174533).margin(1e-5));
   CHECK(make("time_offset=-20").apply(kSample)->stamp == kBegin - core::Duration{20'000'000});
-  // x of an IMU that is turned left by 90 degrees points where y pointed.
+  // x of an IMU turned left by 90 degrees points along the former y.
   const auto turned = make("mounting_yaw=90").apply(kSample);
   CHECK(turned->angular_velocity[0] == Approx(0.2));
   CHECK(turned->angular_velocity[1] == Approx(-0.1));
 }
 
-TEST_CASE("dropouts and stuck values begin half way through the drive") {
+TEST_CASE("dropouts and stuck values begin half way through the drive", "[imu_faults]") {
   ImuFaults dropout = make("dropout=2");
   CHECK(dropout.apply(at(4.99, 0.1)));
   CHECK_FALSE(dropout.apply(at(5.0, 0.1)));
@@ -84,14 +84,15 @@ TEST_CASE("dropouts and stuck values begin half way through the drive") {
   CHECK(stuck.apply(at(6.0, 0.3))->stamp == at(6.0, 0.0).stamp);
 }
 
-TEST_CASE("the share of frames asked for is lost") {
+TEST_CASE("the configured share of frames is lost", "[imu_faults]") {
   ImuFaults faults = make("frames_lost=30");
   int lost = 0;
   for (int i = 0; i < 10000; ++i) lost += faults.loses_frame() ? 1 : 0;
   CHECK(lost == Approx(3000).margin(150));
 }
 
-TEST_CASE("a fault that is misspelt or out of range is refused with what there is") {
+TEST_CASE("a misspelt fault or a value out of range is rejected with the list of faults or the range",
+          "[imu_faults]") {
   CHECK(problem_with("gyro_biass=2").find("gyro_bias=VALUE") != std::string::npos);
   CHECK(problem_with("gyro_bias").find("deg/s between -100 and 100") != std::string::npos);
   CHECK(problem_with("gyro_bias=nan").find("between") != std::string::npos);
@@ -102,7 +103,8 @@ TEST_CASE("a fault that is misspelt or out of range is refused with what there i
   CHECK(problem_with("stuck=1").find("no value") != std::string::npos);
 }
 
-TEST_CASE("nilio simulate plants several faults, and refuses them without an IMU or when misspelt") {
+TEST_CASE("nilio simulate applies several faults, and rejects them without an IMU or when misspelt",
+          "[imu_faults]") {
   const tests::SimulationFolder folder;
   const std::string options = folder.path().string() + " --duration 1 --moving-start --moving-cars 0";
   REQUIRE(simulate(options).status == 0);

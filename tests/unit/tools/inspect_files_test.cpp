@@ -21,7 +21,7 @@ using drivers::VelodyneModel;
 
 namespace {
 
-/// `seconds` of an IMU at 100 Hz that stands still.
+/// `seconds` of a stationary IMU at 100 Hz.
 std::string imu_log(const std::string& preset_name, double seconds, const core::ImuSample& sample,
                     std::int64_t start_ns = kEpochNs, const std::string& interface_name = "can0") {
   const drivers::ImuPreset preset = drivers::imu_preset(preset_name).value();
@@ -78,10 +78,10 @@ daemon::Config load(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("the frames of every IMU preset are recognised, with rate, bias and attitude") {
+TEST_CASE("the frames of every IMU preset are recognised, with rate, bias and attitude", "[inspect_files]") {
   for (const std::string& preset : drivers::imu_preset_names()) {
     const drivers::ImuPreset built_in = drivers::imu_preset(preset).value();
-    // Fewer than six axes are not for odometry.
+    // Presets with fewer than six axes are not for odometry.
     if (!drivers::ImuDecoder::create(built_in.mapping, built_in.database)) continue;
     INFO(preset);
     const RecordingFindings findings = inspect_bytes(imu_log(preset, 5.0, standing()), ".log");
@@ -100,7 +100,7 @@ TEST_CASE("the frames of every IMU preset are recognised, with rate, bias and at
   }
 }
 
-TEST_CASE("an IMU upside down, one with other units and half an IMU are told") {
+TEST_CASE("an inverted IMU, other units and missing IMU messages are reported", "[inspect_files]") {
   core::ImuSample turned = standing();
   turned.linear_acceleration[2] = -9.81;
   CHECK_THAT(inspect_report(inspect_bytes(imu_log("xsens_mti", 3.0, turned), ".log")),
@@ -117,7 +117,7 @@ TEST_CASE("an IMU upside down, one with other units and half an IMU are told") {
   CHECK_THAT(inspect_report(inspect_bytes(half, ".log")), Contains("some of its messages are missing"));
 }
 
-TEST_CASE("broken lines, error frames and endless lines of a CAN log are counted") {
+TEST_CASE("broken lines, error frames and overlong lines of a CAN log are counted", "[inspect_files]") {
   const std::string log = imu_log("xsens_mti", 1.0, standing()) + "(1700000001.5) can0 zzz\n" +
                           "(9000000000.000000) can0 032#000000000000\n" +
                           "(1700000001.600000) can0 20000004#0000000000000000\n(" +
@@ -134,7 +134,8 @@ TEST_CASE("broken lines, error frames and endless lines of a CAN log are counted
   CHECK(can.interfaces.at("can1") == 1);
 }
 
-TEST_CASE("a CAN log of another time than the capture is said to be so, with how far off") {
+TEST_CASE("a CAN log without overlap with the capture is reported with the time between them",
+          "[inspect_files]") {
   const SimulationFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing(), kEpochNs + 100'000'000'000));
@@ -154,7 +155,8 @@ TEST_CASE("a CAN log of another time than the capture is said to be so, with how
   CHECK_THAT(inspect_report(together), Contains("covers 100.0 %"));
 }
 
-TEST_CASE("the configuration has ports, sender and IMU where they differ, and a replay takes it") {
+TEST_CASE("the configuration contains differing ports, sender and IMU, and a replay accepts it",
+          "[inspect_files]") {
   const SimulationFolder folder;
   const auto capture = folder.path() / "lidar.pcap";
   const auto yaml = folder.path() / "nilio.yaml";
@@ -187,7 +189,7 @@ TEST_CASE("the configuration has ports, sender and IMU where they differ, and a 
   CHECK_THAT(unknown.errors, Contains("192.168.1.201:3000, 192.168.1.202:3000"));
 }
 
-TEST_CASE("a CAN log without a known IMU switches the IMU off in the configuration") {
+TEST_CASE("a CAN log without a known IMU disables the IMU in the configuration", "[inspect_files]") {
   const SimulationFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "car.log", "(1700000000.000000) can0 123#00\n");
@@ -196,7 +198,8 @@ TEST_CASE("a CAN log without a known IMU switches the IMU off in the configurati
   CHECK_FALSE(load(yaml).imu.enabled);
 }
 
-TEST_CASE("an HDL-64E's own calibration is found, saved and named in the configuration") {
+TEST_CASE("an HDL-64E's own calibration is found, saved and referenced in the configuration",
+          "[inspect_files]") {
   const SimulationFolder folder;
   write(folder.path() / "lidar.pcap", hdl64e_capture());
   const std::string yaml = (folder.path() / "nilio.yaml").string();
@@ -219,7 +222,7 @@ TEST_CASE("an HDL-64E's own calibration is found, saved and named in the configu
   CHECK(sensor->lasers == sent->lasers);
 }
 
-TEST_CASE("a sensor that does not send its calibration has none to save") {
+TEST_CASE("saving the calibration of a sensor that does not send one is an error", "[inspect_files]") {
   const TemporaryFile capture(vlp16_capture(kFirstSensor, 2368), ".pcap");
   const TemporaryFile calibration("", ".yaml");
   const CommandResult result = run_inspect(capture.path() + " --write-calibration " + calibration.path());
@@ -227,7 +230,8 @@ TEST_CASE("a sensor that does not send its calibration has none to save") {
   CHECK_THAT(result.errors, Contains("VLP-16") && Contains("does not send its calibration"));
 }
 
-TEST_CASE("the JSON on standard output is alone there and says what the report says") {
+TEST_CASE("with JSON on standard output there is only JSON, with the contents of the report",
+          "[inspect_files]") {
   const TemporaryFile capture(vlp16_capture(kFirstSensor, 2368), ".pcap");
   const CommandResult result = run_inspect(capture.path() + " --json -");
   CHECK(result.status == 0);
@@ -242,7 +246,7 @@ TEST_CASE("the JSON on standard output is alone there and says what the report s
   CHECK(sensor.at("hdl64e").is_null());
 }
 
-TEST_CASE("missing files and folders without recordings end the command with a message") {
+TEST_CASE("missing files and folders without recordings are errors with a message", "[inspect_files]") {
   const SimulationFolder folder;
   write(folder.path() / "notes.txt", "hello\n");
   const CommandResult empty = run_inspect(folder.path().string());

@@ -1,6 +1,6 @@
 #include "tools/common/line_fit.hpp"
 
-#include "tools/bench/soak/soak_report.hpp"
+#include "tools/bench/soak/soak.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -44,7 +44,7 @@ MemorySeries series_of(const std::vector<double>& kib) {
 
 }  // namespace
 
-TEST_CASE("samples on a line give its slope without an error") {
+TEST_CASE("samples on a line give its slope with error zero", "[line_fit]") {
   const std::vector<double> x = seconds(50);
   std::vector<double> y;
   for (const double t : x) y.push_back(7.0 + 0.25 * t);
@@ -56,7 +56,7 @@ TEST_CASE("samples on a line give its slope without an error") {
   CHECK_FALSE(fit.is_level());
 }
 
-TEST_CASE("the slope and standard error are those of the textbook where neighbours differ at random") {
+TEST_CASE("slope and standard error are those of the textbook for independent samples", "[line_fit]") {
   // Residuals +1 -1 -1 +1 ...: without slope, and their lag-1 products cancel.
   const std::vector<double> x = seconds(8);
   const std::vector<double> y{1, -1, -1, 1, 1, -1, -1, 1};
@@ -67,7 +67,7 @@ TEST_CASE("the slope and standard error are those of the textbook where neighbou
   CHECK(fit.is_level());
 }
 
-TEST_CASE("twice the standard error covers a true slope about nineteen times of twenty") {
+TEST_CASE("twice the standard error covers a true slope in about 95 % of cases", "[line_fit]") {
   Noise noise;
   int covered = 0;
   const int trials = 1000;
@@ -82,7 +82,7 @@ TEST_CASE("twice the standard error covers a true slope about nineteen times of 
   CHECK(covered < 990);
 }
 
-TEST_CASE("a random walk is not taken for a trend, though independent samples would make it one") {
+TEST_CASE("a random walk is no trend, although it would be one for independent samples", "[line_fit]") {
   Noise noise;
   int trends = 0;
   const std::vector<double> x = seconds(300);
@@ -92,11 +92,11 @@ TEST_CASE("a random walk is not taken for a trend, though independent samples wo
     for (std::size_t i = 0; i < x.size(); ++i) y.push_back(at += noise.next());
     trends += fit_line(x, y).is_level() ? 0 : 1;
   }
-  // By independent samples it would be more than nine of ten.
+  // For independent samples it would be above 90 %.
   CHECK(trends < 40);
 }
 
-TEST_CASE("a single step is no trend, whatever its height; ten of them are one") {
+TEST_CASE("a single step of any height is no trend; ten steps are one", "[line_fit]") {
   const std::vector<double> x = seconds(600);
   std::vector<double> once(600, 0.0);
   std::fill(once.begin() + 250, once.end(), 1000.0);
@@ -107,7 +107,7 @@ TEST_CASE("a single step is no trend, whatever its height; ten of them are one")
   CHECK_FALSE(fit_line(x, often).is_level());
 }
 
-TEST_CASE("too few samples, or all at once, are no line") {
+TEST_CASE("too few samples, or all at one x, give no line", "[line_fit]") {
   CHECK(fit_line(seconds(2), seconds(2)).slope == 0.0);
   const std::vector<double> same(5, 1.0);
   CHECK(fit_line(same, seconds(5)).slope == 0.0);
@@ -115,8 +115,9 @@ TEST_CASE("too few samples, or all at once, are no line") {
 }
 
 TEST_CASE(
-    "memory that stays, or takes a page once, is level; a leak of two KiB a minute is not, nor a larger "
-    "step") {
+    "memory that is constant, or takes one page, is level; a leak of two KiB a minute or a larger step is "
+    "not",
+    "[line_fit]") {
   std::vector<double> kib(600, 40000.0);
   CHECK(is_level(series_of(kib)));
   for (std::size_t i = 300; i < kib.size(); ++i) kib[i] += 4.0;
@@ -131,7 +132,7 @@ TEST_CASE(
   CHECK(is_level(series_of({kib.begin() + 600, kib.begin() + 1200})));
 }
 
-TEST_CASE("the faults of a soak run are named, and a good run has none") {
+TEST_CASE("the faults of a soak run are listed, and a good run has none", "[line_fit]") {
   SoakResult result;
   result.pipeline = series_of(std::vector<double>(100, 5.0));
   result.scans = result.poses = 900;

@@ -51,7 +51,7 @@ struct Parts {
   core::Result<RecordParts> created;
 };
 
-/// Counts its slots up and then ends.
+/// Source with ascending slots that then ends.
 class CountingSource final : public drivers::PacketSource {
  public:
   CountingSource(std::int64_t first_ns, std::int64_t step_ns, std::size_t count)
@@ -77,7 +77,8 @@ class CountingSource final : public drivers::PacketSource {
 
 }  // namespace
 
-TEST_CASE("rotation by size keeps every packet exactly once and no part beyond its size") {
+TEST_CASE("rotation by size stores every packet exactly once and limits the size of parts",
+          "[record_parts]") {
   const TemporaryFolder folder;
   Parts parts(folder.path(), {.rotate_bytes = 20'000, .keep = 0});
   for (std::uint32_t i = 0; i < 500; ++i) parts->append(RecordStream::kLidar, numbered_record(i), i);
@@ -95,7 +96,8 @@ TEST_CASE("rotation by size keeps every packet exactly once and no part beyond i
   CHECK(parts.lines.empty());
 }
 
-TEST_CASE("rotation by time begins a part at its age, and both files of a part bear its number") {
+TEST_CASE("rotation by time limits the age of parts, and both files of a part have its number",
+          "[record_parts]") {
   const TemporaryFolder folder;
   Parts parts(folder.path(), {.rotate_after = {10'000'000'000}});
   const std::vector<std::uint8_t> line(40, 'x');
@@ -112,14 +114,15 @@ TEST_CASE("rotation by time begins a part at its age, and both files of a part b
   CHECK(fs::file_size(folder.path() / "can_0002.log") == 400);
 }
 
-TEST_CASE("a folder with recordings is gone on with and nothing in it is overwritten") {
+TEST_CASE("recording into a folder with recordings continues the numbers and overwrites no file",
+          "[record_parts]") {
   const TemporaryFolder folder;
   std::ofstream(folder.path() / "lidar_0007.pcap") << "old";
   std::ofstream(folder.path() / "can_0009.log") << "old";
   std::ofstream(folder.path() / "lidar_0042.pcap.bak") << "something else";
   Parts parts(folder.path(), {.rotate_bytes = 2'000});
   parts->append(RecordStream::kLidar, numbered_record(0), 0);
-  // Another program takes the next number meanwhile.
+  // Another program uses the next number meanwhile.
   std::ofstream(folder.path() / "lidar_0011.pcap") << "foreign";
   parts->append(RecordStream::kLidar, numbered_record(1), 1);
   parts->close(2);
@@ -131,7 +134,7 @@ TEST_CASE("a folder with recordings is gone on with and nothing in it is overwri
   CHECK(parts.counters.written[0].load() == 2);
 }
 
-TEST_CASE("only the newest parts are kept, and those of earlier recordings count") {
+TEST_CASE("only the newest parts are kept, including those of earlier recordings", "[record_parts]") {
   const TemporaryFolder folder;
   std::ofstream(folder.path() / "lidar_0001.pcap") << "old";
   std::ofstream(folder.path() / "can_0001.log") << "old";
@@ -146,7 +149,7 @@ TEST_CASE("only the newest parts are kept, and those of earlier recordings count
   CHECK(parts.counters.deleted.load() == 5);
 }
 
-TEST_CASE("a recording of nothing leaves no file") {
+TEST_CASE("a recording without data leaves no file", "[record_parts]") {
   const TemporaryFolder folder;
   Parts parts(folder.path() / "new" / "folder", {});
   parts->flush(0);
@@ -154,7 +157,7 @@ TEST_CASE("a recording of nothing leaves no file") {
   CHECK(file_names(folder.path() / "new" / "folder").empty());
 }
 
-TEST_CASE("a folder that cannot be made is named") {
+TEST_CASE("a folder that cannot be created is named in the error", "[record_parts]") {
   const TemporaryFolder folder;
   std::ofstream(folder.path() / "file") << "x";
   RecordCounters counters;
@@ -164,7 +167,8 @@ TEST_CASE("a folder that cannot be made is named") {
   CHECK_THAT(parts.error().message, Contains("file/run") && Contains("could not be created"));
 }
 
-TEST_CASE("a full disk is said once, costs what does not fit, and recording goes on when there is room") {
+TEST_CASE("a full disk is reported once, drops data that do not fit, and recording continues with free space",
+          "[record_parts]") {
   const TemporaryFolder folder;
   if (mount("nilio-test", folder.path().c_str(), "tmpfs", 0, "size=2m") != 0) {
     WARN("skipped: no file system of its own can be mounted (" << std::strerror(errno) << ")");
@@ -197,7 +201,7 @@ TEST_CASE("a full disk is said once, costs what does not fit, and recording goes
     record(100);
     parts->close(now);
     CHECK(parts.counters.written[0].load() + parts.counters.lost[0].load() == number);
-    // Whole records only, in order, without what was lost in between.
+    // Only whole records, in order, without the dropped ones.
     const auto numbers = numbers_of(read_recording((folder.path() / "lidar_0001.pcap").string(), kPort));
     CHECK(numbers.size() == parts.counters.written[0].load());
     CHECK(std::is_sorted(numbers.begin(), numbers.end()));
@@ -207,7 +211,8 @@ TEST_CASE("a full disk is said once, costs what does not fit, and recording goes
   CHECK(umount(folder.path().c_str()) == 0);
 }
 
-TEST_CASE("packets of several sockets are merged in the order of their stamps up to the horizon") {
+TEST_CASE("packets of several sockets are merged in the order of their stamps up to the horizon",
+          "[record_parts]") {
   std::vector<std::unique_ptr<RecordChannel<drivers::Packet>>> channels;
   const auto add = [&](std::int64_t first, std::int64_t step, std::size_t count) {
     channels.push_back(std::make_unique<RecordChannel<drivers::Packet>>(
@@ -224,7 +229,7 @@ TEST_CASE("packets of several sockets are merged in the order of their stamps up
   };
   merger.drain({.stamp = {500}, .received_ns = -1}, collect);
   CHECK(stamps.size() == 51 + 4);
-  // The clock was set back: what was received long ago is handed on whatever its stamp.
+  // The clock was set back: packets received long ago are delivered regardless of their stamp.
   merger.drain({.stamp = {0}, .received_ns = 600}, collect);
   CHECK(stamps.size() == 61 + 5);
   merger.drain({.stamp = {2000}, .received_ns = -1}, collect);
@@ -232,7 +237,7 @@ TEST_CASE("packets of several sockets are merged in the order of their stamps up
   CHECK(std::is_sorted(stamps.begin(), stamps.end()));
 }
 
-TEST_CASE("what finds a ring full is taken out of the source and counted") {
+TEST_CASE("packets that find the ring full are read from the source, dropped and counted", "[record_parts]") {
   RecordChannel<drivers::Packet> channel(std::make_unique<CountingSource>(0, 1, 1000), 128);
   receive_into_ring(channel, std::atomic<bool>{false});
   CHECK(channel.ring.size() == 128);

@@ -11,7 +11,7 @@ namespace nilio::tests {
 
 namespace {
 
-/// A stream's text goes to a string while this lives.
+/// Captures a stream's text in a string while it exists.
 class Captured {
  public:
   explicit Captured(std::ostream& stream) : stream_(stream), before_(stream.rdbuf(text_.rdbuf())) {}
@@ -27,7 +27,7 @@ class Captured {
 };
 
 template <class Arguments>
-CommandResult hear(AddCommand add_command, Arguments arguments) {
+CommandResult capture(AddCommand add_command, Arguments arguments) {
   CLI::App app;
   CommandResult result;
   add_command(app, result.status);
@@ -45,17 +45,17 @@ CommandResult hear(AddCommand add_command, Arguments arguments) {
 
 }  // namespace
 
-CommandResult hear_command(AddCommand add_command, std::vector<std::string> arguments) {
+CommandResult capture_command(AddCommand add_command, std::vector<std::string> arguments) {
   std::reverse(arguments.begin(), arguments.end());
-  return hear(add_command, std::move(arguments));
+  return capture(add_command, std::move(arguments));
 }
 
-CommandResult hear_command(AddCommand add_command, const std::string& line) {
-  return hear(add_command, line);
+CommandResult capture_command(AddCommand add_command, const std::string& line) {
+  return capture(add_command, line);
 }
 
 int run_command(AddCommand add_command, std::vector<std::string> arguments) {
-  return hear_command(add_command, std::move(arguments)).status;
+  return capture_command(add_command, std::move(arguments)).status;
 }
 
 }  // namespace nilio::tests

@@ -19,17 +19,17 @@ using tests::SimulationFolder;
 namespace {
 
 /// "nilio simulate <arguments>".
-tests::CommandResult hear_simulate(const std::string& arguments) {
-  return tests::hear_command(tools::add_simulate_command, "simulate " + arguments);
+tests::CommandResult capture_simulate(const std::string& arguments) {
+  return tests::capture_command(tools::add_simulate_command, "simulate " + arguments);
 }
 
-int simulate(const std::string& arguments) { return hear_simulate(arguments).status; }
+int simulate(const std::string& arguments) { return capture_simulate(arguments).status; }
 
 const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
 
 }  // namespace
 
-TEST_CASE("the same seed gives the same bytes in every file, another seed does not") {
+TEST_CASE("the same seed gives the same bytes in every file, another seed does not", "[simulate_command]") {
   const SimulationFolder a;
   const SimulationFolder b;
   const SimulationFolder c;
@@ -45,7 +45,8 @@ TEST_CASE("the same seed gives the same bytes in every file, another seed does n
   CHECK(tests::read_whole(a.path() / "nilio.yaml") == tests::read_whole(b.path() / "nilio.yaml"));
 }
 
-TEST_CASE("the truth begins at the identity and its times are those of the IMU frames") {
+TEST_CASE("the truth begins at the identity and its times are those of the IMU frames",
+          "[simulate_command]") {
   const SimulationFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort + " --imu oxts_rt3003 --imu-rate 100") == 0);
   const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
@@ -75,7 +76,7 @@ TEST_CASE("the truth begins at the identity and its times are those of the IMU f
   CHECK(samples[50].linear_acceleration[2] == Approx(9.81).margin(1.5));
 }
 
-TEST_CASE("without an IMU neither its file nor its configuration is written") {
+TEST_CASE("without an IMU neither its file nor its configuration is written", "[simulate_command]") {
   const SimulationFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort) == 0);
   CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
@@ -85,7 +86,8 @@ TEST_CASE("without an IMU neither its file nor its configuration is written") {
   CHECK_THAT(configuration, Catch::Contains("model: HDL-64E-S2") && !Catch::Contains("imu:"));
 }
 
-TEST_CASE("options out of range, not a number and unknown names are refused while parsing") {
+TEST_CASE("options out of range, not a number and unknown names are refused while parsing",
+          "[simulate_command]") {
   for (const char* option : {"--speed nan", "--rpm 0", "--length -5", "--range-noise inf", "--imu-rate 1e9",
                              "--sensor os1", "--return-mode triple", "--gps maybe", "--network-jitter-us -1",
                              "--rpm 1300", "--imu foo", "--moving-cars -1", "--seed x"}) {
@@ -94,38 +96,38 @@ TEST_CASE("options out of range, not a number and unknown names are refused whil
   }
 }
 
-TEST_CASE("what cannot be done is said with place and remedy") {
+TEST_CASE("errors name the place and the remedy", "[simulate_command]") {
   const SimulationFolder folder;
   tests::CommandResult result;
   SECTION("a folder that cannot be made") {
     std::ofstream(folder.path() / "file") << "x";
     const std::string path = (folder.path() / "file" / "below").string();
-    result = hear_simulate(path + kShort);
+    result = capture_simulate(path + kShort);
     CHECK_THAT(result.errors, Catch::Contains(path) && Catch::Contains("could not be created"));
   }
   SECTION("a full disk") {
     std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap");
-    result = hear_simulate(folder.path().string() + kShort);
+    result = capture_simulate(folder.path().string() + kShort);
     CHECK_THAT(result.errors, Catch::Contains("lidar.pcap") && Catch::Contains("disk"));
   }
   SECTION("a bad line in a pose file") {
     const auto poses = folder.path() / "poses.txt";
     std::ofstream(poses) << "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 nan 0 0 1 0\n";
-    result = hear_simulate(folder.path().string() + " --trajectory " + poses.string());
+    result = capture_simulate(folder.path().string() + " --trajectory " + poses.string());
     CHECK_THAT(result.errors, Catch::Contains("poses.txt:2"));
   }
   SECTION("an option that the trajectory does not use") {
-    result = hear_simulate(folder.path().string() + " --calib x");
+    result = capture_simulate(folder.path().string() + " --calib x");
     CHECK_THAT(result.errors, Catch::Contains("--calib"));
   }
   CHECK(result.status == 1);
 }
 
-TEST_CASE("every model can be asked for by name, and what it cannot do is said") {
+TEST_CASE("every model is available by name, and unsupported options are rejected", "[simulate_command]") {
   const SimulationFolder folder;
   tests::CommandResult result;
   const auto errors = [&](const std::string& options) {
-    result = hear_simulate(folder.path().string() + kShort + options);
+    result = capture_simulate(folder.path().string() + kShort + options);
     return result.errors;
   };
   CHECK_THAT(errors(" --sensor vlp-32c --return-mode dual_confidence"),
@@ -140,11 +142,12 @@ TEST_CASE("every model can be asked for by name, and what it cannot do is said")
   CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("model: Puck-Hi-Res"));
 }
 
-TEST_CASE("an HDL-64E that sends its calibration has it written beside the recording") {
+TEST_CASE("the calibration that an HDL-64E sends is also written beside the recording",
+          "[simulate_command]") {
   const SimulationFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3") == 0);
   const auto path = folder.path() / "calibration.yaml";
-  // By its name alone, so that the recording can be moved.
+  // By its file name only, so that the recording can be moved.
   CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"),
              Catch::Contains("calibration: calibration.yaml"));
   const auto built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);

@@ -31,7 +31,8 @@ Hdl64eStatusReader read_stream(const Hdl64eStream& stream, std::uint64_t first, 
 
 }  // namespace
 
-TEST_CASE("an HDL-64E sends the calibration that its simulation uses, rounded as the stream has it") {
+TEST_CASE("an HDL-64E sends the calibration of its simulation, rounded to the stream's steps",
+          "[simulate_hdl64e]") {
   for (const VelodyneModel kind :
        {VelodyneModel::kHdl64eS2, VelodyneModel::kHdl64eS21, VelodyneModel::kHdl64eS3}) {
     const drivers::VelodyneSensor built_in = drivers::make_velodyne_sensor(kind);
@@ -58,7 +59,8 @@ TEST_CASE("an HDL-64E sends the calibration that its simulation uses, rounded as
   }
 }
 
-TEST_CASE("the stream's clock and GPS state are those of the packet's time, whichever packet is asked for") {
+TEST_CASE("the stream's clock and GPS state are those of the packet's time, for packets in any order",
+          "[simulate_hdl64e]") {
   struct Case {
     GpsReception gps;
     drivers::Hdl64eGps sent;
@@ -77,7 +79,8 @@ TEST_CASE("the stream's clock and GPS state are those of the packet's time, whic
   }
 }
 
-TEST_CASE("packets of an HDL-64E carry the stream; KITTI's keeps its calibration to itself unless asked") {
+TEST_CASE("packets of an HDL-64E contain the stream; KITTI's model sends its calibration only on request",
+          "[simulate_hdl64e]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(1.3));
   LidarModelConfig config = tests::room_config();
   const auto read_packets = [&](const drivers::VelodyneSensor& sensor) {
@@ -105,11 +108,12 @@ TEST_CASE("packets of an HDL-64E carry the stream; KITTI's keeps its calibration
   REQUIRE(rounded.ok());
   const auto [telling, telling_bits] = read_packets(*rounded);
   REQUIRE(telling.calibration());
-  const auto heard = drivers::with_stream_calibration(kitti, *telling.calibration());
-  CHECK(heard->lasers == rounded->lasers);
+  const auto decoded = drivers::with_stream_calibration(kitti, *telling.calibration());
+  CHECK(decoded->lasers == rounded->lasers);
 }
 
-TEST_CASE("near an HDL-64E every range has a distance that decodes to it, but for the step at 25 m") {
+TEST_CASE("near an HDL-64E every range has a distance that decodes to it, except at the step at 25 m",
+          "[simulate_hdl64e]") {
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(VelodyneModel::kHdl64eS21);
   double worst_m = 0.0;
   double worst_at_step_m = 0.0;
@@ -130,10 +134,10 @@ TEST_CASE("near an HDL-64E every range has a distance that decodes to it, but fo
   CHECK(worst_at_step_m < 0.1);
 }
 
-TEST_CASE("the intensity sent decodes to the surface's where the byte allows") {
+TEST_CASE("the raw intensity decodes to that of the surface within the byte's range", "[simulate_hdl64e]") {
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(VelodyneModel::kHdl64eS3);
   const LidarBeam beam(sensor.lasers[0], true);
-  // In focus, at 10.5 m, nothing is added.
+  // In focus, at 10.5 m, no correction is added.
   const double in_focus = 65535.0 * 10.5 / 131.0;
   CHECK(beam.raw_intensity(60.0, in_focus) == 60);
   CHECK(beam.raw_intensity(60.0, 20'000.0) == 0);

@@ -52,8 +52,7 @@ std::vector<core::Scan> decode(const LidarModel& model, const drivers::VelodyneS
   return scans;
 }
 
-/// Range of decoded points less the distance to the surface behind them, seen from where the sensor truly was
-/// at each point's time.
+/// Error of decoded ranges against the surfaces, seen from the sensor's true place at each point's time.
 std::vector<double> range_errors(const std::vector<core::Scan>& scans, const SimulatedWorld& world,
                                  const SE3& T_base_lidar) {
   std::vector<double> errors;
@@ -80,7 +79,7 @@ double quantile_of_size(std::vector<double> errors, double share) {
 
 }  // namespace
 
-TEST_CASE("decoded points lie on the surfaces, each seen from the pose at its own time") {
+TEST_CASE("decoded points lie on the surfaces, each seen from the pose at its own time", "[simulate_lidar]") {
   const SimulatedWorld world = moving_world();
   for (const auto kind : {drivers::VelodyneModel::kVlp16, drivers::VelodyneModel::kHdl64eS2}) {
     const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(kind);
@@ -96,7 +95,7 @@ TEST_CASE("decoded points lie on the surfaces, each seen from the pose at its ow
   }
 }
 
-TEST_CASE("ranges scatter by the noise asked for") {
+TEST_CASE("ranges scatter by the configured noise", "[simulate_lidar]") {
   const SimulatedWorld world = moving_world();
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
   const LidarModelConfig config = lidar_config(0.03);
@@ -106,7 +105,7 @@ TEST_CASE("ranges scatter by the noise asked for") {
   CHECK(1.4826 * quantile_of_size(errors, 0.5) == Approx(0.03).epsilon(0.08));
 }
 
-TEST_CASE("packets carry the model's marks, their own time and the spin") {
+TEST_CASE("packets contain the model's bytes, their own time and the rotation rate", "[simulate_lidar]") {
   const SimulatedWorld world = moving_world();
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
   const LidarModel model(sensor, lidar_config(0.02), world.trajectory, world.scene);
@@ -123,7 +122,7 @@ TEST_CASE("packets carry the model's marks, their own time and the spin") {
   CHECK(advance == Approx(11 * 39.813).margin(1.0));
 }
 
-TEST_CASE("packets depend on seed and index only, not on what was made before") {
+TEST_CASE("packets depend only on seed and index, not on earlier packets", "[simulate_lidar]") {
   const SimulatedWorld world = moving_world();
   const SimulatedWorld again = moving_world();
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);

@@ -2,8 +2,8 @@
 
 #include "tests/support/tools_simulate_support.hpp"
 #include "tools/simulate/sensors/imu_model.hpp"
-#include "tools/simulate/vehicle/recorded_drive.hpp"
 #include "tools/simulate/town/town_drive.hpp"
+#include "tools/simulate/vehicle/recorded_drive.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <cmath>
@@ -60,7 +60,7 @@ RecordedDriveConfig recorded_config(const std::filesystem::path& path) {
 
 }  // namespace
 
-TEST_CASE("velocity, acceleration and angular rates are the derivatives of the pose") {
+TEST_CASE("velocity, acceleration and angular rates are the derivatives of the pose", "[simulate_motion]") {
   const VehicleTrajectory trajectory = town_trajectory(25.0);
   constexpr double step = 1e-4;
   for (double t = 0.513; t < 24.0; t += 0.397) {
@@ -80,7 +80,8 @@ TEST_CASE("velocity, acceleration and angular rates are the derivatives of the p
   }
 }
 
-TEST_CASE("the town drive stands, sets off, keeps to its speed and heads where it moves") {
+TEST_CASE("the town drive is stationary, accelerates, keeps its speed and heads along its motion",
+          "[simulate_motion]") {
   const std::vector<SE3> poses = make_town_drive({});
   const VehicleTrajectory trajectory(poses, kControlIntervalS);
   CHECK(path_length(poses) == Approx(650.0).margin(60.0));
@@ -100,7 +101,8 @@ TEST_CASE("the town drive stands, sets off, keeps to its speed and heads where i
   CHECK(gap.norm() < 10.0);
 }
 
-TEST_CASE("a moving start is at speed at once, and length and duration end the drive") {
+TEST_CASE("a moving start is at speed immediately, and length and duration limit the drive",
+          "[simulate_motion]") {
   TownDriveConfig config;
   config.moving_start = true;
   config.extent.length_m = 80.0;
@@ -114,7 +116,7 @@ TEST_CASE("a moving start is at speed at once, and length and duration end the d
   CHECK(path_length(make_town_drive(config)) == Approx(2500.0).margin(5.0));
 }
 
-TEST_CASE("a perfect gyroscope's samples integrate to the true orientation") {
+TEST_CASE("the samples of an ideal gyroscope integrate to the true orientation", "[simulate_motion]") {
   const VehicleTrajectory trajectory = town_trajectory(30.0);
   constexpr double rate = 1000.0;
   const ImuModelConfig config = perfect_imu(rate);
@@ -132,7 +134,7 @@ TEST_CASE("a perfect gyroscope's samples integrate to the true orientation") {
   CHECK(core::so3_log(orientation.conjugate() * truth).norm() < 1e-4);
 }
 
-TEST_CASE("a perfect accelerometer measures the acceleration of its own place against gravity") {
+TEST_CASE("an ideal accelerometer measures the specific force at its own place", "[simulate_motion]") {
   const VehicleTrajectory trajectory = town_trajectory(25.0);
   const ImuModelConfig config = perfect_imu(200.0);
   ImuModel imu(config, trajectory);
@@ -151,7 +153,8 @@ TEST_CASE("a perfect accelerometer measures the acceleration of its own place ag
   }
 }
 
-TEST_CASE("a standing IMU reads gravity and no rotation, with the noise and bias asked for") {
+TEST_CASE("a stationary IMU measures gravity and no rotation, with the configured noise and bias",
+          "[simulate_motion]") {
   const std::vector<SE3> standing(400, SE3::identity());
   const VehicleTrajectory trajectory(standing, kControlIntervalS);
   ImuModelConfig config;
@@ -177,7 +180,7 @@ TEST_CASE("a standing IMU reads gravity and no rotation, with the noise and bias
   CHECK(deviation == Approx(1e-4 * std::sqrt(200.0)).epsilon(0.1));
 }
 
-TEST_CASE("a recorded drive follows the recorded poses, as base_link under the LiDAR") {
+TEST_CASE("a recorded drive follows the recorded poses, as base_link under the LiDAR", "[simulate_motion]") {
   const tests::SimulationFolder folder;
   const auto path = folder.path() / "poses.txt";
   const std::vector<SE3> lidar_poses = write_bend(path, 120);
@@ -189,7 +192,7 @@ TEST_CASE("a recorded drive follows the recorded poses, as base_link under the L
   CHECK(trajectory.duration_s() == Approx(11.9).margin(0.1));
   for (std::size_t i = 3; i + 4 < lidar_poses.size(); ++i) {
     const SE3 base = trajectory.pose(0.1 * static_cast<double>(i));
-    // World is the base at the first pose, so the LiDAR's height cancels.
+    // World is the base at the first pose, so that the LiDAR's height cancels.
     CHECK((base.translation - lidar_poses[i].translation).norm() < 0.1);
     CHECK(core::so3_log(base.rotation.conjugate() * lidar_poses[i].rotation).norm() < 0.002);
   }
@@ -201,8 +204,8 @@ TEST_CASE("a recorded drive follows the recorded poses, as base_link under the L
   CHECK(started.state(started.duration_s() - 0.5).velocity.norm() == Approx(10.4).margin(0.2));
 }
 
-TEST_CASE("recorded heights that drift are made to agree where the drive comes to the same place again") {
-  // Three rounds of a circle that climbs half a metre a round.
+TEST_CASE("drifting recorded heights are made consistent at revisited places", "[simulate_motion]") {
+  // Three rounds of a circle that climbs 0.5 m per round.
   std::vector<SE3> poses;
   constexpr double turn = 2.0 * 3.14159265358979;
   for (double turned = 0.0; turned < 3.0 * turn; turned += 0.02) {
@@ -222,7 +225,7 @@ TEST_CASE("recorded heights that drift are made to agree where the drive comes t
   }
 }
 
-TEST_CASE("a bad pose file is refused with file, place and remedy") {
+TEST_CASE("a bad pose file is rejected with file, place and remedy", "[simulate_motion]") {
   const tests::SimulationFolder folder;
   const auto path = folder.path() / "poses.txt";
   write_bend(path, 20);

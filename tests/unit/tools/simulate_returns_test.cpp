@@ -10,7 +10,7 @@ using drivers::ReturnMode;
 using drivers::VelodyneModel;
 using tests::RoomWorld;
 
-TEST_CASE("of several echoes the last and the strongest are sent") {
+TEST_CASE("the last and the strongest of several echoes are sent", "[simulate_returns]") {
   // By reflectance over range squared: 0.02, 0.0005, 0.0008.
   const std::vector<Echo> echoes{{5.0, 0.5, 9.0}, {20.0, 0.2, 2.0}, {25.0, 0.5, 3.0}};
   const auto pair = choose_returns(echoes);
@@ -19,7 +19,7 @@ TEST_CASE("of several echoes the last and the strongest are sent") {
   CHECK(pair->strongest == 0);
 }
 
-TEST_CASE("when the strongest echo is the last the second strongest is sent beside it") {
+TEST_CASE("if the strongest echo is the last, the second strongest is sent beside it", "[simulate_returns]") {
   const std::vector<Echo> echoes{{5.0, 0.01, 2.0}, {10.0, 0.1, 3.0}, {12.0, 1.8, 50.0}};
   const auto pair = choose_returns(echoes);
   REQUIRE(pair);
@@ -27,7 +27,7 @@ TEST_CASE("when the strongest echo is the last the second strongest is sent besi
   CHECK(pair->strongest == 1);
 }
 
-TEST_CASE("a single echo is both returns and none is no return") {
+TEST_CASE("a single echo is both returns, and no echo is no return", "[simulate_returns]") {
   const std::vector<Echo> one{{5.0, 0.5, 9.0}};
   const auto pair = choose_returns(one);
   REQUIRE(pair);
@@ -36,7 +36,7 @@ TEST_CASE("a single echo is both returns and none is no return") {
   CHECK_FALSE(choose_returns({}));
 }
 
-TEST_CASE("confidence grows with how far an echo is beyond the noise, for either return by itself") {
+TEST_CASE("confidence grows with the margin of an echo, for each return separately", "[simulate_returns]") {
   const Echo faint{10.0, 0.1, 1.0};
   const Echo strong{10.0, 0.5, 100.0};
   CHECK(confidence_bits(faint, faint) == 0);
@@ -44,7 +44,9 @@ TEST_CASE("confidence grows with how far an echo is beyond the noise, for either
   CHECK(confidence_bits(faint, strong) == 0x700000);
 }
 
-TEST_CASE("blocks of two returns share their azimuth, the last one is the farther, most are one return") {
+TEST_CASE(
+    "the two blocks of a dual return share their azimuth, the last return is the farther, most are equal",
+    "[simulate_returns]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.1));
   for (const VelodyneModel kind : drivers::velodyne_models()) {
     const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(kind);
@@ -52,7 +54,7 @@ TEST_CASE("blocks of two returns share their azimuth, the last one is the farthe
     if (layout == nullptr) continue;
     INFO(sensor.name);
     const LidarModel model(sensor, tests::room_config(ReturnMode::kDual), world.trajectory, world.scene);
-    // From a bank's block with the last return to that with the strongest.
+    // Offset from a bank's block with the last return to that with the strongest.
     const std::ptrdiff_t aside = sensor.lasers.size() == 64 ? -2 : 1;
     std::size_t same = 0;
     std::size_t different = 0;

@@ -13,9 +13,9 @@ using tests::SimulatedWorld;
 
 namespace {
 
-/// Rays over a metre and a half of road in front of the vehicle's axles, across its width and height.
+/// Rays over 1.5 m of road in front of the vehicle's axles, across its width and height.
 std::vector<std::pair<Vector3, Vector3>> sweep(const SE3& T_world_base) {
-  // Casting begins 0.4 m after the origin.
+  // Casting starts 0.4 m after the origin.
   constexpr double back = -0.45;
   std::vector<std::pair<Vector3, Vector3>> rays;
   for (const double y : {-0.95, -0.5, 0.0, 0.5, 0.95}) {
@@ -26,7 +26,7 @@ std::vector<std::pair<Vector3, Vector3>> sweep(const SE3& T_world_base) {
   return rays;
 }
 
-/// How often something stands in the way of the vehicle.
+/// Number of times that an object is in the path of the vehicle.
 int count_obstacles(const SimulatedWorld& world, double speed_step_s) {
   int obstacles = 0;
   for (double t = 0.0; t < world.trajectory.duration_s(); t += speed_step_s) {
@@ -37,7 +37,7 @@ int count_obstacles(const SimulatedWorld& world, double speed_step_s) {
   return obstacles;
 }
 
-/// A figure of eight of two circles, driven twice, at 8 m/s: crosses itself and comes back on its own lane.
+/// A figure of eight of two circles, driven twice at 8 m/s: it crosses itself and returns on its own lane.
 std::vector<SE3> figure_of_eight() {
   constexpr double radius = 22.0;
   std::vector<SE3> poses;
@@ -53,7 +53,8 @@ std::vector<SE3> figure_of_eight() {
 
 }  // namespace
 
-TEST_CASE("nothing stands in the driven lane on any pass, and no moving car drives into the vehicle") {
+TEST_CASE("the driven lane is free of objects on all passes, and no moving car collides with the vehicle",
+          "[simulate_scene]") {
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
     TownDriveConfig config;
     config.seed = seed;
@@ -65,13 +66,13 @@ TEST_CASE("nothing stands in the driven lane on any pass, and no moving car driv
   }
 }
 
-TEST_CASE("a drive that crosses itself has its lane free at the crossing too") {
+TEST_CASE("a drive that crosses itself has a free lane at the crossing, too", "[simulate_scene]") {
   const SimulatedWorld world = tests::make_world(figure_of_eight(), 7, 10);
   CHECK(world.town.summary.buildings > 3);
   CHECK(count_obstacles(world, 0.05) == 0);
 }
 
-TEST_CASE("the ground carries the vehicle") {
+TEST_CASE("the ground is at the height of the vehicle", "[simulate_scene]") {
   const SimulatedWorld world = tests::make_world(make_town_drive({}), 1, 0);
   for (double t = 2.0; t < world.trajectory.duration_s(); t += 0.7) {
     const Vector3 base = world.trajectory.pose(t).translation;
@@ -79,7 +80,7 @@ TEST_CASE("the ground carries the vehicle") {
   }
 }
 
-TEST_CASE("moving cars move, on the ground and along their heading") {
+TEST_CASE("moving cars move on the ground and along their heading", "[simulate_scene]") {
   const SimulatedWorld world = tests::make_world(make_town_drive({}), 1, 15);
   std::size_t seen = 0;
   for (const MovingCar& car : world.scene.cars()) {
@@ -98,7 +99,7 @@ TEST_CASE("moving cars move, on the ground and along their heading") {
   CHECK(seen > 50);
 }
 
-TEST_CASE("density 0 leaves bare streets and density 1 builds them up") {
+TEST_CASE("density 0 gives empty streets and density 1 buildings", "[simulate_scene]") {
   TownDriveConfig config;
   config.extent.length_m = 150.0;
   const VehicleTrajectory trajectory(make_town_drive(config), kControlIntervalS);

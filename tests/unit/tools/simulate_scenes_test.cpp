@@ -4,7 +4,8 @@
 
 using namespace nilio::tools::simulate;
 
-TEST_CASE("every scene is the same for the same seed, another for another, and has something in it") {
+TEST_CASE("every scene is equal for the same seed, different for another, and not empty",
+          "[simulate_scenes]") {
   for (const SceneInfo& info : scene_infos()) {
     if (info.kind == SceneKind::kTown || info.kind == SceneKind::kManoeuvres) continue;
     CAPTURE(info.name);
@@ -25,7 +26,7 @@ TEST_CASE("every scene is the same for the same seed, another for another, and h
   }
 }
 
-TEST_CASE("a bus comes to rest where it halts, stays, and drives on at its speed") {
+TEST_CASE("a bus stops at its halt, stays, and continues at its speed", "[simulate_scenes]") {
   MovingCar bus;
   for (int i = 0; i < 400; ++i) bus.path.emplace_back(i, 0.0, 0.0);
   bus.speed_m_s = 9.0;

@@ -21,23 +21,23 @@ namespace {
 
 constexpr double kDriveS = 0.5;
 
-/// A shot of one laser as it truly was.
+/// True shot of one laser.
 struct Shot {
   std::int64_t time_ns = 0;
-  /// Azimuth of the beam as calibrated, not rounded.
+  /// Calibrated azimuth of the beam, not rounded.
   double azimuth_rad = 0.0;
 };
 
-/// What one model in one mode must do, and how exactly.
+/// Expected accuracy of one model in one mode.
 struct Expectation {
   double time_us = 1.0;
-  /// Azimuth of a decoded beam against the true one: half of the unit it is reported in, and the rounding of
-  /// the rate that it is interpolated with.
+  /// Azimuth error of a decoded beam: half the unit of reported azimuths, and the rounding of the rate used
+  /// for interpolation.
   double reported_rad = 0.005 * nilio::kRadiansPerDegree;
   double interpolated_rad = 0.003 * nilio::kRadiansPerDegree;
-  /// Points near an HDL-64E are bent aside by this, m.
+  /// Lateral displacement of points near an HDL-64E, m.
   double bend_m = 0.0;
-  /// Until then the decoder has to find out how long a firing sequence of a VLS-128 rests.
+  /// Time in which the decoder estimates the pauses of a VLS-128's firing sequences.
   double settled_us = 0.0;
   core::ClockSource clock = core::ClockSource::kPpsLocked;
 };
@@ -45,8 +45,8 @@ struct Expectation {
 Expectation expectation_of(const drivers::VelodyneSensor& sensor, ReturnMode mode, double rpm) {
   Expectation expected;
   if (sensor.model == VelodyneModel::kVls128) {
-    // The random rest; a packet has only one to three azimuths; and the decoder counts the advance over a
-    // firing sequence without its rest.
+    // The random pause; a packet has only one to three azimuths; and the decoder counts the advance over a
+    // firing sequence without its pause.
     expected.time_us = 3.5;
     expected.settled_us = 200.0;
     expected.interpolated_rad = (mode == ReturnMode::kSingle ? 0.006 : 0.014) * nilio::kRadiansPerDegree +
@@ -98,7 +98,7 @@ const Shot& nearest(const std::vector<Shot>& shots, std::int64_t time_ns) {
   return after == shots.end() || time_ns - before->time_ns < after->time_ns - time_ns ? *before : *after;
 }
 
-/// The manual's beam: where laser and azimuth place it in the sensor's frame.
+/// Beam of the manual, in the sensor's frame.
 Vector3 beam_origin(const drivers::VelodyneSensor& sensor, const drivers::LaserCalibration& laser,
                     double azimuth_rad) {
   const bool across = sensor.vertical_offset_across_beam;
@@ -111,7 +111,7 @@ Vector3 beam_origin(const drivers::VelodyneSensor& sensor, const drivers::LaserC
 
 double angle_between(double a, double b) { return std::abs(std::remainder(a - b, 2.0 * std::numbers::pi)); }
 
-struct Judge {
+struct PointCheck {
   const tests::RoomWorld& world;
   const LidarModel& model;
   const LidarModelConfig& config;
@@ -142,7 +142,7 @@ struct Judge {
     if (!in_range(origin, ray, shot.time_ns)) ++wrong_ranges;
   }
 
-  /// The analytic hall, seen along the decoded beam, or along its edge where there are two returns.
+  /// Checks a point against the analytic hall along the decoded beam, or along its edge for two returns.
   [[nodiscard]] bool in_range(const Vector3& origin, const Vector3& ray, std::int64_t time_ns) const {
     const SE3 T_world_lidar =
         world.trajectory.pose(static_cast<double>(time_ns) * 1e-9) * config.T_base_lidar;
@@ -154,7 +154,7 @@ struct Judge {
                              (expected.bend_m > 0.0 && std::abs(range - 25.04) < 0.1 ? 0.08 : 0.0);
     for (const double edge : {0.0, divergence}) {
       const Vector3 from = T_world_lidar * origin;
-      // The decoded beam is a little beside the true one: between two corners it may meet another surface.
+      // The decoded beam is slightly beside the true one and may hit another surface between two corners.
       constexpr int kTurns = 100;
       double nearest = std::numeric_limits<double>::infinity();
       double farthest = 0.0;
@@ -217,32 +217,33 @@ void check_sensor(const tests::RoomWorld& world, VelodyneModel kind, ReturnMode 
   CHECK(stats.time_jumps + stats.host_clock_jumps + stats.mode_changes + stats.firings_bad == 0);
   // The cut is half a revolution after the start.
   REQUIRE(static_cast<double>(scans.size()) == std::ceil(kDriveS * rpm / 60.0 + 0.5));
-  // A hall is closed: little gets lost in the dark, and beyond what a packet can hold.
+  // A hall is closed: only dark surfaces and ranges beyond the packet's are lost.
   CHECK(returns > 9 * stats.firings / 10);
   if (mode == ReturnMode::kSingle) CHECK(stats.points == returns);
   if (mode != ReturnMode::kSingle) CHECK(stats.points > returns + returns / 1000);
 
-  Judge judge{world, model, config, expectation_of(sensor, mode, rpm), true_shots(model, rpm), {}};
-  judge.laser_of_ring.resize(sensor.lasers.size());
-  for (const drivers::LaserCalibration& laser : sensor.lasers) judge.laser_of_ring[laser.ring] = laser;
-  // Without a clock in the sensor times are those of arrival less a packet's duration.
+  PointCheck check{world, model, config, expectation_of(sensor, mode, rpm), true_shots(model, rpm), {}};
+  check.laser_of_ring.resize(sensor.lasers.size());
+  for (const drivers::LaserCalibration& laser : sensor.lasers) check.laser_of_ring[laser.ring] = laser;
+  // Without a clock in the sensor, times are arrival times minus a packet's duration.
   const std::int64_t lateness_ns = sensor.has_clock ? 0
                                                     : kTransmission.ns + model.timing().last_firing(0).ns -
                                                           model.layout().packet_period_ns;
   for (const core::Scan& scan : scans) {
-    CHECK(scan.clock_source == judge.expected.clock);
+    CHECK(scan.clock_source == check.expected.clock);
     for (const core::Point& point : scan.points)
-      judge.look(point, (scan.start - tests::kRoomStart).ns + point.time_offset_ns - lateness_ns);
+      check.look(point, (scan.start - tests::kRoomStart).ns + point.time_offset_ns - lateness_ns);
   }
-  CHECK(judge.points == stats.points);
-  CHECK(judge.wrong_times == 0);
-  CHECK(judge.wrong_angles == 0);
-  CHECK(judge.wrong_ranges == 0);
+  CHECK(check.points == stats.points);
+  CHECK(check.wrong_times == 0);
+  CHECK(check.wrong_angles == 0);
+  CHECK(check.wrong_ranges == 0);
 }
 
 }  // namespace
 
-TEST_CASE("every model and return mode decodes to the true points at their true times, nothing lost") {
+TEST_CASE("every model and return mode decodes to the true points at their true times without loss",
+          "[simulate_sensors]") {
   const tests::RoomWorld world = tests::make_room_world(tests::room_drive(kDriveS));
   for (const VelodyneModel kind : drivers::velodyne_models()) {
     for (const drivers::PacketLayout& layout : drivers::make_velodyne_sensor(kind).layouts)
@@ -250,7 +251,7 @@ TEST_CASE("every model and return mode decodes to the true points at their true 
   }
 }
 
-TEST_CASE("the slowest and the fastest spin decode as well") {
+TEST_CASE("the minimum and maximum rotation rates decode as well", "[simulate_sensors]") {
   const tests::RoomWorld world = tests::make_room_world(tests::room_drive(kDriveS));
   for (const double rpm : {300.0, 1200.0}) {
     check_sensor(world, VelodyneModel::kVlp16, ReturnMode::kDual, rpm);

@@ -64,7 +64,8 @@ core::ClockSource clock_of(const std::vector<drivers::Packet>& packets, Velodyne
 
 }  // namespace
 
-TEST_CASE("one position packet follows every fourteenth data packet, in order of both clocks") {
+TEST_CASE("one position packet follows every fourteenth data packet, in order of both clocks",
+          "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.3));
   const SimulationFolder folder;
   for (const VelodyneModel kind : {VelodyneModel::kVlp16, VelodyneModel::kHdl32e, VelodyneModel::kVls128}) {
@@ -90,7 +91,7 @@ TEST_CASE("one position packet follows every fourteenth data packet, in order of
   }
 }
 
-TEST_CASE("the telemetry says what the sensor has of GPS, and the decoder believes it") {
+TEST_CASE("the telemetry reports the sensor's GPS state, and the decoder uses it", "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.3));
   const SimulationFolder folder;
   const std::string path = (folder.path() / "lidar.pcap").string();
@@ -134,7 +135,8 @@ TEST_CASE("the telemetry says what the sensor has of GPS, and the decoder believ
   }
 }
 
-TEST_CASE("an RMC sentence reads back as it was made, on both sides of equator and meridian") {
+TEST_CASE("an RMC sentence parses to its fields, on both sides of equator and meridian",
+          "[simulate_telemetry]") {
   for (const double sign : {1.0, -1.0}) {
     const RmcFields fields{core::Time{1'772'323'199'000'000'000}, sign * 49.0123, sign * 8.4567, 12.5, 271.3};
     const std::string text = format_rmc(fields);
@@ -150,7 +152,7 @@ TEST_CASE("an RMC sentence reads back as it was made, on both sides of equator a
   }
 }
 
-TEST_CASE("an HDL-32E's boards measure the motion at the sensor") {
+TEST_CASE("an HDL-32E's boards measure the motion at the sensor", "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.5));
   const LidarModelConfig config = tests::room_config();
   const LidarModel model(drivers::make_velodyne_sensor(VelodyneModel::kHdl32e), config, world.trajectory,
@@ -176,7 +178,7 @@ TEST_CASE("an HDL-32E's boards measure the motion at the sensor") {
   CHECK(along.acceleration_y_m_s2 == flat.acceleration_y_m_s2);
 }
 
-TEST_CASE("a recording is the same bytes whatever made it, one thread or several") {
+TEST_CASE("a recording has the same bytes with one or several threads", "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.1));
   const SimulationFolder folder;
   const std::pair<VelodyneModel, ReturnMode> kinds[] = {
@@ -205,7 +207,8 @@ TEST_CASE("a recording is the same bytes whatever made it, one thread or several
   }
 }
 
-TEST_CASE("a clock 3 s off, 20 ppm fast, over a jittery network gives scans within 100 us after 10 s") {
+TEST_CASE("a clock 3 s off, 20 ppm fast, over a jittery network gives scans within 100 us after 10 s",
+          "[simulate_telemetry]") {
   std::vector<core::SE3> standing(272, core::SE3{{1.0, 0.0, 0.0, 0.0}, {0.0, 0.0, -1.75}});
   const RoomWorld world = tests::make_room_world(standing);
   LidarModelConfig config = tests::room_config();
