@@ -1,24 +1,264 @@
-#include "tools/bench/basin/basin.hpp"
-#include "tools/bench/decode/decode.hpp"
-#include "tools/bench/odometry/odometry.hpp"
-#include "tools/bench/realtime/realtime.hpp"
-#include "tools/bench/receive/receive.hpp"
-#include "tools/bench/soak/soak.hpp"
-#include "tools/common/commands.hpp"
+#include "nilio/core/registration_method.hpp"
+
+#include "tools/bench/bench.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/commands/number_between.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 
 namespace nilio::tools {
 
+namespace {
+
+constexpr const char* kDatasets =
+    "FOLDER of a recording or of a KITTI sequence, with truth.tum or poses.txt in it; or FOLDER:TRUTH";
+
+/// --set, "key=value" of the configuration.
+void add_override_option(CLI::App& command, std::vector<std::string>& overrides,
+                         const std::string& description) {
+  command.add_option("--set", overrides, description)->take_all()->expected(1);
+}
+
+/// --domain. The default differs between processes, and from the small numbers of other programs.
+void add_domain_option(CLI::App& command, std::uint32_t& domain) {
+  domain = static_cast<std::uint32_t>(100 + getpid() % 100);
+  command.add_option("--domain", domain, "DDS domain id (default: one of 100 to 199)")
+      ->check(number_between(0.0, 232.0));
+}
+
+/// --output, --page and --pictures.
+void add_page_options(CLI::App& command, bench::ResultsPage::Options& options) {
+  CLI::Option* const folder =
+      command.add_option("--output", options.folder, "folder for results.md and its pictures");
+  command
+      .add_option_function<std::string>(
+          "--page",
+          [&options](const std::string& given) {
+            const std::filesystem::path page = std::filesystem::absolute(given);
+            options.folder = page.parent_path().string();
+            options.file = page.filename().string();
+          },
+          "file for the page instead, with its pictures beside it")
+      ->excludes(folder);
+  command.add_option("--pictures", options.picture_format, "format of the pictures")
+      ->check(CLI::IsMember({"svg", "png"}))
+      ->capture_default_str();
+}
+
+/// --registration, with 'all' for every method.
+void add_registration_option(CLI::App& command, std::vector<std::string>& registrations) {
+  std::vector<std::string> names;
+  for (const core::RegistrationMethod method : core::kRegistrationMethods)
+    names.emplace_back(core::name_of(method));
+  names.emplace_back("all");
+  command.add_option("--registration", registrations, "methods to compare, or 'all'")
+      ->delimiter(',')
+      ->check(CLI::IsMember(names))
+      ->capture_default_str();
+}
+
+/// Runs the benchmark when the command is given. Ends the parsing with CLI::RuntimeError where it fails.
+template <class Options, class Run>
+void on_command(CLI::App& command, std::shared_ptr<Options> options, Run run) {
+  command.callback([app = &command, options, run] {
+    const core::Result<bool> good = run(*options);
+    if (good && *good) return;
+    if (!good)
+      std::fprintf(stderr, "nilio bench %s: %s\n", app->get_name().c_str(), good.error().message.c_str());
+    throw CLI::RuntimeError(1);
+  });
+}
+
+void add_decode(CLI::App& bench) {
+  CLI::App& command = *bench.add_subcommand(
+      "decode", "time from packets to scans on one core: decoding, firing times, azimuths, cutting");
+  const auto options = std::make_shared<bench::DecodeOptions>();
+  command.add_option("--rounds", options->rounds, "passes over the packets; the median counts")
+      ->capture_default_str()
+      ->check(number_between(1, 1000));
+  command.add_option("--seconds", options->seconds, "seconds of packets in a pass")
+      ->capture_default_str()
+      ->check(number_between(0.1, 10.0));
+  command.add_option("--missing", options->missing, "share of firings without a return")
+      ->capture_default_str()
+      ->check(number_between(0.0, 1.0));
+  command.callback([options] { bench::run_decode_bench(*options); });
+}
+
+void add_receive(CLI::App& bench) {
+  CLI::App& command = *bench.add_subcommand(
+      "receive", "send numbered packets through loopback at a VLS-128's rate and account for each");
+  const auto options = std::make_shared<bench::ReceiveOptions>();
+  command.add_option("--speed", options->speeds, "multiples of 6,030 packets/s, one trial each")
+      ->check(number_between(0.01, 100.0))
+      ->capture_default_str();
+  command.add_option("--seconds", options->seconds, "length of a trial")
+      ->check(number_between(0.1, 3600.0))
+      ->capture_default_str();
+  command.add_option("--stall-ms", options->stall_ms, "sleep of the receive thread; 0 = never")
+      ->check(number_between(0.0, 10000.0))
+      ->capture_default_str();
+  command.add_option("--stall-period-ms", options->stall_period_ms, "from one stall to the next")
+      ->check(number_between(1.0, 60000.0))
+      ->capture_default_str();
+  command.add_option("--receive-buffer", options->receive_buffer_bytes, "socket buffer to request, bytes")
+      ->check(CLI::Range(4096, 1 << 30))
+      ->capture_default_str();
+  command
+      .add_option("--ring-slots", options->ring_slots, "packets between the receive thread and its reader")
+      ->check(CLI::Range(64, 1 << 20))
+      ->capture_default_str();
+  on_command(command, options, bench::run_receive_bench);
+}
+
+void add_odometry(CLI::App& bench) {
+  CLI::App& command =
+      *bench.add_subcommand("odometry", "accuracy, time, memory and work on drives with a truth");
+  const auto options = std::make_shared<bench::OdometryOptions>();
+  command.add_option("datasets", options->datasets, kDatasets)->required();
+  add_registration_option(command, options->registrations);
+  command.add_option("--threads", options->threads, "numbers of threads to run each method with")
+      ->delimiter(',')
+      ->check(number_between(1, 64))
+      ->capture_default_str();
+  command.add_option("--repeats", options->repeats, "runs for each figure; the minimum of each scan counts")
+      ->check(number_between(1, 100))
+      ->capture_default_str();
+  command
+      .add_option_function<std::string>(
+          "--vs", [options](const std::string& /*peer*/) { options->with_pcl = true; },
+          "also run the Point Cloud Library's NDT and ICP on the same scans")
+      ->check(CLI::IsMember({"pcl"}));
+  command.add_flag("--ablation", options->ablation, "also run with one setting changed at a time");
+  add_page_options(command, options->page);
+  add_override_option(command, options->overrides,
+                      "configuration of all runs, such as lidar.max_range_m=80; may be repeated");
+  on_command(command, options, bench::run_odometry_bench);
+}
+
+void add_basin(CLI::App& bench) {
+  CLI::App& command = *bench.add_subcommand("basin", "convergence basin of each registration method");
+  const auto options = std::make_shared<bench::BasinOptions>();
+  command.add_option("datasets", options->datasets, kDatasets)->required();
+  add_registration_option(command, options->registrations);
+  command.add_option("--pairs", options->pairs, "scans to try, shared among the data sets")
+      ->check(number_between(1, 100000))
+      ->capture_default_str();
+  command.add_option("--seed", options->seed, "of the directions")->capture_default_str();
+  add_override_option(command, options->overrides, "configuration, such as odometry.coarse_voxel_m=3");
+  add_page_options(command, options->page);
+  on_command(command, options, bench::run_basin_bench);
+}
+
+void add_soak(CLI::App& bench) {
+  CLI::App& command = *bench.add_subcommand(
+      "soak", "hours of drives in minutes: does the memory grow, is every pose counted");
+  const auto options = std::make_shared<bench::SoakOptions>();
+  command.footer("Exit status: 0; 1 when memory grows, poses are missing, or something could not be run.");
+  command.add_option("drives", options->drives,
+                     "folders of 'nilio simulate' or of recordings, or captures; each LiDAR model is played "
+                     "in a loop of its own");
+  command.add_option("--minutes", options->plan.minutes, "recorded time to play, in a loop")
+      ->check(number_between(0.1, 1e5))
+      ->capture_default_str();
+  command
+      .add_option("--standing", options->plan.stationary_minutes,
+                  "also simulate a vehicle at rest beside a road and play this many minutes of it")
+      ->check(number_between(0.1, 1e5));
+  command
+      .add_option("--warm-up", options->plan.warm_up_share,
+                  "share of the time before the memory is checked: the map has reached its size by then")
+      ->check(number_between(0.01, 0.9))
+      ->capture_default_str();
+  add_domain_option(command, options->plan.domain);
+  add_page_options(command, options->page);
+  add_override_option(command, options->plan.overrides, "configuration of all runs; may be repeated");
+  on_command(command, options, bench::run_soak_bench);
+}
+
+void add_realtime_load_options(CLI::App& command, bench::RealtimeOptions& o) {
+  command.add_option("--budgets", o.budgets_ms, "odometry.budget_ms of the runs, milliseconds")
+      ->delimiter(',')
+      ->check(number_between(0.1, 1000.0))
+      ->capture_default_str();
+  command.add_option("--conditions", o.conditions, "loads of the computer under the configured budget")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"idle", "cpu", "memory", "subscriber"}))
+      ->capture_default_str();
+  command.add_flag("--full", o.full, "run every budget under every condition");
+  command.add_option("--seconds", o.seconds, "length of each run: the drive's beginning")
+      ->check(number_between(1.0, 3600.0))
+      ->capture_default_str();
+  command
+      .add_option("--memory-mib", o.memory_mib,
+                  "maximum that condition 'memory' takes; at most nine tenths of the available memory")
+      ->check(number_between(1.0, 1e6))
+      ->capture_default_str();
+  command
+      .add_option("--soak", o.soak.minutes, "then play this many minutes of the drives, as 'bench soak' does")
+      ->check(number_between(0.1, 1e5));
+  command
+      .add_option("--standing", o.soak.stationary_minutes,
+                  "then play this many minutes of a simulated standstill")
+      ->check(number_between(0.1, 1e5));
+}
+
+void add_realtime(CLI::App& bench) {
+  CLI::App& command = *bench.add_subcommand("realtime",
+                                            "niliod and its publisher at the sensor's pace: budgets, loads, "
+                                            "latency, identity of poses, and a soak");
+  const auto options = std::make_shared<bench::RealtimeOptions>();
+  bench::RealtimeOptions& o = *options;
+  command.footer(
+      "Each run starts niliod, found beside this program, and feeds it the drive's first seconds. The same "
+      "input\n"
+      "has to give the same poses over file and socket, with 1, 2 and 4 threads, idle and loaded, and from "
+      "the\n"
+      "decision log of an overloaded run. libnilio-watch.so counts the calls of real-time threads, where it "
+      "is\n"
+      "beside this program.\n"
+      "Exit status: 0; 1 when a requirement that does not depend on the clock failed, or a run did.");
+  command
+      .add_option("drives", o.drives,
+                  "FOLDER of 'nilio simulate' or of a recording, or a capture; its truth is truth.tum in the "
+                  "folder, or DRIVE:TRUTH")
+      ->required();
+  add_realtime_load_options(command, o);
+  command
+      .add_option("--feed", o.feed,
+                  "udp: packets are sent to niliod's socket; replay: niliod --replay --as-live paces the "
+                  "files, with the IMU")
+      ->check(CLI::IsMember({"udp", "replay"}))
+      ->capture_default_str();
+  command.add_option("--can", o.can_interface,
+                     "CAN interface (such as vcan0) to send the IMU's frames on beside UDP");
+  command
+      .add_option("--port", o.port,
+                  "UDP port to send to, and the next for position packets (0: any free one)")
+      ->check(number_between(0.0, 65534.0))
+      ->capture_default_str();
+  add_domain_option(command, o.soak.domain);
+  add_page_options(command, o.page);
+  add_override_option(command, o.overrides, "configuration of all runs; may be repeated");
+  on_command(command, options, bench::run_realtime_bench);
+}
+
+}  // namespace
+
 void add_bench_command(CLI::App& app) {
-  CLI::App* const bench = app.add_subcommand("bench", "Measure parts of nilio on this machine");
-  bench->require_subcommand(1);
-  add_bench_basin(*bench);
-  add_bench_decode(*bench);
-  add_bench_odometry(*bench);
-  add_bench_realtime(*bench);
-  add_bench_receive(*bench);
-  add_bench_soak(*bench);
+  CLI::App& bench = *app.add_subcommand("bench", "measure parts of nilio on this machine");
+  bench.require_subcommand(1);
+  add_basin(bench);
+  add_decode(bench);
+  add_odometry(bench);
+  add_realtime(bench);
+  add_receive(bench);
+  add_soak(bench);
 }
 
 }  // namespace nilio::tools

@@ -1,7 +1,7 @@
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/common/trajectory.hpp"
 #include "tools/evaluate/metrics.hpp"
 #include "tools/evaluate/metrics_report.hpp"
-#include "tools/evaluate/trajectory.hpp"
 
 #include <cmath>
 #include <fstream>
@@ -23,15 +23,15 @@ struct EvaluateArguments {
   std::string estimate_path;
   std::string calibration_path;
   std::string json_path;
-  Alignment alignment = Alignment::kOrigin;
-  Association association = Association::kInterpolate;
+  evaluate::Alignment alignment = evaluate::Alignment::kOrigin;
+  evaluate::Association association = evaluate::Association::kInterpolate;
   std::optional<double> max_time_difference_s;
   std::vector<double> segment_lengths_m;
   std::optional<double> max_drift_percent;
   std::optional<double> max_translation_percent;
 };
 
-/// A LiDAR-frame trajectory as the camera sees it: T_camera_lidar * T * T_camera_lidar^-1.
+/// Converts LiDAR poses to camera poses: T_camera_lidar * T * T_camera_lidar^-1.
 core::Result<Trajectory> to_camera_frame(Trajectory trajectory, const std::string& calibration_path) {
   const auto T_camera_lidar = read_kitti_calibration(calibration_path);
   if (!T_camera_lidar) return T_camera_lidar.error();
@@ -39,7 +39,7 @@ core::Result<Trajectory> to_camera_frame(Trajectory trajectory, const std::strin
   return trajectory;
 }
 
-core::Result<PosePairs> load_pairs(const EvaluateArguments& arguments) {
+core::Result<evaluate::PosePairs> load_pairs(const EvaluateArguments& arguments) {
   const auto truth = read_trajectory(arguments.truth_path);
   if (!truth) return truth.error();
   auto estimate = read_trajectory(arguments.estimate_path);
@@ -48,23 +48,23 @@ core::Result<PosePairs> load_pairs(const EvaluateArguments& arguments) {
     estimate = to_camera_frame(std::move(estimate).value(), arguments.calibration_path);
     if (!estimate) return estimate.error();
   }
-  AssociationOptions options;
+  evaluate::AssociationOptions options;
   options.method = arguments.association;
   if (arguments.max_time_difference_s) {
     options.max_time_difference = core::Duration::from_seconds(*arguments.max_time_difference_s);
   }
-  return associate(*truth, *estimate, options);
+  return evaluate::associate(*truth, *estimate, options);
 }
 
-/// 0, or 3 with a line for each threshold that is exceeded, or 1 when a threshold cannot be judged.
-int check_thresholds(const Evaluation& evaluation, const EvaluateArguments& arguments) {
+/// 0, or 3 with a line for each threshold that is exceeded, or 1 when a threshold cannot be checked.
+int check_thresholds(const evaluate::Evaluation& evaluation, const EvaluateArguments& arguments) {
   int status = 0;
   if (arguments.max_drift_percent) {
     if (evaluation.truth_length_m <= 0.0) {
-      std::cerr << "nilio evaluate: --max-drift cannot be judged: the truth does not move\n";
+      std::cerr << "nilio evaluate: --max-drift cannot be checked: the truth does not move - leave it out\n";
       return kUnusable;
     }
-    const double drift = end_drift_percent(evaluation, arguments.alignment);
+    const double drift = evaluate::end_drift_percent(evaluation, arguments.alignment);
     if (!(drift <= *arguments.max_drift_percent)) {
       std::cerr << "nilio evaluate: end drift " << drift << " % exceeds --max-drift "
                 << *arguments.max_drift_percent << " %\n";
@@ -73,8 +73,8 @@ int check_thresholds(const Evaluation& evaluation, const EvaluateArguments& argu
   }
   if (arguments.max_translation_percent) {
     if (!evaluation.segments) {
-      std::cerr << "nilio evaluate: --max-t cannot be judged: the path of " << evaluation.truth_length_m
-                << " m has no segment; give shorter ones with --segments\n";
+      std::cerr << "nilio evaluate: --max-t cannot be checked: the path of " << evaluation.truth_length_m
+                << " m has no segment - give shorter ones with --segments\n";
       return kUnusable;
     }
     const double translation = evaluation.segments->all.translation_percent;
@@ -97,7 +97,7 @@ bool write_json(const std::string& path, const std::string& json) {
   file.close();
   if (file) return true;
   std::cerr << "nilio evaluate: " << path
-            << ": cannot be written; check the folder and the space on the disk\n";
+            << ": cannot be written - check the folder and the space on the disk\n";
   return false;
 }
 
@@ -107,13 +107,14 @@ int run_evaluate(const EvaluateArguments& arguments) {
     std::cerr << "nilio evaluate: " << pairs.error().message << '\n';
     return kUnusable;
   }
-  EvaluationOptions options;
-  options.report_unaligned = arguments.alignment == Alignment::kNone;
+  evaluate::EvaluationOptions options;
+  options.report_unaligned = arguments.alignment == evaluate::Alignment::kNone;
   if (!arguments.segment_lengths_m.empty()) options.segment_lengths_m = arguments.segment_lengths_m;
-  const Evaluation evaluation = evaluate(*pairs, options);
-  const ReportOptions report{arguments.alignment};
-  if (arguments.json_path != "-") std::cout << format_report(evaluation, report);
-  if (!arguments.json_path.empty() && !write_json(arguments.json_path, format_json(evaluation, report))) {
+  const evaluate::Evaluation evaluation = evaluate::evaluate(*pairs, options);
+  const evaluate::ReportOptions report{arguments.alignment};
+  if (arguments.json_path != "-") std::cout << evaluate::format_report(evaluation, report);
+  if (!arguments.json_path.empty() &&
+      !write_json(arguments.json_path, evaluate::format_json(evaluation, report))) {
     return kUnusable;
   }
   return check_thresholds(evaluation, arguments);
@@ -130,7 +131,7 @@ void add_evaluate_command(CLI::App& app, int& status) {
       "line).\n"
       "Exit status: 0 done, 1 input cannot be used, 3 a --max-... threshold is exceeded.");
   command->add_option("truth", arguments->truth_path, "true trajectory")->required();
-  command->add_option("estimate", arguments->estimate_path, "trajectory to be judged")->required();
+  command->add_option("estimate", arguments->estimate_path, "trajectory to compare with it")->required();
   command->add_option(
       "--calib", arguments->calibration_path,
       "KITTI calib.txt: turns an estimate of the LiDAR into the camera's frame with its line Tr:");
@@ -138,15 +139,16 @@ void add_evaluate_command(CLI::App& app, int& status) {
       ->add_option("--align", arguments->alignment,
                    "alignment that counts for the end drift; 'none' adds the unaligned APE (default: origin)")
       ->transform(CLI::CheckedTransformer(
-          std::map<std::string, Alignment>{
-              {"none", Alignment::kNone}, {"origin", Alignment::kOrigin}, {"se3", Alignment::kSe3}},
+          std::map<std::string, evaluate::Alignment>{{"none", evaluate::Alignment::kNone},
+                                                     {"origin", evaluate::Alignment::kOrigin},
+                                                     {"se3", evaluate::Alignment::kSe3}},
           CLI::ignore_case));
   command
       ->add_option("--associate", arguments->association,
                    "TUM: 'interpolate' the truth at the estimate's times (default), or 'nearest' as evo does")
       ->transform(CLI::CheckedTransformer(
-          std::map<std::string, Association>{{"interpolate", Association::kInterpolate},
-                                             {"nearest", Association::kNearest}},
+          std::map<std::string, evaluate::Association>{{"interpolate", evaluate::Association::kInterpolate},
+                                                       {"nearest", evaluate::Association::kNearest}},
           CLI::ignore_case));
   command
       ->add_option(

@@ -1,7 +1,6 @@
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/common/trajectory.hpp"
 #include "tools/evaluate/metrics.hpp"
-#include "tools/evaluate/trajectory.hpp"
-#include "tools/plot/canvas.hpp"
 #include "tools/plot/figure.hpp"
 #include "tools/plot/map.hpp"
 #include "tools/plot/trajectories.hpp"
@@ -25,11 +24,11 @@ struct PlotArguments {
   std::string truth_path;
   std::string map_path;
   std::string output_path;
-  Alignment alignment = Alignment::kOrigin;
-  PlotPlane plane = PlotPlane::kAuto;
+  evaluate::Alignment alignment = evaluate::Alignment::kOrigin;
+  plot::Plane plane = plot::Plane::kAuto;
 };
 
-core::Result<PlotFigure> make_figure(const PlotArguments& arguments) {
+core::Result<plot::Figure> make_figure(const PlotArguments& arguments) {
   std::vector<Trajectory> estimates;
   for (const std::string& path : arguments.trajectory_paths) {
     auto estimate = read_trajectory(path);
@@ -46,11 +45,18 @@ core::Result<PlotFigure> make_figure(const PlotArguments& arguments) {
   }
   std::vector<Eigen::Vector3f> map;
   if (!arguments.map_path.empty()) {
-    auto points = read_map_points(arguments.map_path);
+    auto points = plot::read_map_points(arguments.map_path);
     if (!points) return points.error();
     map = std::move(points).value();
   }
-  return trajectory_figure(estimates, truth, std::move(map), {arguments.alignment, arguments.plane});
+  if (const auto mixed = plot::find_mixed_frames(estimates, truth)) {
+    if (arguments.plane == plot::Plane::kAuto)
+      return core::Error{
+          *mixed + ": they cannot share a picture - convert one kind, as 'nilio evaluate --calib' does, or " +
+          "choose --plane"};
+    std::cerr << "nilio plot: warning: " << *mixed << ": the picture does not compare them\n";
+  }
+  return plot::trajectory_figure(estimates, truth, std::move(map), {arguments.alignment, arguments.plane});
 }
 
 int run_plot(const PlotArguments& arguments) {
@@ -60,10 +66,7 @@ int run_plot(const PlotArguments& arguments) {
   };
   const auto figure = make_figure(arguments);
   if (!figure) return fail(figure.error());
-  auto canvas = Canvas::create(arguments.output_path, kWidth, kHeight);
-  if (!canvas) return fail(canvas.error());
-  draw_figure(*canvas, *figure);
-  const auto saved = canvas->save();
+  const auto saved = plot::save_figure(*figure, arguments.output_path, kWidth, kHeight);
   return saved ? 0 : fail(saved.error());
 }
 
@@ -71,10 +74,11 @@ int run_plot(const PlotArguments& arguments) {
 
 void add_plot_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<PlotArguments>();
-  CLI::App* command = app.add_subcommand("plot", "draw trajectories from above, their errors and a map");
+  CLI::App* command =
+      app.add_subcommand("plot", "draw up to eight trajectories from above, their errors and a map");
   command->footer(
-      "With --truth, estimates are moved onto it (--align) and their position errors are drawn too.\n"
-      "The map is moved with the first trajectory.");
+      "With --truth, estimates are aligned to it (--align) and their position errors are drawn too.\n"
+      "The map moves with the first trajectory. Camera poses and vehicle poses are refused together.");
   command->add_option("trajectories", arguments->trajectory_paths, "TUM or KITTI files")->required();
   command->add_option("--truth", arguments->truth_path, "true trajectory, TUM or KITTI, drawn in grey");
   command->add_option("--map", arguments->map_path,
@@ -82,16 +86,17 @@ void add_plot_command(CLI::App& app, int& status) {
   command->add_option("-o,--output", arguments->output_path, "picture to write, .png or .svg")->required();
   command->add_option("--align", arguments->alignment, "with --truth: none, origin (default) or se3")
       ->transform(CLI::CheckedTransformer(
-          std::map<std::string, Alignment>{
-              {"none", Alignment::kNone}, {"origin", Alignment::kOrigin}, {"se3", Alignment::kSe3}},
+          std::map<std::string, evaluate::Alignment>{{"none", evaluate::Alignment::kNone},
+                                                     {"origin", evaluate::Alignment::kOrigin},
+                                                     {"se3", evaluate::Alignment::kSe3}},
           CLI::ignore_case));
   command
       ->add_option(
           "--plane", arguments->plane,
           "plane seen from above: xy, xz (camera frame) or auto (default: xz for KITTI camera poses)")
       ->transform(CLI::CheckedTransformer(
-          std::map<std::string, PlotPlane>{
-              {"auto", PlotPlane::kAuto}, {"xy", PlotPlane::kXy}, {"xz", PlotPlane::kXz}},
+          std::map<std::string, plot::Plane>{
+              {"auto", plot::Plane::kAuto}, {"xy", plot::Plane::kXy}, {"xz", plot::Plane::kXz}},
           CLI::ignore_case));
   command->callback([arguments, &status] { status = run_plot(*arguments); });
 }

@@ -12,7 +12,7 @@
 
 #include <Eigen/SVD>
 
-namespace nilio::tools {
+namespace nilio::tools::evaluate {
 
 namespace {
 
@@ -280,4 +280,4 @@ Evaluation evaluate(const PosePairs& pairs, const EvaluationOptions& options) {
   return evaluation;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::evaluate

@@ -2,14 +2,14 @@
 
 #include "nilio/core/result.hpp"
 
-#include "tools/evaluate/trajectory.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include <cstddef>
 #include <optional>
 #include <span>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::evaluate {
 
 /// How poses of two TUM files find each other. KITTI files pair line by line.
 enum class Association {
@@ -126,4 +126,4 @@ double rotation_angle_deg(const Eigen::Matrix3d& rotation);
 
 const char* alignment_name(Alignment alignment);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::evaluate

@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace nilio::tools {
+namespace nilio::tools::evaluate {
 
 namespace {
 
@@ -146,4 +146,4 @@ std::string format_json(const Evaluation& evaluation, const ReportOptions& optio
   return json.dump(2) + "\n";
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::evaluate

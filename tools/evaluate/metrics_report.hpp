@@ -4,7 +4,7 @@
 
 #include <string>
 
-namespace nilio::tools {
+namespace nilio::tools::evaluate {
 
 /// What the user chose to be judged by.
 struct ReportOptions {
@@ -25,4 +25,4 @@ std::string format_report(const Evaluation& evaluation, const ReportOptions& opt
 /// The same numbers in full precision; units are in the keys.
 std::string format_json(const Evaluation& evaluation, const ReportOptions& options);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::evaluate

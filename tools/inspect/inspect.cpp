@@ -121,8 +121,8 @@ void check_imu(const Options& options, RecordingFindings& findings) {
   double recorded = 0.0;
   for (const CaptureFindings& capture : findings.captures) recorded += capture.duration_s();
   const double seconds = std::min(options.imu_seconds, std::max(recorded, 1.0));
-  const DriveOptions options{options.imu_seconds, drive_progress(seconds)};
-  core::Result<DriveFindings> drive = inspect_drive(*files, *config, options);
+  const DriveOptions drive_options{options.imu_seconds, drive_progress(seconds)};
+  core::Result<DriveFindings> drive = inspect_drive(*files, *config, drive_options);
   if (!drive) {
     findings.drive_problem = drive.error().message;
     return;

@@ -1,26 +1,71 @@
 #include "tools/plot/canvas.hpp"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <fstream>
+#include <numbers>
 
-#include <cairo/cairo-svg.h>
-
-namespace nilio::tools {
+namespace nilio::tools::plot {
 
 namespace {
 
-constexpr Colour kGridColour{0.0, 0.0, 0.0, 0.10};
-constexpr Colour kFrameColour{0.45, 0.45, 0.45};
+constexpr double kSmallestStep = 1.0 / 3.0;
 
-std::string format_tick(double value, double step) {
-  const int digits = std::clamp(static_cast<int>(std::ceil(-std::log10(step) - 1e-9)), 0, 9);
-  std::array<char, 64> text{};
-  // Adding zero turns -0 into 0.
-  std::snprintf(text.data(), text.size(), "%.*f", digits, std::round(value / step) * step + 0.0);
-  return text.data();
+[[gnu::format(printf, 2, 3)]] void append(std::string& text, const char* format, ...) {
+  std::array<char, 512> line{};
+  va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(line.data(), line.size(), format, arguments);
+  va_end(arguments);
+  text += line.data();
+}
+
+/// Value of an SVG paint attribute, and its opacity.
+std::string svg_paint(const char* attribute, const Colour& c) {
+  const auto byte = [](double value) { return static_cast<int>(std::lround(255.0 * value)); };
+  std::string text;
+  append(text, "%s=\"#%02x%02x%02x\"", attribute, byte(c.red), byte(c.green), byte(c.blue));
+  if (c.alpha < 1.0) append(text, " %s-opacity=\"%.2f\"", attribute, c.alpha);
+  return text;
+}
+
+std::string escaped(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    if (c == '&') {
+      result += "&amp;";
+    } else if (c == '<') {
+      result += "&lt;";
+    } else {
+      result += c;
+    }
+  }
+  return result;
+}
+
+std::string base64(const std::string& bytes) {
+  static constexpr const char* kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    std::uint32_t group = 0;
+    for (std::size_t k = 0; k < 3; ++k)
+      group = group << 8U | (i + k < bytes.size() ? static_cast<unsigned char>(bytes[i + k]) : 0U);
+    for (std::size_t k = 0; k < 4; ++k)
+      text += i + k > bytes.size() ? '=' : kDigits[group >> (18U - 6U * static_cast<unsigned>(k)) & 63U];
+  }
+  return text;
+}
+
+void set_colour(cairo_t* context, const Colour& c) {
+  cairo_set_source_rgba(context, c.red, c.green, c.blue, c.alpha);
+}
+
+cairo_status_t append_bytes(void* closure, const unsigned char* data, unsigned int length) {
+  static_cast<std::string*>(closure)->append(reinterpret_cast<const char*>(data), length);
+  return CAIRO_STATUS_SUCCESS;
 }
 
 }  // namespace
@@ -29,13 +74,13 @@ core::Result<Canvas> Canvas::create(const std::string& path, int width, int heig
   Canvas canvas;
   canvas.path_ = path;
   canvas.is_svg_ = path.ends_with(".svg");
-  if (!canvas.is_svg_ && !path.ends_with(".png")) {
+  if (!canvas.is_svg_ && !path.ends_with(".png"))
     return core::Error{path + ": the extension has to be .png or .svg"};
-  }
   canvas.width_ = width;
   canvas.height_ = height;
-  canvas.surface_.reset(canvas.is_svg_ ? cairo_svg_surface_create(path.c_str(), width, height)
-                                       : cairo_image_surface_create(CAIRO_FORMAT_ARGB32, width, height));
+  // SVG needs cairo only for the width of texts.
+  canvas.surface_.reset(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, canvas.is_svg_ ? 1 : width,
+                                                   canvas.is_svg_ ? 1 : height));
   canvas.context_.reset(cairo_create(canvas.surface_.get()));
   const cairo_status_t status = cairo_status(canvas.context_.get());
   if (status != CAIRO_STATUS_SUCCESS) return core::Error{path + ": " + cairo_status_to_string(status)};
@@ -44,55 +89,58 @@ core::Result<Canvas> Canvas::create(const std::string& path, int width, int heig
   return canvas;
 }
 
-void Canvas::set_colour(const Colour& c) {
-  cairo_set_source_rgba(context_.get(), c.red, c.green, c.blue, c.alpha);
-}
-
-void Canvas::set_font(const TextStyle& style) {
-  cairo_select_font_face(context_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
-                         style.bold ? CAIRO_FONT_WEIGHT_BOLD : CAIRO_FONT_WEIGHT_NORMAL);
-  cairo_set_font_size(context_.get(), style.size);
-}
-
 void Canvas::fill(const Rectangle& area, const Colour& colour) {
-  set_colour(colour);
+  if (is_svg_) {
+    append(svg_, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" %s/>\n", area.x, area.y,
+           area.width, area.height, svg_paint("fill", colour).c_str());
+    return;
+  }
+  set_colour(context_.get(), colour);
   cairo_rectangle(context_.get(), area.x, area.y, area.width, area.height);
   cairo_fill(context_.get());
 }
 
-void Canvas::frame(const Rectangle& area, const Colour& colour, double line_width) {
-  set_colour(colour);
-  cairo_set_line_width(context_.get(), line_width);
-  cairo_rectangle(context_.get(), area.x, area.y, area.width, area.height);
-  cairo_stroke(context_.get());
-}
-
 void Canvas::line(std::span<const Eigen::Vector2d> points, const Colour& colour, double line_width) {
   if (points.empty()) return;
-  set_colour(colour);
-  cairo_set_line_width(context_.get(), line_width);
-  cairo_move_to(context_.get(), points[0].x(), points[0].y());
-  for (const Eigen::Vector2d& point : points.subspan(1)) cairo_line_to(context_.get(), point.x(), point.y());
-  cairo_stroke(context_.get());
+  if (is_svg_) {
+    append(svg_, "<polyline fill=\"none\" stroke-linejoin=\"round\" %s stroke-width=\"%.1f\" points=\"",
+           svg_paint("stroke", colour).c_str(), line_width);
+  } else {
+    set_colour(context_.get(), colour);
+    cairo_set_line_width(context_.get(), line_width);
+    cairo_new_path(context_.get());
+  }
+  Eigen::Vector2d last = points.front();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector2d& p = points[i];
+    if (i > 0 && i + 1 < points.size() && (p - last).norm() < kSmallestStep) continue;
+    last = p;
+    is_svg_ ? append(svg_, "%.1f,%.1f ", p.x(), p.y()) : cairo_line_to(context_.get(), p.x(), p.y());
+  }
+  is_svg_ ? append(svg_, "\"/>\n") : cairo_stroke(context_.get());
 }
 
 void Canvas::disc(const Eigen::Vector2d& centre, double radius, const Colour& colour, const Colour& edge) {
-  constexpr double full_circle_rad = 6.283185307179586;
+  constexpr double edge_width = 1.5;
+  if (is_svg_) {
+    append(svg_, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" %s %s stroke-width=\"%.1f\"/>\n", centre.x(),
+           centre.y(), radius, svg_paint("fill", colour).c_str(), svg_paint("stroke", edge).c_str(),
+           edge_width);
+    return;
+  }
   cairo_new_path(context_.get());
-  cairo_arc(context_.get(), centre.x(), centre.y(), radius, 0.0, full_circle_rad);
-  set_colour(colour);
+  cairo_arc(context_.get(), centre.x(), centre.y(), radius, 0.0, 2.0 * std::numbers::pi);
+  set_colour(context_.get(), colour);
   cairo_fill_preserve(context_.get());
-  set_colour(edge);
-  cairo_set_line_width(context_.get(), 1.5);
+  set_colour(context_.get(), edge);
+  cairo_set_line_width(context_.get(), edge_width);
   cairo_stroke(context_.get());
 }
 
-void Canvas::raster(const Raster& raster, const Rectangle& area) {
-  using Surface = std::unique_ptr<cairo_surface_t, SurfaceDeleter>;
-  const Surface image(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, raster.width, raster.height));
-  unsigned char* data = cairo_image_surface_get_data(image.get());
-  if (data == nullptr) return;
-  cairo_surface_flush(image.get());
+Canvas::Surface Canvas::make_surface(const Raster& raster) {
+  Surface image(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, raster.width, raster.height));
+  unsigned char* const data = cairo_image_surface_get_data(image.get());
+  if (data == nullptr) return image;
   const int stride = cairo_image_surface_get_stride(image.get());
   const std::size_t row_bytes = static_cast<std::size_t>(raster.width) * sizeof(std::uint32_t);
   for (int row = 0; row < raster.height; ++row) {
@@ -100,6 +148,19 @@ void Canvas::raster(const Raster& raster, const Rectangle& area) {
                 raster.pixels.data() + static_cast<std::ptrdiff_t>(row) * raster.width, row_bytes);
   }
   cairo_surface_mark_dirty(image.get());
+  return image;
+}
+
+void Canvas::raster(const Raster& raster, const Rectangle& area) {
+  const Surface image = make_surface(raster);
+  if (is_svg_) {
+    std::string png;
+    cairo_surface_write_to_png_stream(image.get(), append_bytes, &png);
+    append(svg_, "<image x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" href=\"data:image/png;base64,",
+           area.x, area.y, area.width, area.height);
+    svg_ += base64(png) + "\"/>\n";
+    return;
+  }
   cairo_save(context_.get());
   cairo_translate(context_.get(), area.x, area.y);
   cairo_scale(context_.get(), area.width / raster.width, area.height / raster.height);
@@ -109,87 +170,68 @@ void Canvas::raster(const Raster& raster, const Rectangle& area) {
 }
 
 double Canvas::text_width(const std::string& text, const TextStyle& style) {
-  set_font(style);
+  cairo_select_font_face(context_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
+                         style.bold ? CAIRO_FONT_WEIGHT_BOLD : CAIRO_FONT_WEIGHT_NORMAL);
+  cairo_set_font_size(context_.get(), style.size);
   cairo_text_extents_t extents;
   cairo_text_extents(context_.get(), text.c_str(), &extents);
   return extents.x_advance;
 }
 
 void Canvas::text(const std::string& text, const Eigen::Vector2d& at, const TextStyle& style) {
-  const double width = text_width(text, style);
-  double shift = 0.0;
-  if (style.align == TextAlign::kCentre) shift = -0.5 * width;
-  if (style.align == TextAlign::kRight) shift = -width;
+  static constexpr std::array<const char*, 3> kAnchors{"start", "middle", "end"};
+  const auto align = static_cast<std::size_t>(style.align);
+  if (is_svg_) {
+    append(svg_, "<text transform=\"translate(%.1f %.1f)%s\" font-family=\"sans-serif\" font-size=\"%.0f\"",
+           at.x(), at.y(), style.vertical ? " rotate(-90)" : "", style.size);
+    append(svg_, "%s text-anchor=\"%s\" %s>", style.bold ? " font-weight=\"bold\"" : "", kAnchors[align],
+           svg_paint("fill", style.colour).c_str());
+    svg_ += escaped(text) + "</text>\n";
+    return;
+  }
+  const double shift = -0.5 * static_cast<double>(align) * text_width(text, style);
   cairo_save(context_.get());
   cairo_translate(context_.get(), at.x(), at.y());
-  if (style.vertical) cairo_rotate(context_.get(), -1.5707963267948966);
+  if (style.vertical) cairo_rotate(context_.get(), -0.5 * std::numbers::pi);
   cairo_move_to(context_.get(), shift, 0.0);
-  set_colour(style.colour);
+  set_colour(context_.get(), style.colour);
   cairo_show_text(context_.get(), text.c_str());
+  cairo_new_path(context_.get());
   cairo_restore(context_.get());
 }
 
 void Canvas::clip(const Rectangle& area) {
+  if (is_svg_) {
+    append(svg_,
+           "<clipPath id=\"clip%d\"><rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\"/></clipPath>\n"
+           "<g clip-path=\"url(#clip%d)\">\n",
+           clips_, area.x, area.y, area.width, area.height, clips_);
+    ++clips_;
+    return;
+  }
   cairo_save(context_.get());
   cairo_rectangle(context_.get(), area.x, area.y, area.width, area.height);
   cairo_clip(context_.get());
 }
 
-void Canvas::unclip() { cairo_restore(context_.get()); }
+void Canvas::unclip() { is_svg_ ? append(svg_, "</g>\n") : cairo_restore(context_.get()); }
 
 core::Result<std::string> Canvas::save() {
-  cairo_status_t status = cairo_status(context_.get());
-  if (status == CAIRO_STATUS_SUCCESS && is_svg_) {
-    cairo_surface_finish(surface_.get());
-    status = cairo_surface_status(surface_.get());
-  } else if (status == CAIRO_STATUS_SUCCESS) {
-    status = cairo_surface_write_to_png(surface_.get(), path_.c_str());
+  bool good = false;
+  if (is_svg_) {
+    std::ofstream file(path_, std::ios::binary);
+    std::string head;
+    append(head,
+           "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" "
+           "viewBox=\"0 0 %.0f %.0f\">\n",
+           width_, height_, width_, height_);
+    file << head << svg_ << "</svg>\n";
+    good = static_cast<bool>(file.flush());
+  } else {
+    good = cairo_surface_write_to_png(surface_.get(), path_.c_str()) == CAIRO_STATUS_SUCCESS;
   }
-  if (status == CAIRO_STATUS_SUCCESS) return path_;
-  return core::Error{path_ + ": " + cairo_status_to_string(status) +
-                     "; check the folder and the space on the disk"};
+  if (good) return path_;
+  return core::Error{path_ + ": cannot be written - check the folder and the space on the disk"};
 }
 
-Eigen::Vector2d Axes::to_pixel(const Eigen::Vector2d& point) const {
-  return {area.x + area.width * (point.x() - x_min) / (x_max - x_min),
-          area.y + area.height * (y_max - point.y()) / (y_max - y_min)};
-}
-
-double nice_step(double range, int max_parts) {
-  const double raw = range / max_parts;
-  const double power = std::pow(10.0, std::floor(std::log10(raw)));
-  for (const double factor : {1.0, 2.0, 5.0}) {
-    if (factor * power >= raw * (1.0 - 1e-9)) return factor * power;
-  }
-  return 10.0 * power;
-}
-
-void draw_axes(Canvas& canvas, const Axes& axes, const std::string& x_label, const std::string& y_label) {
-  const Rectangle& area = axes.area;
-  const double bottom = area.y + area.height;
-  const double x_step = nice_step(axes.x_max - axes.x_min, std::max(2, static_cast<int>(area.width / 80.0)));
-  const double y_step = nice_step(axes.y_max - axes.y_min, std::max(2, static_cast<int>(area.height / 42.0)));
-  for (double x = std::ceil(axes.x_min / x_step) * x_step; x <= axes.x_max + 1e-9 * x_step; x += x_step) {
-    const double px = axes.to_pixel({x, axes.y_min}).x();
-    const std::array<Eigen::Vector2d, 2> grid{Eigen::Vector2d(px, area.y), Eigen::Vector2d(px, bottom)};
-    canvas.line(grid, kGridColour, 1.0);
-    canvas.text(format_tick(x, x_step), {px, bottom + 18.0}, {.size = 13.0, .align = TextAlign::kCentre});
-  }
-  double widest = 0.0;
-  for (double y = std::ceil(axes.y_min / y_step) * y_step; y <= axes.y_max + 1e-9 * y_step; y += y_step) {
-    const double py = axes.to_pixel({axes.x_min, y}).y();
-    const std::array<Eigen::Vector2d, 2> grid{Eigen::Vector2d(area.x, py),
-                                              Eigen::Vector2d(area.x + area.width, py)};
-    canvas.line(grid, kGridColour, 1.0);
-    const TextStyle style{.size = 13.0, .align = TextAlign::kRight};
-    canvas.text(format_tick(y, y_step), {area.x - 7.0, py + 4.5}, style);
-    widest = std::max(widest, canvas.text_width(format_tick(y, y_step), style));
-  }
-  canvas.frame(area, kFrameColour, 1.0);
-  canvas.text(x_label, {area.x + 0.5 * area.width, bottom + 40.0},
-              {.size = 15.0, .align = TextAlign::kCentre});
-  canvas.text(y_label, {area.x - widest - 18.0, area.y + 0.5 * area.height},
-              {.size = 15.0, .align = TextAlign::kCentre, .vertical = true});
-}
-
-}  // namespace nilio::tools
+}  // namespace nilio::tools::plot

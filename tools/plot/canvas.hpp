@@ -11,9 +11,9 @@
 #include <Eigen/Core>
 #include <cairo/cairo.h>
 
-namespace nilio::tools {
+namespace nilio::tools::plot {
 
-/// 0..1.
+/// Components 0..1.
 struct Colour {
   double red = 0.0;
   double green = 0.0;
@@ -22,8 +22,6 @@ struct Colour {
 };
 
 inline constexpr Colour kWhite{1.0, 1.0, 1.0};
-inline constexpr Colour kPaper{0.985, 0.985, 0.985};  ///< inside a chart's axes
-inline constexpr Colour kGrid{0.86, 0.86, 0.86};
 
 /// Pixels, y down.
 struct Rectangle {
@@ -31,6 +29,9 @@ struct Rectangle {
   double y = 0.0;
   double width = 0.0;
   double height = 0.0;
+
+  [[nodiscard]] double right() const { return x + width; }
+  [[nodiscard]] double bottom() const { return y + height; }
 };
 
 enum class TextAlign { kLeft, kCentre, kRight };
@@ -40,38 +41,39 @@ struct TextStyle {
   Colour colour{0.2, 0.2, 0.2};
   TextAlign align = TextAlign::kLeft;
   bool bold = false;
-  /// Reads upwards.
-  bool vertical = false;
+  bool vertical = false;  ///< reads upwards
 };
 
-/// Opaque or transparent pixels for a part of a picture, top row first.
+/// Pixels of a part of a picture, top row first.
 struct Raster {
   int width = 0;
   int height = 0;
-  /// 0xAARRGGBB, colours multiplied by alpha.
-  std::vector<std::uint32_t> pixels;
+  std::vector<std::uint32_t> pixels;  ///< 0xAARRGGBB, colours multiplied by alpha
 };
 
-/// A picture being drawn, in pixels of its size.
+/// A PNG or SVG picture while it is drawn; coordinates are its pixels. SVG text remains text. Not
+/// thread-safe.
 class Canvas {
  public:
-  /// The extension decides between PNG and SVG; any other is an error.
+  /// The extension of `path` selects PNG or SVG; any other is an error.
   static core::Result<Canvas> create(const std::string& path, int width, int height);
 
   [[nodiscard]] double width() const { return width_; }
   [[nodiscard]] double height() const { return height_; }
 
   void fill(const Rectangle& area, const Colour& colour);
-  void frame(const Rectangle& area, const Colour& colour, double line_width);
+  /// Points closer than a third of a pixel to the previous one are left out.
   void line(std::span<const Eigen::Vector2d> points, const Colour& colour, double line_width);
   void disc(const Eigen::Vector2d& centre, double radius, const Colour& colour, const Colour& edge);
   void raster(const Raster& raster, const Rectangle& area);
+  /// `at` is on the base line.
   void text(const std::string& text, const Eigen::Vector2d& at, const TextStyle& style);
+  /// In SVG an estimate: the viewer chooses the font.
   [[nodiscard]] double text_width(const std::string& text, const TextStyle& style);
-  /// Drawing until the next unclip() stays inside `area`.
+  /// Limits drawing to `area` until unclip().
   void clip(const Rectangle& area);
   void unclip();
-  /// Writes the file; the canvas cannot be drawn on any more.
+  /// Writes the file. Fails when it cannot be written; nothing may be drawn afterwards.
   core::Result<std::string> save();
 
  private:
@@ -81,35 +83,19 @@ class Canvas {
   struct ContextDeleter {
     void operator()(cairo_t* context) const { cairo_destroy(context); }
   };
+  using Surface = std::unique_ptr<cairo_surface_t, SurfaceDeleter>;
 
   Canvas() = default;
-  void set_colour(const Colour& colour);
-  void set_font(const TextStyle& style);
+  static Surface make_surface(const Raster& raster);
 
   std::string path_;
-  bool is_svg_ = false;
   double width_ = 0.0;
   double height_ = 0.0;
-  std::unique_ptr<cairo_surface_t, SurfaceDeleter> surface_;
+  bool is_svg_ = false;
+  std::string svg_;  ///< elements so far
+  int clips_ = 0;
+  Surface surface_;
   std::unique_ptr<cairo_t, ContextDeleter> context_;
 };
 
-/// Data coordinates on a part of the canvas.
-struct Axes {
-  Rectangle area;
-  double x_min = 0.0;
-  double x_max = 1.0;
-  double y_min = 0.0;
-  double y_max = 1.0;
-
-  [[nodiscard]] Eigen::Vector2d to_pixel(const Eigen::Vector2d& point) const;
-  [[nodiscard]] double pixels_per_x() const { return area.width / (x_max - x_min); }
-};
-
-/// 1, 2 or 5 times a power of ten: the smallest that divides `range` into at most `max_parts`.
-double nice_step(double range, int max_parts);
-
-/// Grid, frame, numbers and labels around the area.
-void draw_axes(Canvas& canvas, const Axes& axes, const std::string& x_label, const std::string& y_label);
-
-}  // namespace nilio::tools
+}  // namespace nilio::tools::plot

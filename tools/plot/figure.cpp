@@ -1,248 +1,332 @@
 #include "tools/plot/figure.hpp"
 
+#include "tools/plot/map.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <limits>
+#include <sstream>
 
-namespace nilio::tools {
+namespace nilio::tools::plot {
 
 namespace {
 
-constexpr Colour kTruthColour{0.45, 0.45, 0.45};
-constexpr std::array<Colour, 10> kEstimateColours{{{0.12, 0.47, 0.71},
-                                                   {0.90, 0.33, 0.05},
-                                                   {0.17, 0.63, 0.17},
-                                                   {0.58, 0.40, 0.74},
-                                                   {0.84, 0.15, 0.16},
-                                                   {0.55, 0.34, 0.29},
-                                                   {0.09, 0.75, 0.81},
-                                                   {0.89, 0.47, 0.76},
-                                                   {0.74, 0.65, 0.05},
-                                                   {0.10, 0.10, 0.10}}};
-constexpr double kLeftMargin = 90.0;
-constexpr double kRightMargin = 30.0;
-constexpr double kBottomMargin = 60.0;
-constexpr double kLegendRow = 26.0;
+constexpr Colour kInk{0.15, 0.15, 0.15};
+constexpr Colour kPaper{0.985, 0.985, 0.985};
+constexpr Colour kGrid{0.0, 0.0, 0.0, 0.12};
+constexpr Colour kFrame{0.55, 0.55, 0.55};
+constexpr Colour kReference{0.5, 0.5, 0.5};
+/// Okabe and Ito's colours for all kinds of colour vision, with a darker yellow.
+constexpr std::array<Colour, kMaxCurves> kCurveColours{{{0.00, 0.45, 0.70},
+                                                        {0.84, 0.37, 0.00},
+                                                        {0.00, 0.62, 0.45},
+                                                        {0.80, 0.47, 0.65},
+                                                        {0.00, 0.00, 0.00},
+                                                        {0.90, 0.62, 0.00},
+                                                        {0.34, 0.71, 0.91},
+                                                        {0.60, 0.56, 0.10}}};
+constexpr double kLeft = 90.0;
+constexpr double kTop = 24.0;
+constexpr double kBottom = 62.0;
+constexpr double kRight = 24.0;
+constexpr double kLabelGap = 14.0;
+constexpr double kLabelRow = 18.0;
+const TextStyle kLabelStyle{.size = 14.0};
 
-struct Bounds {
-  Eigen::Vector2d min = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  Eigen::Vector2d max = -min;
+using Points = std::vector<Eigen::Vector2d>;
+using Ticks = std::vector<std::pair<double, std::string>>;
 
-  void add(const std::vector<Eigen::Vector2d>& points) {
-    for (const Eigen::Vector2d& point : points) {
-      min = min.cwiseMin(point);
-      max = max.cwiseMax(point);
+std::string number_text(double value) {
+  std::array<char, 32> text{};
+  // Adding zero turns -0 into 0.
+  std::snprintf(text.data(), text.size(), "%g", value + 0.0);
+  return text.data();
+}
+
+struct Range {
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+
+  void add(double value) {
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
+  [[nodiscard]] double extent() const { return high - low; }
+  void widen(double margin) {
+    low -= margin;
+    high += margin;
+  }
+  /// Adds a share of the extent at both ends, and some room where there is no extent or no value.
+  void widen_by_share(double share) {
+    if (low > high) low = high = 0.0;
+    widen(extent() > 0.0 ? share * extent() : std::max(0.1 * std::abs(low), 0.1));
+  }
+};
+
+/// Panel in the coordinates that are drawn: logarithms on a logarithmic axis.
+struct DrawnPanel {
+  const Panel* panel = nullptr;
+  std::vector<Points> curves;
+  Points reference;
+  Range x;
+  Range y;
+};
+
+std::optional<double> coordinate(const Axis& axis, double value) {
+  if (!std::isfinite(value) || (axis.logarithmic && value <= 0.0)) return std::nullopt;
+  return axis.logarithmic ? std::log10(value) : value;
+}
+
+DrawnPanel prepare(const Panel& panel) {
+  DrawnPanel drawn;
+  drawn.panel = &panel;
+  const auto convert = [&](const Curve& curve) {
+    Points points;
+    for (const Eigen::Vector2d& point : curve.points) {
+      const auto x = coordinate(panel.x, point.x());
+      const auto y = coordinate(panel.y, point.y());
+      if (!x || !y) continue;
+      points.emplace_back(*x, *y);
+      drawn.x.add(*x);
+      drawn.y.add(*y);
     }
-  }
-};
-
-Bounds trajectory_bounds(const PlotFigure& figure) {
-  Bounds bounds;
-  if (figure.truth) bounds.add(figure.truth->points);
-  for (const PlotCurve& estimate : figure.estimates) bounds.add(estimate.points);
-  // With a map, enough of what stands beside the road.
-  const Eigen::Vector2d extent = bounds.max - bounds.min;
-  const double margin =
-      figure.map.empty() ? std::max(0.06 * extent.maxCoeff(), 0.5) : std::max(0.1 * extent.maxCoeff(), 25.0);
-  bounds.min.array() -= margin;
-  bounds.max.array() += margin;
-  return bounds;
-}
-
-/// Axes with equal scales that show all of `bounds` in the middle of `area`.
-Axes fit_equal(const Rectangle& area, const Bounds& bounds) {
-  const Eigen::Vector2d extent = bounds.max - bounds.min;
-  const double scale = std::min(area.width / extent.x(), area.height / extent.y());
-  const Eigen::Vector2d centre = 0.5 * (bounds.min + bounds.max);
-  const double half_width = 0.5 * area.width / scale;
-  const double half_height = 0.5 * area.height / scale;
-  return {area, centre.x() - half_width, centre.x() + half_width, centre.y() - half_height,
-          centre.y() + half_height};
-}
-
-struct Layout {
-  Rectangle top_view;
-  std::optional<Rectangle> errors;
-};
-
-Layout make_layout(const Canvas& canvas, const PlotFigure& figure, double top) {
-  const double width = canvas.width() - kLeftMargin - kRightMargin;
-  const double height = canvas.height() - top - kBottomMargin;
-  const Rectangle whole{kLeftMargin, top, width, height};
-  if (figure.errors.empty()) return {whole, std::nullopt};
-  const Bounds bounds = trajectory_bounds(figure);
-  const Eigen::Vector2d extent = bounds.max - bounds.min;
-  constexpr double gap = 95.0;
-  const double beside = std::round(0.30 * width);
-  const double below = std::round(0.26 * height);
-  const Rectangle left{whole.x, whole.y, width - beside - gap, height};
-  const Rectangle upper{whole.x, whole.y, width, height - below - gap + 20.0};
-  const auto scale_in = [&](const Rectangle& area) {
-    return std::min(area.width / extent.x(), area.height / extent.y());
+    return points;
   };
-  if (scale_in(upper) > scale_in(left)) {
-    return {upper, Rectangle{whole.x, whole.y + height - below, width, below}};
+  if (panel.reference) drawn.reference = convert(*panel.reference);
+  for (const Curve& curve : panel.curves) drawn.curves.push_back(convert(curve));
+  if (panel.is_top_view) {
+    // With a map, the surroundings of the road are shown too.
+    const double extent = std::max({drawn.x.extent(), drawn.y.extent(), 0.0});
+    const double margin = panel.map.empty() ? std::max(0.06 * extent, 0.5) : std::max(0.1 * extent, 25.0);
+    drawn.x.widen_by_share(0.0);
+    drawn.y.widen_by_share(0.0);
+    drawn.x.widen(margin);
+    drawn.y.widen(margin);
+  } else {
+    drawn.x.widen_by_share(panel.markers ? 0.04 : 0.0);
+    drawn.y.widen_by_share(0.08);
+    if (panel.y.from_zero && !panel.y.logarithmic) drawn.y.low = std::min(drawn.y.low, 0.0);
   }
-  return {left, Rectangle{whole.x + width - beside, whole.y, beside, height}};
+  return drawn;
 }
 
-std::vector<Eigen::Vector2d> to_pixels(const Axes& axes, const std::vector<Eigen::Vector2d>& points) {
-  std::vector<Eigen::Vector2d> pixels;
-  pixels.reserve(points.size());
-  for (const Eigen::Vector2d& point : points) pixels.push_back(axes.to_pixel(point));
-  return pixels;
+Ticks ticks_of(const Axis& axis, const Range& range, int max_parts) {
+  Ticks ticks;
+  const auto add = [&](double value, const std::string& text) {
+    const auto at = coordinate(axis, value);
+    if (at && *at >= range.low && *at <= range.high) ticks.emplace_back(*at, text);
+  };
+  if (!axis.ticks.empty()) {
+    for (const auto& [value, text] : axis.ticks) add(value, text);
+  } else if (axis.logarithmic) {
+    for (double decade = std::floor(range.low); decade <= range.high; decade += 1.0) {
+      for (const double factor : {1.0, 2.0, 5.0})
+        add(factor * std::pow(10.0, decade), number_text(factor * std::pow(10.0, decade)));
+    }
+  } else {
+    const double step = nice_step(range.extent(), max_parts);
+    for (double i = std::ceil(range.low / step); i * step <= range.high; i += 1.0)
+      add(i * step, number_text(i * step));
+  }
+  return ticks;
+}
+
+void draw_axes(Canvas& canvas, const Axes& axes, const Panel& panel) {
+  const Rectangle& area = axes.area;
+  for (const auto& [at, text] :
+       ticks_of(panel.x, {axes.x_min, axes.x_max}, std::max(2, static_cast<int>(area.width / 80.0)))) {
+    const double x = axes.to_pixel({at, axes.y_min}).x();
+    canvas.line(std::array{Eigen::Vector2d(x, area.y), Eigen::Vector2d(x, area.bottom())}, kGrid, 1.0);
+    canvas.text(text, {x, area.bottom() + 19.0}, {.size = 13.0, .align = TextAlign::kCentre});
+  }
+  for (const auto& [at, text] :
+       ticks_of(panel.y, {axes.y_min, axes.y_max}, std::max(2, static_cast<int>(area.height / 42.0)))) {
+    const double y = axes.to_pixel({axes.x_min, at}).y();
+    canvas.line(std::array{Eigen::Vector2d(area.x, y), Eigen::Vector2d(area.right(), y)}, kGrid, 1.0);
+    canvas.text(text, {area.x - 8.0, y + 4.5}, {.size = 13.0, .align = TextAlign::kRight});
+  }
+  const std::array frame{Eigen::Vector2d(area.x, area.y), Eigen::Vector2d(area.right(), area.y),
+                         Eigen::Vector2d(area.right(), area.bottom()), Eigen::Vector2d(area.x, area.bottom()),
+                         Eigen::Vector2d(area.x, area.y)};
+  canvas.line(frame, kFrame, 1.0);
+  canvas.text(panel.x.label, {area.x + 0.5 * area.width, area.bottom() + 44.0},
+              {.size = 15.0, .align = TextAlign::kCentre});
+  canvas.text(panel.y.label, {area.x - 64.0, area.y + 0.5 * area.height},
+              {.size = 15.0, .align = TextAlign::kCentre, .vertical = true});
 }
 
 void draw_scale_bar(Canvas& canvas, const Axes& axes) {
   const double length_m = nice_step(axes.x_max - axes.x_min, 8);
-  const double length = length_m * axes.pixels_per_x();
-  const double right = axes.area.x + axes.area.width - 24.0;
-  const double y = axes.area.y + axes.area.height - 22.0;
+  const double length = length_m * axes.area.width / (axes.x_max - axes.x_min);
+  const double right = axes.area.right() - 24.0;
+  const double y = axes.area.bottom() - 22.0;
   canvas.fill({right - length - 12.0, y - 28.0, length + 24.0, 40.0}, {1.0, 1.0, 1.0, 0.8});
-  constexpr Colour ink{0.15, 0.15, 0.15};
-  canvas.fill({right - length, y - 2.0, length, 4.0}, ink);
-  canvas.fill({right - length, y - 6.0, 2.0, 12.0}, ink);
-  canvas.fill({right - 2.0, y - 6.0, 2.0, 12.0}, ink);
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), "%g m", length_m);
-  canvas.text(text.data(), {right - 0.5 * length, y - 10.0}, {.size = 14.0, .align = TextAlign::kCentre});
+  canvas.fill({right - length, y - 2.0, length, 4.0}, kInk);
+  canvas.fill({right - length, y - 6.0, 2.0, 12.0}, kInk);
+  canvas.fill({right - 2.0, y - 6.0, 2.0, 12.0}, kInk);
+  canvas.text(number_text(length_m) + " m", {right - 0.5 * length, y - 10.0},
+              {.size = 14.0, .align = TextAlign::kCentre});
 }
 
-void draw_top_view(Canvas& canvas, const PlotFigure& figure, const Rectangle& area) {
-  const Axes axes = fit_equal(area, trajectory_bounds(figure));
-  canvas.fill(area, kPaper);
-  if (!figure.map.empty()) canvas.raster(rasterise_map(figure.map, axes), area);
-  draw_axes(canvas, axes, figure.x_label, figure.y_label);
-  canvas.clip(area);
-  if (figure.truth) canvas.line(to_pixels(axes, figure.truth->points), kTruthColour, 6.0);
-  for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    canvas.line(to_pixels(axes, figure.estimates[i].points), curve_colour(i), 2.2);
+/// Name of a curve beside its end.
+struct Label {
+  std::string text;
+  Colour colour;
+  Eigen::Vector2d end;  ///< pixel of the curve's last point
+  double y = 0.0;
+};
+
+/// Moves labels apart, in the order of their curves' ends.
+void place_labels(std::vector<Label>& labels, const Rectangle& area) {
+  std::sort(labels.begin(), labels.end(),
+            [](const Label& a, const Label& b) { return a.end.y() < b.end.y(); });
+  double free_y = area.y + 5.0;
+  for (Label& label : labels) {
+    label.y = std::max(label.end.y(), free_y);
+    free_y = label.y + kLabelRow;
   }
-  for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    canvas.disc(axes.to_pixel(figure.estimates[i].points.back()), 5.0, curve_colour(i), kWhite);
+  double limit = area.bottom();
+  for (auto label = labels.rbegin(); label != labels.rend(); ++label) {
+    label->y = std::min(label->y, limit);
+    limit = label->y - kLabelRow;
   }
-  if (!figure.estimates.empty()) {
-    canvas.disc(axes.to_pixel(figure.estimates.front().points.front()), 6.0, kWhite, {0.1, 0.1, 0.1});
-  }
-  canvas.unclip();
-  draw_scale_bar(canvas, axes);
 }
 
-void draw_errors(Canvas& canvas, const PlotFigure& figure, const Rectangle& area) {
-  Bounds bounds;
-  for (const PlotCurve& curve : figure.errors) bounds.add(curve.points);
-  const Axes axes{area, 0.0, std::max(bounds.max.x(), 1e-3), 0.0, std::max(1.08 * bounds.max.y(), 1e-3)};
-  canvas.fill(area, kPaper);
-  draw_axes(canvas, axes, "distance travelled [m]", "position error [m]");
-  canvas.clip(area);
-  for (std::size_t i = 0; i < figure.errors.size(); ++i) {
-    canvas.line(to_pixels(axes, figure.errors[i].points), curve_colour(i), 2.0);
+void draw_labels(Canvas& canvas, std::vector<Label> labels, const Rectangle& area) {
+  place_labels(labels, area);
+  for (const Label& label : labels) {
+    Colour faint = label.colour;
+    faint.alpha = 0.45;
+    canvas.line(std::array{label.end, Eigen::Vector2d(area.right() + kLabelGap - 4.0, label.y)}, faint, 1.0);
+    TextStyle style = kLabelStyle;
+    style.colour = label.colour;
+    canvas.text(label.text, {area.right() + kLabelGap, label.y + 5.0}, style);
   }
-  canvas.unclip();
 }
 
-/// Rows of names above the picture; returns the height used.
-double draw_legend(Canvas& canvas, const PlotFigure& figure) {
-  struct Item {
-    const PlotCurve* curve;
-    Colour colour;
-    double line_width;
+/// Room for the names at the right side of a panel.
+double label_width(Canvas& canvas, const Panel& panel) {
+  double width = panel.reference ? canvas.text_width(panel.reference->name, kLabelStyle) : 0.0;
+  for (const Curve& curve : panel.curves) width = std::max(width, canvas.text_width(curve.name, kLabelStyle));
+  return width > 0.0 ? width + kLabelGap + 8.0 : kRight;
+}
+
+/// Axes of a panel within its part of the picture; those of a top view have equal scales.
+Axes make_axes(Canvas& canvas, const DrawnPanel& drawn, const Rectangle& cell) {
+  const double right = std::min(label_width(canvas, *drawn.panel), 0.5 * cell.width);
+  const Rectangle area{cell.x + kLeft, cell.y + kTop, cell.width - kLeft - right,
+                       cell.height - kTop - kBottom};
+  Range x = drawn.x;
+  Range y = drawn.y;
+  if (drawn.panel->is_top_view) {
+    const double scale = std::min(area.width / x.extent(), area.height / y.extent());
+    x.widen(0.5 * (area.width / scale - x.extent()));
+    y.widen(0.5 * (area.height / scale - y.extent()));
+  }
+  return {area, x.low, x.high, y.low, y.high};
+}
+
+void draw_panel(Canvas& canvas, const DrawnPanel& drawn, const Axes& axes) {
+  const Panel& panel = *drawn.panel;
+  const auto to_pixels = [&axes](Points points) {
+    for (Eigen::Vector2d& point : points) point = axes.to_pixel(point);
+    return points;
   };
-  std::vector<Item> items;
-  if (figure.truth) items.push_back({&*figure.truth, kTruthColour, 6.0});
-  for (std::size_t i = 0; i < figure.estimates.size(); ++i) {
-    items.push_back({&figure.estimates[i], curve_colour(i), 2.5});
+  canvas.fill(axes.area, kPaper);
+  if (!panel.map.empty()) canvas.raster(rasterise_map(panel.map, axes), axes.area);
+  draw_axes(canvas, axes, panel);
+  std::vector<Label> labels;
+  canvas.clip(axes.area);
+  if (!drawn.reference.empty()) {
+    const Points points = to_pixels(drawn.reference);
+    canvas.line(points, kReference, 6.0);
+    labels.push_back({panel.reference->name, kReference, points.back()});
   }
-  constexpr double swatch_width = 34.0;
-  const TextStyle style{.size = 15.0};
-  double x = kLeftMargin;
-  double y = 30.0;
-  for (const Item& item : items) {
-    const double width = swatch_width + 8.0 + canvas.text_width(item.curve->name, style) + 30.0;
-    if (x > kLeftMargin && x + width > canvas.width() - kRightMargin) {
-      x = kLeftMargin;
-      y += kLegendRow;
+  for (std::size_t i = 0; i < drawn.curves.size(); ++i) {
+    if (drawn.curves[i].empty()) continue;
+    const Points points = to_pixels(drawn.curves[i]);
+    canvas.line(points, kCurveColours[i], 2.2);
+    if (panel.markers) {
+      for (const Eigen::Vector2d& point : points) canvas.disc(point, 4.0, kCurveColours[i], kWhite);
     }
-    const std::array<Eigen::Vector2d, 2> swatch{Eigen::Vector2d(x + 2.0, y - 5.0),
-                                                Eigen::Vector2d(x + swatch_width - 2.0, y - 5.0)};
-    canvas.line(swatch, item.colour, item.line_width);
-    canvas.text(item.curve->name, {x + swatch_width + 8.0, y}, style);
-    x += width;
+    if (panel.is_top_view) canvas.disc(points.back(), 5.0, kCurveColours[i], kWhite);
+    if (panel.is_top_view && i == 0) canvas.disc(points.front(), 6.0, kWhite, kInk);
+    labels.push_back({panel.curves[i].name, kCurveColours[i], points.back()});
   }
-  return y + 16.0;
+  canvas.unclip();
+  if (panel.is_top_view) draw_scale_bar(canvas, axes);
+  draw_labels(canvas, std::move(labels), axes.area);
 }
 
-/// From deep blue over green to warm yellow, dark enough on white.
-Colour height_colour(double share) {
-  constexpr std::array<Colour, 5> stops{
-      {{0.20, 0.25, 0.50}, {0.17, 0.48, 0.56}, {0.25, 0.65, 0.45}, {0.68, 0.74, 0.25}, {0.93, 0.69, 0.13}}};
-  const double position = std::clamp(share, 0.0, 1.0) * (stops.size() - 1);
-  const std::size_t i = std::min(static_cast<std::size_t>(position), stops.size() - 2);
-  const double t = position - static_cast<double>(i);
-  const auto mix = [t](double a, double b) { return a + t * (b - a); };
-  return {mix(stops[i].red, stops[i + 1].red), mix(stops[i].green, stops[i + 1].green),
-          mix(stops[i].blue, stops[i + 1].blue)};
-}
-
-std::uint32_t premultiplied(const Colour& colour, double alpha) {
-  const auto byte = [](double value) { return static_cast<std::uint32_t>(std::lround(255.0 * value)); };
-  return byte(alpha) << 24U | byte(alpha * colour.red) << 16U | byte(alpha * colour.green) << 8U |
-         byte(alpha * colour.blue);
-}
-
-/// Heights between which the colours run: single points far up or down do not count.
-std::pair<float, float> height_range(std::vector<float> heights) {
-  const auto quantile = [&heights](double share) {
-    const auto at =
-        heights.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(heights.size() - 1));
-    std::nth_element(heights.begin(), at, heights.end());
-    return *at;
+/// Parts of the picture for the panels.
+std::vector<Rectangle> arrange(Canvas& canvas, const std::vector<DrawnPanel>& panels) {
+  const Rectangle whole{0.0, 0.0, canvas.width(), canvas.height()};
+  if (panels.size() < 2) return {whole};
+  if (!panels.front().panel->is_top_view) {
+    const double half = 0.5 * whole.width;
+    return {{0.0, 0.0, half, whole.height}, {half, 0.0, half, whole.height}};
+  }
+  const double left = 0.62 * whole.width;
+  const double upper = 0.68 * whole.height;
+  const std::vector<Rectangle> beside{{0.0, 0.0, left, whole.height},
+                                      {left, 0.0, whole.width - left, whole.height}};
+  const std::vector<Rectangle> below{{0.0, 0.0, whole.width, upper},
+                                     {0.0, upper, whole.width, whole.height - upper}};
+  const auto metres_per_pixel = [&](const Rectangle& cell) {
+    const Axes axes = make_axes(canvas, panels.front(), cell);
+    return (axes.x_max - axes.x_min) / axes.area.width;
   };
-  const float low = quantile(0.02);
-  return {low, std::max(quantile(0.98), low + 0.1F)};
+  return metres_per_pixel(below.front()) < metres_per_pixel(beside.front()) ? below : beside;
 }
 
 }  // namespace
 
-const Colour& curve_colour(std::size_t index) { return kEstimateColours[index % kEstimateColours.size()]; }
-
-Raster rasterise_map(const std::vector<Eigen::Vector3f>& points, const Axes& axes) {
-  Raster raster{static_cast<int>(axes.area.width), static_cast<int>(axes.area.height), {}};
-  const auto pixel_count = static_cast<std::size_t>(raster.width) * static_cast<std::size_t>(raster.height);
-  raster.pixels.assign(pixel_count, 0);
-  std::vector<std::uint32_t> counts(pixel_count, 0);
-  std::vector<float> tops(pixel_count, -std::numeric_limits<float>::infinity());
-  std::vector<float> heights;
-  for (const Eigen::Vector3f& point : points) {
-    const Eigen::Vector2d pixel =
-        axes.to_pixel({point.x(), point.y()}) - Eigen::Vector2d(axes.area.x, axes.area.y);
-    if (!(pixel.x() >= 0.0 && pixel.y() >= 0.0 && pixel.x() < raster.width && pixel.y() < raster.height)) {
-      continue;
-    }
-    const std::size_t i = static_cast<std::size_t>(pixel.y()) * static_cast<std::size_t>(raster.width) +
-                          static_cast<std::size_t>(pixel.x());
-    ++counts[i];
-    tops[i] = std::max(tops[i], point.z());
-    heights.push_back(point.z());
+core::Result<std::string> save_figure(const Figure& figure, const std::string& path, int width, int height) {
+  auto canvas = Canvas::create(path, width, height);
+  if (!canvas) return canvas.error();
+  canvas->fill({0.0, 0.0, canvas->width(), canvas->height()}, kWhite);
+  std::vector<DrawnPanel> panels;
+  for (const Panel& panel : figure.panels) {
+    if (panel.curves.size() > kMaxCurves)
+      return core::Error{path + ": " + std::to_string(panel.curves.size()) +
+                         " curves cannot be told apart in one picture - draw at most " +
+                         std::to_string(kMaxCurves)};
+    panels.push_back(prepare(panel));
   }
-  if (heights.empty()) return raster;
-  const auto [low, high] = height_range(std::move(heights));
-  for (std::size_t i = 0; i < pixel_count; ++i) {
-    if (counts[i] == 0) continue;
-    const double alpha = std::min(0.85, 0.35 + 0.15 * std::log2(static_cast<double>(counts[i])));
-    raster.pixels[i] =
-        premultiplied(height_colour(static_cast<double>((tops[i] - low) / (high - low))), alpha);
-  }
-  return raster;
+  const std::vector<Rectangle> cells = arrange(*canvas, panels);
+  for (std::size_t i = 0; i < panels.size(); ++i)
+    draw_panel(*canvas, panels[i], make_axes(*canvas, panels[i], cells[i]));
+  return canvas->save();
 }
 
-void draw_figure(Canvas& canvas, const PlotFigure& figure) {
-  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, kWhite);
-  const double top = draw_legend(canvas, figure);
-  const Layout layout = make_layout(canvas, figure, top);
-  draw_top_view(canvas, figure, layout.top_view);
-  if (layout.errors) draw_errors(canvas, figure, *layout.errors);
+std::string figure_csv(const Figure& figure) {
+  std::ostringstream text;
+  text << "panel,curve,x,y\n";
+  for (std::size_t i = 0; i < figure.panels.size(); ++i) {
+    const auto add = [&](const Curve& curve) {
+      for (const Eigen::Vector2d& point : curve.points)
+        text << i + 1 << ",\"" << curve.name << "\"," << point.x() << ',' << point.y() << '\n';
+    };
+    if (figure.panels[i].reference) add(*figure.panels[i].reference);
+    for (const Curve& curve : figure.panels[i].curves) add(curve);
+  }
+  return text.str();
 }
 
-}  // namespace nilio::tools
+Eigen::Vector2d Axes::to_pixel(const Eigen::Vector2d& point) const {
+  return {area.x + area.width * (point.x() - x_min) / (x_max - x_min),
+          area.y + area.height * (y_max - point.y()) / (y_max - y_min)};
+}
+
+double nice_step(double range, int max_parts) {
+  const double raw = range / max_parts;
+  const double power = std::pow(10.0, std::floor(std::log10(raw)));
+  for (const double factor : {1.0, 2.0, 5.0}) {
+    if (factor * power >= raw * (1.0 - 1e-9)) return factor * power;
+  }
+  return 10.0 * power;
+}
+
+}  // namespace nilio::tools::plot

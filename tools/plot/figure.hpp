@@ -1,38 +1,68 @@
 #pragma once
 
+#include "nilio/core/result.hpp"
+
 #include "tools/plot/canvas.hpp"
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::plot {
 
-struct PlotCurve {
-  /// For the legend.
-  std::string name;
+/// More curves in one panel cannot be told apart.
+inline constexpr std::size_t kMaxCurves = 8;
+
+struct Curve {
+  std::string name;  ///< written beside the curve's end
   std::vector<Eigen::Vector2d> points;
 };
 
-/// What `nilio plot` draws; all coordinates in metres.
-struct PlotFigure {
-  std::string x_label;
-  std::string y_label;
-  std::optional<PlotCurve> truth;
-  std::vector<PlotCurve> estimates;
-  /// Position error over the distance travelled, as many as estimates or none.
-  std::vector<PlotCurve> errors;
-  /// Map points seen from above (x, y) and their height.
-  std::vector<Eigen::Vector3f> map;
+struct Axis {
+  std::string label;
+  bool logarithmic = false;  ///< values that are not positive are left out
+  bool from_zero = false;    ///< starts at zero or below; not for a logarithmic axis
+  /// Positions and texts of the ticks; empty = round numbers.
+  std::vector<std::pair<double, std::string>> ticks = {};
 };
 
-/// Top view with equal scales, and below or beside it the errors, whichever leaves more room.
-void draw_figure(Canvas& canvas, const PlotFigure& figure);
+/// Curves over common axes.
+struct Panel {
+  Axis x;
+  Axis y;
+  std::vector<Curve> curves;
+  bool markers = false;  ///< marks every point
+  /// The following are for maps seen from above: metres, the same scale on both axes.
+  bool is_top_view = false;
+  std::optional<Curve> reference;    ///< true trajectory, drawn wide and grey below the curves
+  std::vector<Eigen::Vector3f> map;  ///< x, y and height of map points
+};
 
-/// The colour of the curve with this index in a picture; they repeat after ten.
-const Colour& curve_colour(std::size_t index);
+/// One or two panels. The second one stands beside the first, or below a top view that is larger that way.
+struct Figure {
+  std::vector<Panel> panels;
+};
 
-/// Map points on the pixels of `axes`: colour by height, opacity by density.
-Raster rasterise_map(const std::vector<Eigen::Vector3f>& points, const Axes& axes);
+/// Draws the figure into a .png or .svg file. Fails when a panel has more than kMaxCurves curves or the file
+/// cannot be written.
+core::Result<std::string> save_figure(const Figure& figure, const std::string& path, int width, int height);
 
-}  // namespace nilio::tools
+/// All points as lines "panel,curve,x,y" under a heading; maps are left out.
+std::string figure_csv(const Figure& figure);
+
+/// Data coordinates on a part of a canvas.
+struct Axes {
+  Rectangle area;
+  double x_min = 0.0;
+  double x_max = 1.0;
+  double y_min = 0.0;
+  double y_max = 1.0;
+
+  [[nodiscard]] Eigen::Vector2d to_pixel(const Eigen::Vector2d& point) const;
+};
+
+/// Smallest step of 1, 2 or 5 times a power of ten that divides `range` into at most `max_parts`.
+double nice_step(double range, int max_parts);
+
+}  // namespace nilio::tools::plot

@@ -1,18 +1,17 @@
 #include "core/src/registration/methods.hpp"
-#include "daemon/config/terms.hpp"
+#include "daemon/config/convert.hpp"
 #include "tests/support/tools_town_drive.hpp"
-#include "tools/bench/basin/basin.hpp"
-#include "tools/bench/basin/basin_trial.hpp"
-#include "tools/bench/common/allocation_count.hpp"
-#include "tools/bench/odometry/ablation.hpp"
+#include "tools/bench/basin/trials.hpp"
+#include "tools/bench/common/memory_use.hpp"
 #include "tools/bench/odometry/measure.hpp"
-#include "tools/bench/odometry/odometry.hpp"
-#include "tools/bench/odometry/pcl.hpp"
+#include "tools/bench/odometry/report.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <set>
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::bench;
 using tests::read_text;
 using tests::run_command;
 using tests::TemporaryFolder;
@@ -26,14 +25,11 @@ BenchDataset town() {
   return std::move(dataset).value();
 }
 
-void add_bench(CLI::App& app, int& /*status*/) {
-  add_bench_odometry(app);
-  add_bench_basin(app);
-}
+void add_bench(CLI::App& app, int& /*status*/) { add_bench_command(app); }
 
 }  // namespace
 
-TEST_CASE("the odometry's figures come with the same trajectory at 1, 2 and 4 threads", "[drives]") {
+TEST_CASE("the odometry gives the same trajectory with 1, 2 and 4 threads", "[bench_odometry][drives]") {
   std::set<std::string> hashes;
   for (const char* threads : {"1", "2", "4"}) {
     const auto run = measure_odometry(town(), "ndt_icp", {std::string("odometry.threads=") + threads}, 1);
@@ -53,7 +49,7 @@ TEST_CASE("the odometry's figures come with the same trajectory at 1, 2 and 4 th
   CHECK(hashes.size() == 1);
 }
 
-TEST_CASE("the hash is that of the file that niliod writes", "[drives]") {
+TEST_CASE("the hash changes with the trajectory", "[bench_odometry][drives]") {
   const TemporaryFolder folder;
   const auto config = bench_config(town(), {});
   REQUIRE(config.ok());
@@ -73,7 +69,7 @@ TEST_CASE("the hash is that of the file that niliod writes", "[drives]") {
   CHECK(changed->sha256 != run->sha256);
 }
 
-TEST_CASE("every method is measured, and each gives a trajectory of its own", "[drives]") {
+TEST_CASE("every method is measured and gives a different trajectory", "[bench_odometry][drives]") {
   std::set<std::string> hashes;
   for (const core::RegistrationMethodInfo& method : core::registration_methods()) {
     CAPTURE(method.name);
@@ -88,7 +84,7 @@ TEST_CASE("every method is measured, and each gives a trajectory of its own", "[
   CHECK(hashes.size() == core::registration_methods().size());
 }
 
-TEST_CASE("registering a scan does not allocate, and an allocation would be counted", "[drives]") {
+TEST_CASE("registering a scan does not allocate, and allocations are counted", "[bench_odometry][drives]") {
   if (!allocations_are_counted()) return;
   const std::int64_t before = allocation_count();
   const auto planted = std::make_unique<std::vector<int>>(100);
@@ -100,7 +96,7 @@ TEST_CASE("registering a scan does not allocate, and an allocation would be coun
   CHECK(run->allocations_per_scan == 0.0);
 }
 
-TEST_CASE("a data set without a truth says how to name one", "[drives]") {
+TEST_CASE("a data set without a truth is refused with a hint", "[bench_odometry][drives]") {
   const TemporaryFolder folder;
   std::filesystem::copy(town_drive() + "/lidar.pcap", folder.file("lidar.pcap"));
   const auto missing = open_bench_dataset(std::filesystem::path(folder.file("x")).parent_path().string());
@@ -112,7 +108,7 @@ TEST_CASE("a data set without a truth says how to name one", "[drives]") {
   CHECK(named->truth.poses.size() > 100);
 }
 
-TEST_CASE("NDT before ICP finds home from farther away than ICP alone", "[drives]") {
+TEST_CASE("NDT before ICP has a larger convergence basin than ICP alone", "[bench_odometry][drives]") {
   const auto config = bench_config(town(), {});
   REQUIRE(config.ok());
   const auto pairs = collect_pairs(town(), *config, 8);
@@ -131,15 +127,15 @@ TEST_CASE("NDT before ICP finds home from farther away than ICP alone", "[drives
         counts);
 }
 
-TEST_CASE("the ablation leaves out what makes no difference", "[drives]") {
-  const auto table = ablation_table(town(), {"imu.enabled=false"});
+TEST_CASE("the ablation leaves out settings without effect", "[bench_odometry][drives]") {
+  const auto table = measure_ablation(town(), {"imu.enabled=false"});
   REQUIRE(table.ok());
   CHECK(table->rows.size() > 8);
   CHECK(table->rows.front().front() == "default");
   for (const auto& row : table->rows) CHECK(row[1] != "imu.enabled=false");
 }
 
-TEST_CASE("PCL is measured on the same scans, or its lack is said", "[drives]") {
+TEST_CASE("PCL is measured on the same scans, or reported as missing", "[bench_odometry][drives]") {
   const auto peers = measure_pcl(town(), {});
   if (!peers.ok()) {
     CHECK(peers.error().message.find("libpcl-dev") != std::string::npos);
@@ -153,10 +149,10 @@ TEST_CASE("PCL is measured on the same scans, or its lack is said", "[drives]") 
   }
 }
 
-TEST_CASE("one command writes a page with its command, tables and pictures", "[drives]") {
+TEST_CASE("one command writes a page with its command, tables and pictures", "[bench_odometry][drives]") {
   const TemporaryFolder folder;
   const std::string output = folder.file("results");
-  REQUIRE(run_command(add_bench, {"odometry", town_drive(), "--registration", "ndt_icp,icp_point",
+  REQUIRE(run_command(add_bench, {"bench", "odometry", town_drive(), "--registration", "ndt_icp,icp_point",
                                   "--threads", "1,2", "--output", output}) == 0);
   const std::string page = read_text(output + "/results.md");
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
@@ -166,8 +162,8 @@ TEST_CASE("one command writes a page with its command, tables and pictures", "[d
     CHECK(page.find(name) != std::string::npos);
     CHECK(read_text(output + "/" + name).find("<svg") != std::string::npos);
   }
-  CHECK(run_command(add_bench, {"odometry", folder.file("nowhere")}) == -1);
-  CHECK(run_command(add_bench, {"odometry", town_drive(), "--registration", "loam"}) == -1);
-  CHECK(run_command(add_bench, {"basin", town_drive(), "--pairs", "2", "--output", output}) == 0);
+  CHECK(run_command(add_bench, {"bench", "odometry", folder.file("nowhere")}) == -1);
+  CHECK(run_command(add_bench, {"bench", "odometry", town_drive(), "--registration", "loam"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "basin", town_drive(), "--pairs", "2", "--output", output}) == 0);
   CHECK(read_text(output + "/basin-town.svg").find("<svg") != std::string::npos);
 }

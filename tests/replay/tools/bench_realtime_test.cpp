@@ -4,10 +4,11 @@
 #include "tests/support/read_all.hpp"
 #include "tests/support/tools_town_drive.hpp"
 #include "tools/bench/common/sensor_drive.hpp"
-#include "tools/bench/realtime/realtime.hpp"
+#include "tools/commands/commands.hpp"
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::bench;
 using tests::read_all;
 using tests::read_text;
 using tests::run_command;
@@ -16,9 +17,9 @@ using tests::town_drive;
 
 namespace {
 
-void add_bench(CLI::App& app, int& /*status*/) { add_bench_realtime(app); }
+void add_bench(CLI::App& app, int& /*status*/) { add_bench_command(app); }
 
-/// How often a text occurs in another.
+/// Number of occurrences of a text in another.
 std::size_t count_of(const std::string& text, const std::string& part) {
   std::size_t count = 0;
   for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++count;
@@ -27,8 +28,8 @@ std::size_t count_of(const std::string& text, const std::string& part) {
 
 }  // namespace
 
-TEST_CASE("the beginning of a drive has its first packets and frames to the bit, and nothing later",
-          "[drives]") {
+TEST_CASE("the beginning of a drive has its first packets and frames, bit by bit, and no later ones",
+          "[bench_realtime][drives]") {
   const TemporaryFolder folder;
   const auto drive = open_sensor_drive(town_drive());
   REQUIRE(drive.ok());
@@ -60,34 +61,35 @@ TEST_CASE("the beginning of a drive has its first packets and frames to the bit,
   CHECK(part->files.configuration == drive->files.configuration);
 }
 
-TEST_CASE("what has no packets to send, or an unknown name, is refused before anything is started") {
+TEST_CASE("drives without packets and unknown names are refused before a program is started",
+          "[bench_realtime]") {
   const TemporaryFolder folder;
-  CHECK(run_command(add_bench, {"realtime"}) == -1);
-  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere")}) == -1);
-  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--conditions", "busy"}) == -1);
-  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--budgets", "0"}) == -1);
-  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--feed", "tcp"}) == -1);
-  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--seconds", "nan"}) == -1);
-  CHECK(run_command(add_bench, {"realtime", folder.file("nowhere"), "--soak", "0"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere")}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--conditions", "busy"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--budgets", "0"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--feed", "tcp"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--seconds", "nan"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--soak", "0"}) == -1);
 }
 
-TEST_CASE("one command runs niliod under a budget and loads, finds the same poses again, and writes a page",
-          "[drives]") {
+TEST_CASE("one command runs niliod under a budget and loads, checks the identity of poses and writes a page",
+          "[bench_realtime][drives]") {
   const TemporaryFolder folder;
-  REQUIRE(run_command(add_bench, {"realtime", town_drive(), "--seconds", "2", "--budgets", "20",
-                                  "--conditions", "hogs,memory,subscriber", "--memory-mib", "64", "--page",
+  REQUIRE(run_command(add_bench, {"bench", "realtime", town_drive(), "--seconds", "2", "--budgets", "20",
+                                  "--conditions", "cpu,memory,subscriber", "--memory-mib", "64", "--page",
                                   folder.file("page.md"), "--domain", "232"}) == 0);
   const std::string page = read_text(folder.file("page.md"));
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
-  for (const char* part : {"| 20 | idle |", "| hogs |", "| memory |", "| subscriber |", "(default)"})
+  for (const char* part : {"| 20 | idle |", "| cpu |", "| memory |", "| subscriber |", "(default)"})
     CHECK(page.find(part) != std::string::npos);
-  // Over UDP there is no IMU here; from its files there is.
+  // Only runs from files have an IMU here.
   CHECK(page.find("| idle, --as-live |") != std::string::npos);
-  CHECK(page.find("### What is asked, and what came of it") != std::string::npos);
+  CHECK(page.find("### Requirements") != std::string::npos);
   CHECK(count_of(page, "| FAILED |") == 0);
   CHECK(count_of(page, "| FAIL |") == 0);
   CHECK(count_of(page, "| PASS |") + count_of(page, "| not comparable |") == 6);
-  // Threads and hogs need no network.
+  // The checks of threads and load need no network.
   CHECK(count_of(page, "| PASS |") >= 3);
-  CHECK(read_text(folder.file("latency-town.svg")).find("<svg") != std::string::npos);
+  CHECK(read_text(folder.file("realtime-latency-town.svg")).find("<svg") != std::string::npos);
 }

@@ -1,14 +1,15 @@
 #include "tests/support/read_all.hpp"
 #include "tests/support/tools_town_drive.hpp"
-#include "tools/bench/common/looped_source.hpp"
-#include "tools/bench/soak/soak.hpp"
+#include "tools/bench/common/looping_source.hpp"
 #include "tools/bench/soak/soak_run.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <array>
 #include <cstring>
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::bench;
 using tests::read_all;
 using tests::read_text;
 using tests::run_command;
@@ -33,12 +34,12 @@ std::uint32_t sensor_us(const drivers::Packet& packet) {
   return time;
 }
 
-void add_bench(CLI::App& app, int& /*status*/) { add_bench_soak(app); }
+void add_bench(CLI::App& app, int& /*status*/) { add_bench_command(app); }
 
 }  // namespace
 
-TEST_CASE("laps of a drive go on where the lap before ended, by packet stamps and by the sensor's clock",
-          "[drives]") {
+TEST_CASE("laps of a drive continue the previous lap in packet stamps and in the sensor's clock",
+          "[bench_soak][drives]") {
   const auto plan = plan_laps(std::span(&short_drive(), 1), core::Duration::from_seconds(5.0));
   REQUIRE(plan.ok());
   CHECK(plan->laps.size() == 3);
@@ -65,7 +66,7 @@ TEST_CASE("laps of a drive go on where the lap before ended, by packet stamps an
   CHECK(clock_apart == 0);
 }
 
-TEST_CASE("the CAN frames of a lap stay beside its packets", "[drives]") {
+TEST_CASE("the CAN frames of a lap stay beside its packets", "[bench_soak][drives]") {
   const auto plan = plan_laps(std::span(&short_drive(), 1), core::Duration::from_seconds(5.0));
   REQUIRE(plan.ok());
   auto source = loop_frames(*plan);
@@ -81,33 +82,35 @@ TEST_CASE("the CAN frames of a lap stay beside its packets", "[drives]") {
   }
 }
 
-TEST_CASE("poses that stay within a centimetre stand, and the farthest is told to the bit") {
-  StandingDrift drift;
+TEST_CASE("the drift of a stationary vehicle is measured exactly", "[bench_soak]") {
+  StationaryDrift drift;
   for (int i = 0; i < 1800; ++i) {
     const double x = i == 700 ? 0.5 : 0.01 * (i % 2);
     drift.add({std::int64_t{i} * 100'000'000}, core::Vector3(x, 0.0, 0.0));
   }
-  CHECK(drift.farthest_pose_m() == Approx(0.495));
-  CHECK(drift.farthest_minute_m() == Approx((0.5 - 0.0) / 600.0).margin(1e-6));
+  CHECK(drift.max_pose_m() == Approx(0.495));
+  CHECK(drift.max_minute_m() == Approx((0.5 - 0.0) / 600.0).margin(1e-6));
 }
 
-TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, and a page", "[drives]") {
+TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, and a page",
+          "[bench_soak][drives]") {
   const TemporaryFolder folder;
-  // Too short for a verdict on memory, which is not asked for here.
-  run_command(add_bench, {"soak", std::filesystem::path(short_drive().files.captures.front()).parent_path(),
-                          "--minutes", "0.2", "--page", folder.file("soak.md"), "--domain", "231"});
+  // Too short for a verdict on memory.
+  run_command(add_bench,
+              {"bench", "soak", std::filesystem::path(short_drive().files.captures.front()).parent_path(),
+               "--minutes", "0.2", "--page", folder.file("soak.md"), "--domain", "231"});
   const std::string page = read_text(folder.file("soak.md"));
   CHECK(page.find("| moving | 0.2 | 6 |") != std::string::npos);
   CHECK(page.find("scans gave") == std::string::npos);
   CHECK(page.find("histograms have") == std::string::npos);
   CHECK(read_text(folder.file("memory.svg")).find("<svg") != std::string::npos);
-  CHECK(run_command(add_bench, {"soak"}) == -1);
-  CHECK(run_command(add_bench, {"soak", folder.file("nowhere")}) == -1);
-  CHECK(run_command(add_bench, {"soak", "--minutes", "nan"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "soak"}) == -1);
+  CHECK(run_command(add_bench, {"bench", "soak", folder.file("nowhere")}) == -1);
+  CHECK(run_command(add_bench, {"bench", "soak", "--minutes", "nan"}) == -1);
 }
 
-TEST_CASE("at each seam to another place the way is lost, said, and found again within twenty scans",
-          "[drives]") {
+TEST_CASE("at each seam to another place tracking is lost, reported, and recovered within twenty scans",
+          "[bench_soak][drives]") {
   const TemporaryFolder folder;
   const std::string forest = folder.file("forest");
   REQUIRE(run_command(add_simulate_command, {"simulate", forest, "--scene", "forest", "--duration", "5"}) ==
@@ -135,9 +138,10 @@ TEST_CASE("at each seam to another place the way is lost, said, and found again 
   }
 }
 
-TEST_CASE("five minutes of driving and two of standing take no more memory after a while", "[.soak]") {
+TEST_CASE("the memory does not grow over five minutes of driving and two of standstill",
+          "[bench_soak][.soak]") {
   const TemporaryFolder folder;
   const std::string drive = tests::simulate_town(folder, "30");
-  CHECK(run_command(add_bench, {"soak", drive, "--minutes", "5", "--warm-up", "0.4"}) == 0);
-  CHECK(run_command(add_bench, {"soak", "--standing", "2"}) == 0);
+  CHECK(run_command(add_bench, {"bench", "soak", drive, "--minutes", "5", "--warm-up", "0.4"}) == 0);
+  CHECK(run_command(add_bench, {"bench", "soak", "--standing", "2"}) == 0);
 }

@@ -61,7 +61,7 @@ void write_imu_log(const std::vector<std::string>& faults) {
 }
 
 /// Result of the check as JSON, with a configuration if there is one.
-json inspect(const std::string& arguments) {
+json check_imu(const std::string& arguments) {
   const auto result = tests::run_inspect(drive_folder().string() + " --json - " + arguments);
   CHECK(result.status == 0);
   CHECK(result.errors.empty());
@@ -85,7 +85,7 @@ std::vector<std::string> bad_checks(const json& drive) {
 TEST_CASE("an IMU that agrees with the LiDAR is reported as such, without a correction",
           "[inspect_imu][drives]") {
   write_imu_log({});
-  const json drive = inspect("");
+  const json drive = check_imu("");
   CHECK(bad_checks(drive).empty());
   CHECK(drive["correction"].empty());
   CHECK(drive["poses"].get<int>() >= 158);
@@ -114,10 +114,10 @@ TEST_CASE("the configuration written for a faulty IMU makes it agree", "[inspect
   for (const Case& c : cases) {
     INFO(c.faults.front());
     write_imu_log(c.faults);
-    const json before = inspect("--write-config " + written);
+    const json before = check_imu("--write-config " + written);
     REQUIRE(before["correction"].contains(c.key));
     CHECK(before["correction"][c.key].get<double>() == Approx(c.value).margin(c.tolerance));
-    const json after = inspect("--config " + written);
+    const json after = check_imu("--config " + written);
     INFO("before " << before["correction"] << ", after " << after["correction"]);
     CHECK(bad_checks(after).empty());
     CHECK(after["correction"].empty());
@@ -134,7 +134,7 @@ TEST_CASE("a mounting that is not configured is found, and the rest of the confi
   std::ofstream(given)
       << "odometry: {threads: 1, imu_wait_ms: 7}\nimu: {extrinsic: {translation: [0, 0, 0]}}\n";
   write_imu_log({"mounting_yaw=10"});
-  const json before = inspect("--config " + given + " --write-config " + written);
+  const json before = check_imu("--config " + given + " --write-config " + written);
   const auto rpy = before["correction"]["imu.extrinsic.rotation_rpy_deg"].get<std::vector<double>>();
   CHECK(rpy.at(2) == Approx(10.0).margin(1.5));
   CHECK(std::hypot(rpy.at(0), rpy.at(1)) < 1.5);
@@ -146,10 +146,10 @@ TEST_CASE("a mounting that is not configured is found, and the rest of the confi
 
 TEST_CASE("the check covers the requested part of the recording", "[inspect_imu][drives]") {
   write_imu_log({});
-  const json drive = inspect("--imu-seconds 3");
+  const json drive = check_imu("--imu-seconds 3");
   CHECK(drive["cut_short"] == true);
   CHECK(drive["seconds"].get<double>() == Approx(2.9).margin(0.2));
-  CHECK(inspect("--imu-seconds 3") == drive);
+  CHECK(check_imu("--imu-seconds 3") == drive);
   const auto without = tests::run_inspect(drive_folder().string() + " --imu-seconds 0 --json -");
   CHECK(json::parse(without.output)["imu_against_lidar"].is_null());
 }

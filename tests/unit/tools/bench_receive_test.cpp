@@ -2,13 +2,14 @@
 
 #include <catch2/catch.hpp>
 
-using nilio::tools::ReceiveTrialResult;
-using nilio::tools::try_receiving;
+using nilio::tools::bench::ReceiveTrialResult;
+using nilio::tools::bench::try_receiving;
 
-TEST_CASE("packets that fit the socket's buffer all come through, however late the reader is") {
+TEST_CASE("packets that fit into the socket's buffer all arrive, however late the reader is",
+          "[bench_receive]") {
   const auto trial = try_receiving({.rate_hz = 24120.0, .packets = 60, .stall_s = 0.05});
   REQUIRE(trial.ok());
-  // One packet tells the end, or some more where it is heard late.
+  // At least one marker packet follows.
   CHECK(trial->sent >= 61);
   CHECK(trial->received == trial->sent);
   CHECK(trial->missing == 0);
@@ -17,7 +18,7 @@ TEST_CASE("packets that fit the socket's buffer all come through, however late t
   CHECK(trial->is_accounted());
 }
 
-TEST_CASE("what a stalled reader loses is exactly what the kernel counts") {
+TEST_CASE("losses of a stalled reader are exactly those that the kernel counts", "[bench_receive]") {
   const auto trial = try_receiving({.rate_hz = 12060.0,
                                     .packets = 9000,
                                     .stall_s = 0.03,
@@ -32,8 +33,8 @@ TEST_CASE("what a stalled reader loses is exactly what the kernel counts") {
   CHECK(trial->largest_batch > 1);
 }
 
-TEST_CASE("what is lost at the very end is counted, too") {
-  // All is sent during the first stall, far beyond the buffer, also where the sender is kept waiting.
+TEST_CASE("losses at the very end are counted too", "[bench_receive]") {
+  // All packets are sent during the first stall and exceed the buffer.
   const auto trial = try_receiving({.rate_hz = 1e6,
                                     .packets = 500,
                                     .stall_s = 1.0,
@@ -44,7 +45,7 @@ TEST_CASE("what is lost at the very end is counted, too") {
   CHECK(trial->is_accounted());
 }
 
-TEST_CASE("a full ring's losses are counted apart from the kernel's") {
+TEST_CASE("losses of a full ring and of the kernel are counted separately", "[bench_receive]") {
   ReceiveTrialResult total;
   for (int i = 0; i < 5; ++i) {
     const auto trial = try_receiving({.rate_hz = 24120.0, .packets = 3000, .ring_slots = 1});

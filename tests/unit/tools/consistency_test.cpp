@@ -8,6 +8,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::bench;
 using core::Duration;
 using core::Matrix6;
 using core::OdometryResult;
@@ -22,7 +23,7 @@ constexpr Duration kPeriod = Duration::from_milliseconds(100.0);
 constexpr Duration kTruthPeriod = Duration::from_milliseconds(10.0);
 const Time kBegin{1'767'268'800'000'000'000};
 
-/// A steady curve with a climb, so that every axis turns and moves.
+/// Constant twist with motion about and along every axis.
 const Vector6 kTwist = (Vector6() << 8.0, 0.5, 0.2, 0.02, -0.01, 0.3).finished();
 
 SE3 true_pose(Time time) { return core::se3_exp((time - kBegin).seconds() * kTwist); }
@@ -49,8 +50,8 @@ Matrix6 body_covariance() {
   return covariance;
 }
 
-/// Poses and twists whose errors are drawn from a covariance, and which say that it is `said` times that.
-std::vector<OdometryResult> drawn_results(double said) {
+/// Poses and twists with errors drawn from a covariance. They report `factor` times that covariance.
+std::vector<OdometryResult> drawn_results(double factor) {
   std::mt19937_64 generator(7);
   std::normal_distribution<double> normal;
   const Matrix6 root = body_covariance().llt().matrixL();
@@ -67,17 +68,17 @@ std::vector<OdometryResult> drawn_results(double said) {
     result.state = core::TrackingState::kTracking;
     result.T_odom_base = true_pose(result.scan_end) * core::se3_exp(draw());
     const Matrix6 to_odom = core::block_rotation(result.T_odom_base.rotation.toRotationMatrix());
-    result.pose_covariance = said * to_odom * body_covariance() * to_odom.transpose();
+    result.pose_covariance = factor * to_odom * body_covariance() * to_odom.transpose();
     result.twist = kTwist + draw();
-    result.twist_covariance = said * body_covariance();
+    result.twist_covariance = factor * body_covariance();
   }
   return results;
 }
 
 }  // namespace
 
-TEST_CASE("errors that are drawn from the covariance that is said have a NEES of one") {
-  const Consistency consistency = judge_consistency(truth(), drawn_results(1.0));
+TEST_CASE("errors drawn from the reported covariance have a NEES of one", "[consistency]") {
+  const Consistency consistency = evaluate_consistency(truth(), drawn_results(1.0));
   for (const Nees& nees : {consistency.step, consistency.second, consistency.twist}) {
     CHECK(nees.count > kScans - 12);
     CHECK(nees.mean == Approx(1.0).margin(0.04));
@@ -85,25 +86,25 @@ TEST_CASE("errors that are drawn from the covariance that is said have a NEES of
   }
 }
 
-TEST_CASE("covariances that are four times too large or too small show as a NEES of a quarter or four") {
-  const Consistency cautious = judge_consistency(truth(), drawn_results(4.0));
+TEST_CASE("covariances four times too large or too small give a NEES of a quarter or four", "[consistency]") {
+  const Consistency cautious = evaluate_consistency(truth(), drawn_results(4.0));
   CHECK(cautious.step.mean == Approx(0.25).margin(0.01));
   CHECK(cautious.twist.mean == Approx(0.25).margin(0.01));
   CHECK(cautious.step.within_95 > 0.999);
-  const Consistency bold = judge_consistency(truth(), drawn_results(0.25));
+  const Consistency bold = evaluate_consistency(truth(), drawn_results(0.25));
   CHECK(bold.second.mean == Approx(4.0).margin(0.16));
   CHECK(bold.second.within_95 < 0.6);
 }
 
-TEST_CASE("scans that were not registered, and truths without poses inside a sweep, are not judged") {
+TEST_CASE("rejected scans, and truths without poses inside a sweep, are left out", "[consistency]") {
   std::vector<OdometryResult> results = drawn_results(1.0);
   results[100].predicted = true;
   results[200].state = core::TrackingState::kInitialising;
-  const Consistency consistency = judge_consistency(truth(), results);
+  const Consistency consistency = evaluate_consistency(truth(), results);
   CHECK(consistency.twist.count == kScans - 2);
   CHECK(consistency.step.count == kScans - 1 - 4);
   Trajectory kitti = truth();
   kitti.format = TrajectoryFormat::kKitti;
   kitti.stamps.clear();
-  CHECK(judge_consistency(kitti, results).twist.count == 0);
+  CHECK(evaluate_consistency(kitti, results).twist.count == 0);
 }

@@ -1,10 +1,11 @@
+#include "tools/convert/convert.hpp"
+
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/support/test_data.hpp"
 #include "tests/support/tools_trajectory_support.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/convert/convert.hpp"
 #include "tools/convert/kitti_raw.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"
 
@@ -37,8 +38,8 @@ std::string scan_bytes(const std::vector<KittiPoint>& points) {
   return {reinterpret_cast<const char*>(points.data()), points.size() * sizeof(KittiPoint)};
 }
 
-/// Every sample of the log is one OXTS record to the resolution of its CAN signals. Returns how many there
-/// are.
+/// Checks that every sample of the log is one OXTS record to the resolution of its CAN signals; returns their
+/// number.
 std::size_t check_inertial_log(const std::string& path, const KittiRawDrive& drive) {
   const auto preset = nilio::drivers::imu_preset("oxts_rt3003");
   REQUIRE(preset);
@@ -67,7 +68,7 @@ std::size_t check_inertial_log(const std::string& path, const KittiRawDrive& dri
 
 }  // namespace
 
-TEST_CASE("KITTI times are read to the nanosecond and malformed ones are not") {
+TEST_CASE("KITTI times are parsed to the nanosecond and malformed ones are rejected", "[convert]") {
   REQUIRE(parse_kitti_stamp("2011-09-26 13:08:24.957314930"));
   CHECK(parse_kitti_stamp("2011-09-26 13:08:24.957314930")->ns == 1317042504957314930);
   CHECK(parse_kitti_stamp("1970-01-01 00:00:01")->ns == 1'000'000'000);
@@ -80,7 +81,7 @@ TEST_CASE("KITTI times are read to the nanosecond and malformed ones are not") {
   }
 }
 
-TEST_CASE("a blank line in a stamp file is a lost scan, not an end") {
+TEST_CASE("a blank line in a stamp file is a lost scan, not the end of the file", "[convert]") {
   const TemporaryFolder folder;
   const auto stamps =
       read_kitti_stamps(folder.write("t.txt", "2011-09-26 13:08:24.0\n\n  \n2011-09-26 13:08:25.0\n"));
@@ -95,7 +96,7 @@ TEST_CASE("a blank line in a stamp file is a lost scan, not an end") {
   CHECK(bad.error().message.find("bad.txt:2") != std::string::npos);
 }
 
-TEST_CASE("scan files that are cut or hold no numbers are refused") {
+TEST_CASE("truncated scan files and values that are not finite are rejected", "[convert]") {
   const TemporaryFolder folder;
   CHECK_FALSE(read_kitti_scan(folder.write("empty.bin", "")));
   CHECK_FALSE(read_kitti_scan(folder.write("cut.bin", std::string(17, 'x'))));
@@ -105,13 +106,14 @@ TEST_CASE("scan files that are cut or hold no numbers are refused") {
   CHECK(bad.error().message.find("point 1") != std::string::npos);
 }
 
-TEST_CASE("rings are cut at yaw zero, where a point of the ring before may be rounded to minus zero") {
+TEST_CASE("rings are separated at yaw zero, where the last point of a ring may be rounded to minus zero",
+          "[convert]") {
   const std::vector<KittiPoint> points{{10.0F, 0.1F, 0, 0},  {-10.0F, 0.1F, 0, 0}, {-10.0F, -0.1F, 0, 0},
                                        {10.0F, -0.0F, 0, 0}, {10.0F, 0.0F, 0, 0},  {10.0F, 5.0F, 0, 0}};
   CHECK(kitti_rings(points) == std::vector<std::uint16_t>{0, 0, 0, 0, 1, 1});
 }
 
-TEST_CASE("clouds that are no raw HDL-64E scan are refused") {
+TEST_CASE("clouds that are not raw HDL-64E scans are rejected", "[convert]") {
   const auto sensor = nilio::drivers::make_velodyne_sensor(nilio::drivers::VelodyneModel::kHdl64eS2);
   const KittiRawScan scan{0, "scan.bin", Time{0}, Time{103'000'000}};
   CHECK_FALSE(encode_kitti_scan({}, scan, sensor));
@@ -125,7 +127,7 @@ TEST_CASE("clouds that are no raw HDL-64E scan are refused") {
   CHECK(encoded.error().message.find("scan.bin") != std::string::npos);
 }
 
-TEST_CASE("motion-compensated scans of the odometry benchmark are recognised") {
+TEST_CASE("motion-compensated scans of the odometry benchmark are rejected", "[convert]") {
   NILIO_REQUIRE_DATA(archive, "kitti/odometry_04_frames_000-050.tar.xz");
   const TemporaryFolder folder;
   REQUIRE(nilio::tests::run_program("tar -xJf '" + archive.string() + "' -C '" + folder.file("") +
@@ -143,7 +145,7 @@ TEST_CASE("motion-compensated scans of the odometry benchmark are recognised") {
   CHECK(encoded.error().message.find("motion-compensated") != std::string::npos);
 }
 
-TEST_CASE("a real drive becomes a recording that gives its points, inertial data and path back") {
+TEST_CASE("a real drive converts to a recording with the same points, inertial data and path", "[convert]") {
   NILIO_REQUIRE_DATA(archive, "kitti/raw_2011_09_26_drive_0009_scans_00-50.tar.xz");
   const TemporaryFolder folder;
   unpack_three_scans(archive, folder);
@@ -169,13 +171,13 @@ TEST_CASE("a real drive becomes a recording that gives its points, inertial data
   const auto truth = read_trajectory(output + "/truth.tum");
   REQUIRE(truth);
   CHECK(truth->poses.front().isApprox(Pose::Identity(), 1e-8));
-  // 10.7 m/s for the second and a half around the scans, straight ahead.
+  // 10.7 m/s straight ahead, for the 1.5 s around the scans.
   CHECK(path_length(truth->poses) ==
         Approx(10.7 * (truth->stamps.back() - truth->stamps.front()).seconds()).epsilon(0.05));
   CHECK(truth->poses.back().translation().x() > 10.0);
 }
 
-TEST_CASE("columns without any return keep their place in time") {
+TEST_CASE("columns without returns keep their time", "[convert]") {
   NILIO_REQUIRE_DATA(archive, "kitti/raw_2011_09_26_drive_0009_scans_00-50.tar.xz");
   const TemporaryFolder folder;
   unpack_three_scans(archive, folder);
@@ -185,7 +187,7 @@ TEST_CASE("columns without any return keep their place in time") {
   REQUIRE(points);
   const auto sensor = nilio::drivers::make_velodyne_sensor(nilio::drivers::VelodyneModel::kHdl64eS2);
   const auto whole = encode_kitti_scan(*points, drive->scans[0], sensor);
-  // Nothing in front, nor on the whole ring 20: as if sky and a dead laser.
+  // No points in front and on the whole ring 20, as with sky and a dead laser.
   std::vector<KittiPoint> rest;
   const auto rings = kitti_rings(*points);
   for (std::size_t i = 0; i < points->size(); ++i) {
@@ -208,7 +210,7 @@ TEST_CASE("columns without any return keep their place in time") {
   CHECK(std::abs((time_at(*whole, 9000) - time_at(*reduced, 9000)).ns) < 200'000);
 }
 
-TEST_CASE("a drive with a missing part is refused with the file's name") {
+TEST_CASE("a drive with missing files is rejected with the file's name", "[convert]") {
   const TemporaryFolder folder;
   CHECK(run_command(add_convert_command,
                     {"convert", "kitti-raw", folder.file("nothing"), folder.file("out")}) == 1);
@@ -223,4 +225,30 @@ TEST_CASE("a drive with a missing part is refused with the file's name") {
   const auto without_scan = read_kitti_raw(drive, drive);
   REQUIRE_FALSE(without_scan);
   CHECK(without_scan.error().message.find("no scan has a usable") != std::string::npos);
+}
+
+TEST_CASE("trailing points at the origin are not part of a scan", "[convert]") {
+  const TemporaryFolder folder;
+  const auto points =
+      read_kitti_scan(folder.write("scan.bin", scan_bytes({{0, 0, 0, 0}, {1, 2, 3, 0.5F}, {0, 0, 0, 0}})));
+  REQUIRE(points);
+  CHECK(points->size() == 2);
+}
+
+TEST_CASE("a drive without oxts/ is converted without inertial data and ground truth", "[convert]") {
+  NILIO_REQUIRE_DATA(archive, "kitti/raw_2011_09_26_drive_0009_scans_00-50.tar.xz");
+  const TemporaryFolder folder;
+  unpack_three_scans(archive, folder);
+  const fs::path drive = folder.file(kDrive);
+  fs::remove_all(drive / "oxts");
+  const std::string scan = drive / "velodyne_points/data/0000000003.bin";
+  std::ofstream(scan, std::ios::binary | std::ios::app) << scan_bytes({{0, 0, 0, 0}});
+  const fs::path output = folder.file("out");
+  REQUIRE(run_command(add_convert_command, {"convert", "kitti-raw", drive.string(), output.string()}) == 0);
+  CHECK(fs::exists(output / "lidar.pcap"));
+  CHECK_FALSE(fs::exists(output / "imu.candump.log"));
+  CHECK_FALSE(fs::exists(output / "truth.tum"));
+  std::ifstream configuration(output / "nilio.yaml");
+  const std::string text{std::istreambuf_iterator<char>(configuration), {}};
+  CHECK(text.find("enabled: false") != std::string::npos);
 }

@@ -9,6 +9,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::inspect;
 using namespace nilio::tests;
 using Catch::Matchers::Contains;
 using drivers::VelodyneModel;
@@ -33,7 +34,7 @@ const SensorFindings& only_sensor(const RecordingFindings& findings) {
   return findings.captures.front().sensors.front();
 }
 
-/// The problem that a file of these bytes is.
+/// Problem reported for a file of these bytes.
 std::string problem_of(const std::string& bytes, const std::string& suffix) {
   const RecordingFindings findings = inspect_bytes(bytes, suffix);
   CHECK_FALSE(findings.usable());
@@ -43,7 +44,7 @@ std::string problem_of(const std::string& bytes, const std::string& suffix) {
 
 }  // namespace
 
-TEST_CASE("two sensors on different addresses are two sensors, each with its own telemetry") {
+TEST_CASE("sensors on two addresses are separate, each with its own telemetry", "[inspect]") {
   const TurningSensor slow = turning(VelodyneModel::kVlp16, 10.0);
   const TurningSensor fast = turning(VelodyneModel::kVlp32c, 20.0);
   drivers::PositionPacket position;
@@ -74,7 +75,7 @@ TEST_CASE("two sensors on different addresses are two sensors, each with its own
   for (const SensorFindings& sensor : sensors) CHECK(sensor.stats.lost_packets == 0);
 }
 
-TEST_CASE("packets that are missing, repeated and cut show in the counts") {
+TEST_CASE("missing, repeated and truncated packets are counted", "[inspect]") {
   const TurningSensor sensor = turning(VelodyneModel::kVlp16);
   CaptureBuilder capture;
   add_packets(capture, sensor, kFirstSensor, 2368, 0, 200);
@@ -93,7 +94,7 @@ TEST_CASE("packets that are missing, repeated and cut show in the counts") {
              Contains("5 lost") && Contains("1 duplicate") && Contains("1 of wrong length"));
 }
 
-TEST_CASE("a pause longer than a revolution is a gap") {
+TEST_CASE("a pause longer than a revolution is a gap", "[inspect]") {
   const TurningSensor sensor = turning(VelodyneModel::kVlp16);
   CaptureBuilder capture;
   add_packets(capture, sensor, kFirstSensor, 2368, 0, 200);
@@ -104,16 +105,16 @@ TEST_CASE("a pause longer than a revolution is a gap") {
   CHECK(found.longest_pause_s == Approx(301 * 1327.104e-6).margin(1e-4));
 }
 
-TEST_CASE("what less than a revolution does not tell is said not to be known") {
+TEST_CASE("values that need a whole revolution are reported as unknown for a shorter capture", "[inspect]") {
   CaptureBuilder capture;
   add_packets(capture, turning(VelodyneModel::kVlp16), kFirstSensor, 2368, 0, 10);
   const RecordingFindings findings = inspect_bytes(capture.bytes(), ".pcap");
   CHECK(findings.usable());
   CHECK(only_sensor(findings).complete_scans == 0);
-  CHECK_THAT(inspect_report(findings), Contains("field of view  not known") && Contains("no whole scan"));
+  CHECK_THAT(inspect_report(findings), Contains("field of view  unknown") && Contains("no complete scan"));
 }
 
-TEST_CASE("a capture that ends in the middle of a record tells so and gives the rest") {
+TEST_CASE("a capture that ends within a record is reported and read up to there", "[inspect]") {
   CaptureBuilder capture;
   add_packets(capture, turning(VelodyneModel::kVlp16), kFirstSensor, 2368, 0, 300);
   const std::string bytes = capture.bytes();
@@ -123,14 +124,14 @@ TEST_CASE("a capture that ends in the middle of a record tells so and gives the 
   CHECK_THAT(inspect_report(findings), Contains("ends in the middle of a record"));
 }
 
-TEST_CASE("files that hold nothing usable say what they are and what to do") {
+TEST_CASE("files without usable contents are reported with their kind and the remedy", "[inspect]") {
   CHECK_THAT(problem_of("", ".pcap"), Contains("is empty (0 bytes)") && Contains("record again"));
   CHECK_THAT(problem_of("hello\n", ".txt"), Contains("neither a capture") && Contains("candump -L"));
-  CHECK_THAT(problem_of("hello\n", ".pcap"), Contains("is no capture that can be read"));
+  CHECK_THAT(problem_of("hello\n", ".pcap"), Contains("is no capture"));
   CHECK_THAT(problem_of("\x1F\x8B\x08", ".pcap.gz"), Contains("gunzip"));
   CHECK_THAT(problem_of("(broken\n", ".candump"), Contains("no CAN frame") && Contains("1 broken lines"));
   CaptureBuilder none;
-  CHECK_THAT(problem_of(none.bytes(), ".pcap"), Contains("without any packet") && Contains("tcpdump"));
+  CHECK_THAT(problem_of(none.bytes(), ".pcap"), Contains("without packets") && Contains("tcpdump"));
   CaptureBuilder arp;
   arp.frame(kEpochNs, 0x0806);
   CHECK_THAT(problem_of(arp.bytes(), ".pcap"),
@@ -144,7 +145,7 @@ TEST_CASE("files that hold nothing usable say what they are and what to do") {
              Contains("telemetry of 192.168.1.201, but no data packets"));
 }
 
-TEST_CASE("damaged bytes anywhere in a capture do no harm") {
+TEST_CASE("damaged bytes anywhere in a capture do not crash the inspection", "[inspect]") {
   CaptureBuilder capture;
   add_packets(capture, turning(VelodyneModel::kVlp16), kFirstSensor, 2368, 0, 80);
   std::uint32_t random = 1;
@@ -152,7 +153,7 @@ TEST_CASE("damaged bytes anywhere in a capture do no harm") {
     std::string bytes = capture.bytes();
     for (int i = 0; i < 20; ++i) {
       random = random * 1664525U + 1013904223U;
-      // Half of the damage in the first records' headers.
+      // Half of the damage is in the headers of the first records.
       const std::size_t at = (random >> 8) % (i % 2 == 0 ? 2600 : bytes.size());
       bytes[at] = static_cast<char>(random >> 3 & 0xFFU);
     }
@@ -163,7 +164,7 @@ TEST_CASE("damaged bytes anywhere in a capture do no harm") {
   }
 }
 
-TEST_CASE("a clock that runs fast shows its offset at the start and its drift") {
+TEST_CASE("a fast clock is reported with its offset at the start and its drift", "[inspect]") {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   constexpr double kDriftPpm = 40.0;
   ClockComparison clock;
@@ -183,7 +184,7 @@ TEST_CASE("a clock that runs fast shows its offset at the start and its drift") 
   CHECK(*found->drift_ppm == Approx(kDriftPpm).margin(1.0));
 }
 
-TEST_CASE("a clock that passes the hour does not jump") {
+TEST_CASE("a clock that passes the hour does not jump", "[inspect]") {
   ClockComparison clock;
   for (std::int64_t i = 0; i < 20'000; ++i) {
     const std::int64_t now_ns = 3'590'000'000'000 + i * 1'000'000;

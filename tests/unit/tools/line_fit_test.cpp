@@ -10,6 +10,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio::tools;
+using namespace nilio::tools::bench;
 
 namespace {
 

@@ -2,7 +2,7 @@
 
 #include "tests/support/test_data.hpp"
 #include "tests/support/tools_trajectory_support.hpp"
-#include "tools/common/commands.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <cmath>
 #include <random>
@@ -14,6 +14,7 @@ using nilio::core::Time;
 using nilio::tests::run_command;
 using nilio::tests::TemporaryFolder;
 using namespace nilio::tools;
+using namespace nilio::tools::evaluate;
 
 namespace {
 
@@ -71,7 +72,7 @@ Trajectory with_drift(const Trajectory& truth, double translation_m, double rota
 
 }  // namespace
 
-TEST_CASE("statistics follow evo's definitions") {
+TEST_CASE("statistics follow evo's definitions", "[metrics]") {
   const Statistics s = compute_statistics({4.0, 1.0, 3.0, 2.0});
   CHECK(s.rmse == Approx(std::sqrt(7.5)));
   CHECK(s.mean == Approx(2.5));
@@ -82,9 +83,9 @@ TEST_CASE("statistics follow evo's definitions") {
   CHECK(compute_statistics({}).max == 0.0);
 }
 
-TEST_CASE("a trajectory equals itself in every metric") {
+TEST_CASE("a trajectory equals itself in every metric", "[metrics]") {
   const std::vector<Pose> path = make_path(1000);
-  const Evaluation e = evaluate(make_pairs(path, path), {});
+  const Evaluation e = nilio::tools::evaluate::evaluate(make_pairs(path, path), {});
   CHECK(e.truth_length_m == e.estimate_length_m);
   for (const AbsoluteError& error : e.absolute) {
     CHECK(error.errors.translation_m.max < 1e-9);
@@ -96,7 +97,7 @@ TEST_CASE("a trajectory equals itself in every metric") {
   CHECK(e.segments->per_length.size() == 8);
 }
 
-TEST_CASE("a rigid motion of the whole estimate costs nothing once aligned") {
+TEST_CASE("a rigid motion of the whole estimate causes no error after alignment", "[metrics]") {
   const std::vector<Pose> path = make_path(300);
   const Pose motion = make_pose(10.0, -20.0, 30.0, 1.0);
   std::vector<Pose> moved;
@@ -104,7 +105,7 @@ TEST_CASE("a rigid motion of the whole estimate costs nothing once aligned") {
   for (const Pose& pose : path) moved.push_back(motion * pose);
   EvaluationOptions options;
   options.report_unaligned = true;
-  const Evaluation e = evaluate(make_pairs(path, moved), options);
+  const Evaluation e = nilio::tools::evaluate::evaluate(make_pairs(path, moved), options);
   REQUIRE(e.absolute.size() == 3);
   CHECK(e.absolute[0].alignment == Alignment::kNone);
   CHECK(e.absolute[0].errors.translation_m.min > 10.0);
@@ -115,11 +116,11 @@ TEST_CASE("a rigid motion of the whole estimate costs nothing once aligned") {
   CHECK_FALSE(e.alignment_degenerate);
 }
 
-TEST_CASE("a scale error of one percent is one percent of every segment and of the path") {
+TEST_CASE("a scale error of one percent is one percent of every segment and of the path", "[metrics]") {
   const std::vector<Pose> path = make_path(1000);
   std::vector<Pose> scaled = path;
   for (Pose& pose : scaled) pose.translation() *= 1.01;
-  const Evaluation e = evaluate(make_pairs(path, scaled), {});
+  const Evaluation e = nilio::tools::evaluate::evaluate(make_pairs(path, scaled), {});
   CHECK(e.estimate_length_m / e.truth_length_m == Approx(1.01));
   CHECK(e.relative.translation_m.rmse ==
         Approx(0.01 * (path[1].translation() - path[0].translation()).norm()));
@@ -130,7 +131,7 @@ TEST_CASE("a scale error of one percent is one percent of every segment and of t
   CHECK(origin.end_translation_m == Approx(0.01 * path.back().translation().norm()));
 }
 
-TEST_CASE("a constant turn error per metre is found in the segments' rotation") {
+TEST_CASE("a constant turn error per metre is found in the segments' rotation", "[metrics]") {
   std::vector<Pose> truth{Pose::Identity()};
   std::vector<Pose> estimate{Pose::Identity()};
   const double error_rad = 1e-4;
@@ -138,7 +139,7 @@ TEST_CASE("a constant turn error per metre is found in the segments' rotation") 
     truth.push_back(truth.back() * make_pose(1.0, 0.0, 0.0));
     estimate.push_back(estimate.back() * make_pose(1.0, 0.0, 0.0, error_rad));
   }
-  const Evaluation e = evaluate(make_pairs(truth, estimate), {});
+  const Evaluation e = nilio::tools::evaluate::evaluate(make_pairs(truth, estimate), {});
   REQUIRE(e.segments);
   for (const SegmentError& segment : e.segments->per_length) {
     // The devkit's last pose is the first one beyond the length, here one metre.
@@ -149,7 +150,7 @@ TEST_CASE("a constant turn error per metre is found in the segments' rotation") 
   CHECK(e.alignment_degenerate);
 }
 
-TEST_CASE("segments begin at every tenth pose and only where the path is long enough") {
+TEST_CASE("segments begin at every tenth pose and only where the path is long enough", "[metrics]") {
   std::vector<Pose> path;
   for (int i = 0; i <= 120; ++i) path.push_back(make_pose(i, 0.0, 0.0));
   const std::array<double, 2> lengths{100.0, 200.0};
@@ -161,7 +162,8 @@ TEST_CASE("segments begin at every tenth pose and only where the path is long en
   CHECK_FALSE(segment_errors(make_pairs(path, path), std::array<double, 1>{120.0}, 10));
 }
 
-TEST_CASE("the truth is interpolated at the estimate's stamps, and lonely poses are counted") {
+TEST_CASE("the truth is interpolated at the estimate's stamps, and unmatched poses are counted",
+          "[metrics]") {
   const std::vector<Pose> path = make_path(50);
   const Trajectory truth = make_tum(path, 0, 100'000'000);
   std::vector<Pose> halfway;
@@ -180,7 +182,7 @@ TEST_CASE("the truth is interpolated at the estimate's stamps, and lonely poses 
         1e-12);
 }
 
-TEST_CASE("nearest association takes poses within the limit only") {
+TEST_CASE("nearest association takes only poses within the limit", "[metrics]") {
   const std::vector<Pose> path = make_path(20);
   const Trajectory truth = make_tum(path, 0, 100'000'000);
   const Trajectory estimate = make_tum({path[3], path[4], path[5]}, 308'000'000, 103'000'000);
@@ -197,7 +199,7 @@ TEST_CASE("nearest association takes poses within the limit only") {
   CHECK(pairs->truth[1].matrix() == path[4].matrix());
 }
 
-TEST_CASE("trajectories without common time are refused with both time ranges") {
+TEST_CASE("trajectories without common time are refused with both time ranges", "[metrics]") {
   const Trajectory truth = make_tum(make_path(11), 1'000'000'000'000, 100'000'000);
   const Trajectory estimate = make_tum(make_path(11), 0, 100'000'000);
   const auto pairs = associate(truth, estimate, {});
@@ -209,7 +211,7 @@ TEST_CASE("trajectories without common time are refused with both time ranges") 
   CHECK(associate(kitti, estimate, {}).error().message.find("same format") != std::string::npos);
 }
 
-TEST_CASE("evaluate says by its exit status whether input or thresholds failed") {
+TEST_CASE("the exit status of evaluate distinguishes bad input from exceeded thresholds", "[metrics]") {
   const TemporaryFolder folder;
   Trajectory truth = make_tum(make_path(400), 0, 100'000'000);
   REQUIRE(write_trajectory(truth, folder.file("truth.tum")));
@@ -237,7 +239,7 @@ TEST_CASE("evaluate says by its exit status whether input or thresholds failed")
   CHECK(json["path"]["ratio"].get<double>() == Approx(1.02));
 }
 
-TEST_CASE("all numbers agree with the reference script on real poses with synthetic drift") {
+TEST_CASE("all numbers agree with the reference script on real poses with synthetic drift", "[metrics]") {
   NILIO_REQUIRE_DATA(script, "../tools/eval_traj.py");
   NILIO_REQUIRE_DATA(archive, "kitti/odometry_poses_00-10.tar.xz");
   if (!nilio::tests::run_program("/usr/bin/python3 -c 'import numpy' 2>&1").second) {

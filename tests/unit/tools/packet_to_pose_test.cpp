@@ -1,9 +1,9 @@
-#include "tools/bench/common/packet_to_pose.hpp"
+#include "tools/watch/packet_to_pose.hpp"
 
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using tools::PacketToPose;
+using tools::watch::PacketToPose;
 
 namespace {
 
@@ -17,22 +17,22 @@ dds::ScanReport report(std::int64_t stamp, std::int64_t received_ns, const std::
 
 }  // namespace
 
-TEST_CASE("a pose and the report of its scan are joined, whichever comes first") {
+TEST_CASE("a pose and the report of its scan are matched in any order of arrival", "[packet_to_pose]") {
   PacketToPose latency("here");
   latency.add_pose({100}, 1'000'000);
   latency.add_report(report(100, 400'000));
   latency.add_report(report(200, 2'000'000));
-  latency.add_pose({300}, 4'000'000);  // its report does not come
+  latency.add_pose({300}, 4'000'000);  // its report is missing
   latency.add_pose({200}, 3'000'000);
   const auto snapshot = latency.histogram().snapshot();
   CHECK(snapshot.count() == 2);
   CHECK(snapshot.min() == 600'000);
   CHECK(snapshot.max() == 1'000'000);
-  latency.add_pose({200}, 9'000'000);  // a second time: its report is used up
+  latency.add_pose({200}, 9'000'000);  // repeated: its report was already matched
   CHECK(latency.histogram().snapshot().count() == 2);
 }
 
-TEST_CASE("reports of another machine, or without the stamp, measure nothing") {
+TEST_CASE("reports of another machine or without the stamp are not measured", "[packet_to_pose]") {
   PacketToPose latency("here");
   latency.add_pose({100}, 1'000'000);
   latency.add_report(report(100, 400'000, "there"));
@@ -45,7 +45,7 @@ TEST_CASE("reports of another machine, or without the stamp, measure nothing") {
   CHECK(latency.of_other_machines() == 2);
 }
 
-TEST_CASE("what never finds its counterpart does not pile up") {
+TEST_CASE("items without a counterpart do not accumulate", "[packet_to_pose]") {
   PacketToPose latency("here");
   for (std::int64_t i = 0; i < 100'000; ++i) latency.add_pose({i}, i + 1);
   for (std::int64_t i = 0; i < 100'000; ++i) latency.add_report(report(i, i + 1));

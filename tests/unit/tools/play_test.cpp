@@ -1,7 +1,6 @@
 #include "nilio/drivers/network/udp.hpp"
 
 #include "tests/support/tools_record_support.hpp"
-#include "tools/play/restamp.hpp"
 #include "tools/play/session.hpp"
 #include "tools/play/timeline.hpp"
 
@@ -11,6 +10,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::play;
 using Catch::Matchers::Contains;
 using tests::kEpochNs;
 using tests::TemporaryFolder;
@@ -49,7 +49,7 @@ PlayConfig config_for(const TemporaryFolder& folder, std::uint16_t data_port, st
 
 bool never_stop() { return false; }
 
-/// The source that received it all, without loss.
+/// Source that received all packets without loss.
 std::vector<drivers::Packet> receive_all(drivers::PacketSource& source, std::size_t count) {
   std::vector<drivers::Packet> packets;
   std::array<drivers::Packet, 64> slots;
@@ -63,10 +63,10 @@ std::vector<drivers::Packet> receive_all(drivers::PacketSource& source, std::siz
 
 }  // namespace
 
-TEST_CASE("stamps are due as far apart as recorded, divided by the speed, reckoned from one origin") {
+TEST_CASE("due times have the recorded distances divided by the speed, relative to one origin", "[play]") {
   PlayTimeline timeline(4.0, {10 * kSecond});
   CHECK(timeline.next(at(0), 1000).due_ns == 1000);
-  // The time that passes meanwhile does not matter, so that lateness does not add up.
+  // The current time has no effect, so that delays do not accumulate.
   for (int i = 1; i < 10'000; ++i) {
     const auto due = timeline.next({kEpochNs + i * 1'326'000LL}, 7 * kSecond + i);
     CHECK(due.event == Event::kNone);
@@ -74,7 +74,7 @@ TEST_CASE("stamps are due as far apart as recorded, divided by the speed, reckon
   }
 }
 
-TEST_CASE("packets in the wrong order are due at once and change nothing for the others") {
+TEST_CASE("reordered packets are due at once and do not affect the others", "[play]") {
   PlayTimeline timeline(1.0, {10 * kSecond});
   timeline.next(at(0), 0);
   CHECK(timeline.next(at(0.5), 0).due_ns == kSecond / 2);
@@ -84,7 +84,7 @@ TEST_CASE("packets in the wrong order are due at once and change nothing for the
   CHECK(timeline.next(at(0.6), 0).due_ns == 600'000'000);
 }
 
-TEST_CASE("gaps are waited for up to the longest wanted and skipped beyond") {
+TEST_CASE("gaps are kept up to the maximum and skipped beyond it", "[play]") {
   PlayTimeline timeline(1.0, {10 * kSecond});
   timeline.next(at(0), 0);
   const auto waited = timeline.next(at(9), 0);
@@ -97,7 +97,7 @@ TEST_CASE("gaps are waited for up to the longest wanted and skipped beyond") {
   CHECK(timeline.next(at(101), 0).due_ns == 10 * kSecond + 5);
 }
 
-TEST_CASE("stamps that jump back are played on from there") {
+TEST_CASE("playing continues after stamps that jump back", "[play]") {
   PlayTimeline timeline(1.0, {10 * kSecond});
   timeline.next(at(0), 0);
   timeline.next(at(3), 3 * kSecond);
@@ -106,14 +106,14 @@ TEST_CASE("stamps that jump back are played on from there") {
   CHECK(back.is_new_origin());
   CHECK(back.due_ns == 3 * kSecond);
   CHECK(timeline.next(at(1.5), 0).due_ns == 3 * kSecond + kSecond / 2);
-  timeline.begin_again();
+  timeline.restart();
   CHECK(timeline.next(at(0), 0).due_ns == 3 * kSecond + kSecond / 2);
 }
 
-TEST_CASE("restamping moves data and position packets by one constant, over the hour too") {
+TEST_CASE("restamping moves data and position packets by one constant, also across the hour", "[play]") {
   Restamper restamper;
   drivers::Packet first = packet_at(3'599'000'000, 1206);
-  // 22:13:20 and a little.
+  // Shortly after 22:13:20.
   restamper.apply(first, {kEpochNs + 123'456'000});
   CHECK(sensor_time_us(first) == 800'123'456);
   drivers::Packet position = packet_at(500'000, 512);  // 1.5 s later, past the hour
@@ -130,13 +130,13 @@ TEST_CASE("restamping moves data and position packets by one constant, over the 
   const auto before = other.data;
   restamper.apply(other, {0});
   CHECK(other.data == before);
-  restamper.begin_again();
+  restamper.restart();
   drivers::Packet again = packet_at(7, 1206);
   restamper.apply(again, {kEpochNs});
   CHECK(sensor_time_us(again) == 800'000'000);
 }
 
-TEST_CASE("at four times its pace a capture arrives in order and complete, data and position packets") {
+TEST_CASE("at speed 4 the data and position packets of a capture arrive complete and in order", "[play]") {
   const TemporaryFolder folder;
   const auto packets = tests::sensor_packets(1500, 2368, 8308);
   tests::write_capture(folder.path() / "lidar.pcap", packets);
@@ -159,12 +159,12 @@ TEST_CASE("at four times its pace a capture arrives in order and complete, data 
   REQUIRE(received.size() == packets.size());
   for (std::size_t i = 0; i < packets.size(); ++i)
     CHECK(tests::payload_of(received[i]) == tests::payload_of(packets[i]));
-  // Paced, not sent as a whole: the last comes a quarter of the recording after the beginning, or later.
+  // Paced, not sent at once: the last packet arrives a quarter of the recording after the start, or later.
   const core::Duration recorded = packets.back().stamp - packets.front().stamp;
   CHECK((received.back().stamp.ns - std::chrono::nanoseconds(begun).count()) * 4 >= recorded.ns);
 }
 
-TEST_CASE("a loop sends the recording so many times, and restamped packets count on") {
+TEST_CASE("looping repeats the recording, and restamped packets continue the clock", "[play]") {
   const TemporaryFolder folder;
   const auto packets = tests::sensor_packets(100, 2368, 8308);
   tests::write_capture(folder.path() / "lidar.pcap", packets);
@@ -181,7 +181,7 @@ TEST_CASE("a loop sends the recording so many times, and restamped packets count
   CHECK(report.packets == 3 * packets.size());
   const auto received = receive_all(**source, 3 * packets.size());
   REQUIRE(received.size() == 3 * packets.size());
-  // The sensor's time of each loop's first packet is the host's, which is a little before it arrived.
+  // The sensor's time of each loop's first packet is the host's, slightly before its arrival.
   for (std::size_t loop = 0; loop < 3; ++loop) {
     const drivers::Packet& first = received[loop * packets.size()];
     const std::int64_t arrived_us = first.stamp.ns / 1000 % 3'600'000'000;
@@ -190,7 +190,7 @@ TEST_CASE("a loop sends the recording so many times, and restamped packets count
   }
 }
 
-TEST_CASE("broadcast and multicast reach those who listen to them") {
+TEST_CASE("broadcast and multicast packets reach their receivers", "[play]") {
   const TemporaryFolder folder;
   const auto packets = tests::sensor_packets(20, 2368, 8308);
   tests::write_capture(folder.path() / "lidar.pcap", packets);
@@ -222,7 +222,7 @@ TEST_CASE("broadcast and multicast reach those who listen to them") {
   close(listener);
 }
 
-TEST_CASE("jumps in the stamps of a recording are told with where they are") {
+TEST_CASE("jumps in the stamps of a recording are reported with their position", "[play]") {
   const TemporaryFolder folder;
   std::vector<drivers::Packet> packets(3);
   const double times[] = {0.0, 100.0, 50.0};
@@ -242,7 +242,7 @@ TEST_CASE("jumps in the stamps of a recording are told with where they are") {
   CHECK_THAT(lines[1], Contains("50.000 s after") && Contains("jump back by 50.000 s"));
 }
 
-TEST_CASE("playing stops when it is told to, also in a gap") {
+TEST_CASE("playing stops on request, also within a gap", "[play]") {
   const TemporaryFolder folder;
   auto packets = tests::sensor_packets(2, 2368, 8308);
   packets[1].stamp = packets[0].stamp + core::Duration{3600 * kSecond};
@@ -257,7 +257,7 @@ TEST_CASE("playing stops when it is told to, also in a gap") {
   CHECK(report.loops == 0);
 }
 
-TEST_CASE("what cannot be played says what to do") {
+TEST_CASE("errors of playing name the option and the remedy", "[play]") {
   const TemporaryFolder folder;
   tests::write_capture(folder.path() / "lidar.pcap", tests::sensor_packets(5, 2368, 8308));
   const PlayConfig good = config_for(folder, 0, 0);
@@ -283,7 +283,7 @@ TEST_CASE("what cannot be played says what to do") {
   config.recorded_port = 1;
   config.recorded_position_port = 2;
   CHECK_THAT(error_of(config), Contains("2368"));
-  CHECK_THAT(error_of({}), Contains("nothing to play"));
+  CHECK_THAT(error_of({}), Contains("no input to play"));
   config = {};
   config.can_logs = {"can_0001.log"};
   CHECK_THAT(error_of(config), Contains("CAN logs need --can"));

@@ -1,4 +1,4 @@
-#include "tools/evaluate/trajectory.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include "tests/support/tools_trajectory_support.hpp"
 
@@ -18,7 +18,7 @@ std::string error_of(const TemporaryFolder& folder, const std::string& content) 
 
 }  // namespace
 
-TEST_CASE("a TUM file keeps its stamps to the nanosecond") {
+TEST_CASE("a TUM file keeps its stamps to the nanosecond", "[trajectory]") {
   const TemporaryFolder folder;
   const std::string path =
       folder.write("t.tum",
@@ -37,7 +37,7 @@ TEST_CASE("a TUM file keeps its stamps to the nanosecond") {
   CHECK((trajectory->poses[1].linear() * Eigen::Vector3d::UnitX()).isApprox(Eigen::Vector3d::UnitY(), 1e-12));
 }
 
-TEST_CASE("a KITTI file is recognised by its twelve columns and kept as written") {
+TEST_CASE("a KITTI file is recognised by its twelve columns and kept as written", "[trajectory]") {
   const TemporaryFolder folder;
   const auto trajectory =
       read_trajectory(folder.write("t.txt", "1 0 0 4 0 1 0 5 0 0 1 6\n1 0 0 7 0 1e0 0 +8 0 0 1 9\n"));
@@ -48,7 +48,7 @@ TEST_CASE("a KITTI file is recognised by its twelve columns and kept as written"
   CHECK(trajectory->poses[1].translation() == Eigen::Vector3d(7, 8, 9));
 }
 
-TEST_CASE("a malformed trajectory is refused with file, line and reason") {
+TEST_CASE("a malformed trajectory is refused with file, line and reason", "[trajectory]") {
   const TemporaryFolder folder;
   const std::string good = "1 0 0 0 0 0 0 1\n";
   const auto expect = [&](const std::string& content, const std::string& line, const std::string& reason) {
@@ -73,7 +73,7 @@ TEST_CASE("a malformed trajectory is refused with file, line and reason") {
         std::string::npos);
 }
 
-TEST_CASE("a written trajectory reads back as it was") {
+TEST_CASE("a written trajectory reads back as it was", "[trajectory]") {
   const TemporaryFolder folder;
   Trajectory original;
   original.stamps = {Time{1317042504969505176}, Time{1317042505069505177}};
@@ -94,7 +94,7 @@ TEST_CASE("a written trajectory reads back as it was") {
   CHECK_FALSE(write_trajectory(original, folder.file("no/such/folder")));
 }
 
-TEST_CASE("interpolation turns and moves evenly and does not bridge gaps or extrapolate") {
+TEST_CASE("interpolation turns and moves evenly and does not bridge gaps or extrapolate", "[trajectory]") {
   Trajectory trajectory;
   trajectory.stamps = {Time{0}, Time{100'000'000}, Time{600'000'000}};
   Pose end = Pose::Identity();
@@ -113,7 +113,7 @@ TEST_CASE("interpolation turns and moves evenly and does not bridge gaps or extr
   CHECK_FALSE(interpolate_pose(trajectory, Time{600'000'001}, gap));
 }
 
-TEST_CASE("the LiDAR-to-camera transform is taken from the Tr line of a KITTI calibration") {
+TEST_CASE("the LiDAR-to-camera transform is taken from the Tr line of a KITTI calibration", "[trajectory]") {
   const TemporaryFolder folder;
   const auto calibration =
       read_kitti_calibration(folder.write("calib.txt", "P0: 1 2 3\nTr: 0 -1 0 1 0 0 -1 2 1 0 0 3\n"));

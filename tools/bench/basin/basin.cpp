@@ -1,17 +1,13 @@
-#include "tools/bench/basin/basin.hpp"
-
-#include "daemon/config/terms.hpp"
-#include "tools/bench/basin/basin_trial.hpp"
-#include "tools/bench/odometry/options.hpp"
-#include "tools/bench/results_page.hpp"
-#include "tools/commands/number_between.hpp"
+#include "daemon/config/convert.hpp"
+#include "tools/bench/basin/trials.hpp"
+#include "tools/bench/bench.hpp"
 
 #include <algorithm>
 #include <array>
-#include <memory>
+#include <cstdio>
 #include <variant>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -19,17 +15,17 @@ using core::Result;
 
 constexpr std::array<double, 7> kTranslationsMetres = {0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0};
 constexpr std::array<double, 6> kRotationsDeg = {0.0, 2.5, 5.0, 10.0, 15.0, 20.0};
+constexpr int kPictureWidth = 1600;
+constexpr int kPictureHeight = 520;
+constexpr const char* kLegend =
+    "Each scan is registered against the map of the five scans before it, from an initial pose with an "
+    "error: "
+    "displaced in a random horizontal direction and turned about the vertical axis to a random side. "
+    "Success: "
+    "the method ends within 0.1 m and 0.5 deg of its result from the odometry's pose, and that result is "
+    "within 0.3 m and 1 deg of the odometry's pose. Tables show the share of successes.";
 
-struct BenchBasinOptions {
-  std::vector<std::string> datasets;
-  std::vector<std::string> registrations{"all"};
-  std::vector<std::string> overrides;
-  std::size_t pairs = 200;
-  std::uint64_t seed = 1;
-  ResultsPage::Options page;
-};
-
-/// Every rotation with every translation; the rotation's index counts faster.
+/// Every translation with every rotation; the index of the rotation counts faster.
 std::vector<BasinOffset> all_offsets() {
   std::vector<BasinOffset> offsets;
   for (const double translation : kTranslationsMetres) {
@@ -47,10 +43,10 @@ std::vector<core::RegistrationMethodInfo> chosen_methods(const std::vector<std::
   return methods;
 }
 
-/// Share of successes [method][translation][rotation].
+/// Successes of each method from each offset.
 struct Basin {
   std::vector<core::RegistrationMethodInfo> methods;
-  std::vector<std::vector<std::size_t>> counts;
+  std::vector<std::vector<std::size_t>> counts;  ///< [method][offset of all_offsets()]
   std::size_t pairs = 0;
 
   [[nodiscard]] double share(std::size_t method, std::size_t translation, std::size_t rotation) const {
@@ -59,8 +55,8 @@ struct Basin {
   }
 };
 
-BenchTable basin_table(const Basin& basin) {
-  BenchTable table{{"registration"}, {}};
+Table basin_table(const Basin& basin) {
+  Table table{{"registration"}, {}};
   for (std::size_t t = 1; t < kTranslationsMetres.size(); ++t)
     table.headings.push_back(fixed(kTranslationsMetres[t], 1) + " m");
   for (std::size_t r = 1; r < kRotationsDeg.size(); ++r)
@@ -81,78 +77,55 @@ BenchTable basin_table(const Basin& basin) {
   return table;
 }
 
-/// From pale to dark blue.
-Colour share_colour(double share) {
-  const auto mix = [share](double a, double b) { return a + share * (b - a); };
-  return {mix(0.97, 0.10), mix(0.97, 0.36), mix(0.97, 0.56)};
-}
-
-void draw_panel(Canvas& canvas, const Basin& basin, std::size_t method, const Rectangle& area, bool first) {
-  const double cell_width = area.width / static_cast<double>(kTranslationsMetres.size());
-  const double cell_height = area.height / static_cast<double>(kRotationsDeg.size());
-  for (std::size_t t = 0; t < kTranslationsMetres.size(); ++t) {
+/// All offsets: a row for each method and rotation, a column for each translation.
+Table offset_table(const Basin& basin) {
+  Table table{{"registration, rotation"}, {}};
+  for (const double translation : kTranslationsMetres) table.headings.push_back(fixed(translation, 1) + " m");
+  for (std::size_t m = 0; m < basin.methods.size(); ++m) {
     for (std::size_t r = 0; r < kRotationsDeg.size(); ++r) {
-      const double share = basin.share(method, t, r);
-      const Rectangle cell{area.x + static_cast<double>(t) * cell_width,
-                           area.y + area.height - static_cast<double>(r + 1) * cell_height, cell_width - 1.0,
-                           cell_height - 1.0};
-      canvas.fill(cell, share_colour(share));
-      const Colour ink = share > 0.55 ? Colour{1.0, 1.0, 1.0} : Colour{0.25, 0.25, 0.25};
-      canvas.text(fixed(100.0 * share, 0), {cell.x + 0.5 * cell.width, cell.y + 0.5 * cell.height + 4.5},
-                  {.size = 13.0, .colour = ink, .align = TextAlign::kCentre});
+      std::vector<std::string> row{std::string(basin.methods[m].name) + ", " + fixed(kRotationsDeg[r], 1) +
+                                   " deg"};
+      for (std::size_t t = 0; t < kTranslationsMetres.size(); ++t)
+        row.push_back(fixed(basin.share(m, t, r), 2));
+      table.rows.push_back(std::move(row));
     }
   }
-  const TextStyle tick{.size = 13.0, .align = TextAlign::kCentre};
-  for (std::size_t t = 0; t < kTranslationsMetres.size(); ++t) {
-    const double x = area.x + (static_cast<double>(t) + 0.5) * cell_width;
-    canvas.text(fixed(kTranslationsMetres[t], 1), {x, area.y + area.height + 18.0}, tick);
-  }
-  canvas.text("offset [m]", {area.x + 0.5 * area.width, area.y + area.height + 40.0},
-              {.size = 14.0, .align = TextAlign::kCentre});
-  canvas.text(basin.methods[method].name, {area.x, area.y - 12.0}, {.size = 16.0, .bold = true});
-  if (!first) return;
-  for (std::size_t r = 0; r < kRotationsDeg.size(); ++r) {
-    const double y = area.y + area.height - (static_cast<double>(r) + 0.5) * cell_height + 4.5;
-    canvas.text(fixed(kRotationsDeg[r], 1), {area.x - 8.0, y}, {.size = 13.0, .align = TextAlign::kRight});
-  }
-  canvas.text("turned by [deg]", {area.x - 52.0, area.y + 0.5 * area.height},
-              {.size = 14.0, .align = TextAlign::kCentre, .vertical = true});
+  return table;
 }
 
-void draw_basin(Canvas& canvas, const Basin& basin) {
-  canvas.fill({0.0, 0.0, canvas.width(), canvas.height()}, kWhite);
-  constexpr double left = 84.0;
-  constexpr double right = 20.0;
-  constexpr double gap = 26.0;
-  constexpr double top = 76.0;
-  constexpr double bottom = 60.0;
-  canvas.text(
-      "Registrations that end at home, %, of " + std::to_string(basin.pairs) + " scan pairs for each offset",
-      {left, 34.0}, {.size = 16.0});
-  const std::size_t methods = basin.methods.size();
-  const double width =
-      (canvas.width() - left - right - gap * static_cast<double>(methods - 1)) / static_cast<double>(methods);
-  for (std::size_t m = 0; m < methods; ++m) {
-    const Rectangle area{left + static_cast<double>(m) * (width + gap), top, width,
-                         canvas.height() - top - bottom};
-    draw_panel(canvas, basin, m, area, m == 0);
+/// Success over the translation without rotation, and over the rotation without translation.
+plot::Figure basin_figure(const Basin& basin) {
+  plot::Panel translation;
+  translation.x.label = "initial translation error [m]";
+  plot::Panel rotation;
+  rotation.x.label = "initial rotation error [deg]";
+  for (plot::Panel* const panel : {&translation, &rotation}) {
+    panel->y = {"share of successes", false, true};
+    panel->markers = true;
   }
+  for (std::size_t m = 0; m < basin.methods.size(); ++m) {
+    plot::Curve over_translation{basin.methods[m].name, {}};
+    for (std::size_t t = 0; t < kTranslationsMetres.size(); ++t)
+      over_translation.points.emplace_back(kTranslationsMetres[t], basin.share(m, t, 0));
+    plot::Curve over_rotation{basin.methods[m].name, {}};
+    for (std::size_t r = 0; r < kRotationsDeg.size(); ++r)
+      over_rotation.points.emplace_back(kRotationsDeg[r], basin.share(m, 0, r));
+    translation.curves.push_back(std::move(over_translation));
+    rotation.curves.push_back(std::move(over_rotation));
+  }
+  return {{std::move(translation), std::move(rotation)}};
 }
 
 Result<std::monostate> report(const std::string& name, const Basin& basin, ResultsPage& page) {
-  page.table(name, basin_table(basin));
-  if (!page.wants_pictures()) return std::monostate{};
-  constexpr int picture_width = 1700;
-  constexpr int picture_height = 380;
-  const std::string file = "basin-" + name;
-  auto canvas = page.new_picture(file, picture_width, picture_height);
-  if (!canvas) return canvas.error();
-  draw_basin(*canvas, basin);
-  return page.picture(file, "Share of registrations that find home, " + name, *canvas);
+  const std::string pairs = ", " + std::to_string(basin.pairs) + " scan pairs for each offset";
+  page.table(name + pairs, basin_table(basin));
+  page.table(name + ", all offsets", offset_table(basin));
+  return page.figure("basin-" + name, "Share of registrations that converge, " + name + pairs,
+                     basin_figure(basin), kPictureWidth, kPictureHeight);
 }
 
-Result<Basin> measure_basin(const BenchDataset& dataset, std::size_t pairs,
-                            const BenchBasinOptions& options) {
+Result<Basin> measure_basin(const BenchDataset& dataset, std::size_t pairs, const BasinOptions& options) {
+  std::fprintf(stderr, "%s: %zu scan pairs\n", dataset.name.c_str(), pairs);
   const Result<daemon::Config> config = bench_config(dataset, options.overrides);
   if (!config) return config.error();
   const auto collected = collect_pairs(dataset, *config, pairs);
@@ -163,7 +136,21 @@ Result<Basin> measure_basin(const BenchDataset& dataset, std::size_t pairs,
   return basin;
 }
 
-Result<std::monostate> run(const BenchBasinOptions& options) {
+void add(const Basin& basin, Basin& sum) {
+  sum.pairs += basin.pairs;
+  if (sum.counts.empty()) {
+    sum.methods = basin.methods;
+    sum.counts = basin.counts;
+    return;
+  }
+  for (std::size_t m = 0; m < sum.counts.size(); ++m) {
+    for (std::size_t k = 0; k < sum.counts[m].size(); ++k) sum.counts[m][k] += basin.counts[m][k];
+  }
+}
+
+}  // namespace
+
+Result<bool> run_basin_bench(const BasinOptions& options) {
   std::vector<BenchDataset> datasets;
   for (const std::string& argument : options.datasets) {
     Result<BenchDataset> dataset = open_bench_dataset(argument);
@@ -172,64 +159,21 @@ Result<std::monostate> run(const BenchBasinOptions& options) {
   }
   Result<ResultsPage> page = ResultsPage::create(options.page, "Convergence basin");
   if (!page) return page.error();
-  page->paragraph(
-      "Each scan is registered against the map of the five before it, from a pose that is wrong by so much: "
-      "displaced in a random horizontal direction, turned about the vertical to a random side. Home is "
-      "within "
-      "0.1 m and 0.5 deg of where the method ends from the odometry's own pose, if that is within 0.3 m and "
-      "1 deg of it.");
+  page->paragraph(kLegend);
   Basin sum;
   for (std::size_t i = 0; i < datasets.size(); ++i) {
     const std::size_t left = datasets.size() - i;
     const std::size_t share = (options.pairs - sum.pairs + left - 1) / left;
     const Result<Basin> basin = measure_basin(datasets[i], share, options);
     if (!basin) return basin.error();
-    const auto reported = report(datasets[i].name, *basin, *page);
-    if (!reported) return reported;
-    sum.pairs += basin->pairs;
-    if (sum.counts.empty()) {
-      sum.methods = basin->methods;
-      sum.counts = basin->counts;
-      continue;
-    }
-    for (std::size_t m = 0; m < sum.counts.size(); ++m) {
-      for (std::size_t k = 0; k < sum.counts[m].size(); ++k) sum.counts[m][k] += basin->counts[m][k];
-    }
+    if (const auto reported = report(datasets[i].name, *basin, *page); !reported) return reported.error();
+    add(*basin, sum);
   }
   if (datasets.size() > 1) {
-    const auto reported = report("all", sum, *page);
-    if (!reported) return reported;
+    if (const auto reported = report("all", sum, *page); !reported) return reported.error();
   }
-  return page->save();
+  if (const auto saved = page->save(); !saved) return saved.error();
+  return true;
 }
 
-}  // namespace
-
-void add_bench_basin(CLI::App& bench) {
-  const auto options = std::make_shared<BenchBasinOptions>();
-  CLI::App* const command =
-      bench.add_subcommand("basin", "From how far away each registration method finds home");
-  command
-      ->add_option("datasets", options->datasets,
-                   "FOLDER of a recording or of a KITTI sequence, with truth.tum or poses.txt in it; or "
-                   "FOLDER:TRUTH")
-      ->required();
-  std::vector<std::string> names;
-  for (const core::RegistrationMethodInfo& method : core::registration_methods())
-    names.emplace_back(method.name);
-  names.emplace_back("all");
-  command->add_option("--registration", options->registrations, "methods to compare, or 'all'")
-      ->delimiter(',')
-      ->check(CLI::IsMember(names))
-      ->capture_default_str();
-  constexpr double most_pairs = 100000;
-  command->add_option("--pairs", options->pairs, "scans to try, shared among the data sets")
-      ->check(number_between(1, most_pairs))
-      ->capture_default_str();
-  command->add_option("--seed", options->seed, "of the directions")->capture_default_str();
-  add_override_option(*command, options->overrides, "configuration, such as odometry.coarse_voxel_m=3");
-  add_page_options(*command, options->page);
-  command->callback([options, command] { end_bench(*command, run(*options)); });
-}
-
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

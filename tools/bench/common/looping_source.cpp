@@ -36,7 +36,7 @@ Result<std::unique_ptr<drivers::FrameSource>> open_lap(const SensorDrive& drive,
 /// Sets the sensor's time at the start of each lap to the stamp of its first packet, so that it increases.
 class SensorClock {
  public:
-  void begin_lap() { restamper_.begin_again(); }
+  void begin_lap() { restamper_.restart(); }
   void move(Packet& packet) { restamper_.apply(packet, packet.stamp); }
   void move(CanFrame& /*frame*/) {}
 

@@ -1,11 +1,12 @@
 #include "tools/bench/common/pose_listener.hpp"
 
-#include "daemon/input/receive.hpp"
+#include "nilio/core/clock.hpp"
+
 #include "ipc/dds/reports.hpp"
 
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -39,8 +40,8 @@ void PoseListener::run() {
     packet_to_pose_.add_pose(sample->message.stamp, sample->received_ns);
     transport_->record((sample->received - sample->written).ns);
     poses_.fetch_add(1);
-    last_pose_ns_.store(daemon::monotonic_ns());
+    last_pose_ns_.store(monotonic_ns());
   }
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

@@ -1,7 +1,7 @@
-#include "tools/bench/decode/decode.hpp"
-
 #include "nilio/drivers/velodyne/decoder.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
+
+#include "tools/bench/bench.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -10,9 +10,7 @@
 #include <random>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -21,14 +19,8 @@ using drivers::VelodyneSensor;
 
 constexpr std::int64_t kStartNs = 1'700'000'000'000'000'000;
 
-struct DecodeBenchOptions {
-  int rounds = 15;
-  double seconds = 1.0;
-  double missing = 0.13;
-};
-
-/// A second of packets of a sensor at 600 revolutions per minute, with ranges as in a street: neighbours are
-/// alike, and some firings have no return.
+/// Packets of a sensor at 600 revolutions per minute, with random ranges of 3 to 63 m; `missing` is the share
+/// of firings without a return.
 std::vector<drivers::Packet> make_packets(const VelodyneSensor& sensor, const PacketLayout& layout,
                                           double seconds, double missing) {
   std::mt19937 random(1);
@@ -62,19 +54,19 @@ std::vector<drivers::Packet> make_packets(const VelodyneSensor& sensor, const Pa
   return packets;
 }
 
-struct Measurement {
+struct DecodeTime {
   double ns_per_packet = 0.0;
   double points_per_packet = 0.0;
 };
 
-/// One pass over the packets, scans taken as the odometry does. The first part goes unmeasured, until the
-/// buffers of all scans in turn have been written once.
-Measurement run(const VelodyneSensor& sensor, const std::vector<drivers::Packet>& packets) {
+/// One pass over the packets, scans taken as the odometry does. The first part is not measured: the buffers
+/// of all scans have to be written once.
+DecodeTime run(const VelodyneSensor& sensor, const std::vector<drivers::Packet>& packets) {
   drivers::ScanAssemblerConfig config;
   config.min_coverage = 0.0;
   drivers::ScanAssembler assembler(sensor, config);
   core::Scan scan;
-  Measurement result;
+  DecodeTime result;
   const std::size_t warm_up = packets.size() * 2 / 5;
   auto begin = std::chrono::steady_clock::now();
   std::uint64_t points = 0;
@@ -98,18 +90,17 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-void bench_layout(const VelodyneSensor& sensor, const PacketLayout& layout,
-                  const DecodeBenchOptions& options) {
+void bench_layout(const VelodyneSensor& sensor, const PacketLayout& layout, const DecodeOptions& options) {
   const std::vector<drivers::Packet> full = make_packets(sensor, layout, options.seconds, options.missing);
   const std::vector<drivers::Packet> empty = make_packets(sensor, layout, options.seconds, 1.0);
   std::vector<double> full_ns;
   std::vector<double> empty_ns;
   double points_per_packet = 0.0;
   for (int round = 0; round <= options.rounds; ++round) {
-    const Measurement measured = run(sensor, full);
+    const DecodeTime measured = run(sensor, full);
     const double without_returns = run(sensor, empty).ns_per_packet;
     points_per_packet = measured.points_per_packet;
-    // The first round warms caches up.
+    // The first round fills the caches.
     if (round == 0) continue;
     full_ns.push_back(measured.ns_per_packet);
     empty_ns.push_back(without_returns);
@@ -125,34 +116,20 @@ void bench_layout(const VelodyneSensor& sensor, const PacketLayout& layout,
 
 }  // namespace
 
-void add_bench_decode(CLI::App& bench) {
-  CLI::App* command = bench.add_subcommand(
-      "decode", "Time from packets to scans on one core: decoding, firing times, azimuths, cutting");
-  auto options = std::make_shared<DecodeBenchOptions>();
-  command->add_option("--rounds", options->rounds, "passes over the packets; the median counts")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 1000));
-  command->add_option("--seconds", options->seconds, "seconds of packets in a pass")
-      ->capture_default_str()
-      ->check(CLI::Range(0.1, 10.0));
-  command->add_option("--missing", options->missing, "share of firings without a return")
-      ->capture_default_str()
-      ->check(CLI::Range(0.0, 1.0));
-  command->callback([options] {
-    std::printf("%-13s %-20s %9s %8s %8s %10s %10s\n", "", "", "points", "median", "least", "without",
-                "share of");
-    std::printf("%-13s %-20s %9s %8s %8s %10s %10s\n", "model", "returns", "/packet", "ns/point", "ns/point",
-                "returns ns", "one core");
-    for (const drivers::VelodyneModel model : drivers::velodyne_models()) {
-      const VelodyneSensor sensor = drivers::make_velodyne_sensor(model);
-      for (const PacketLayout& layout : sensor.layouts) bench_layout(sensor, layout, *options);
-    }
-    VelodyneSensor interpolated = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
-    drivers::set_azimuth_interpolation(interpolated, true);
-    interpolated.name += " *";
-    for (const PacketLayout& layout : interpolated.layouts) bench_layout(interpolated, layout, *options);
-    std::printf("* azimuth interpolated, which is off by default for the HDL-64E\n");
-  });
+void run_decode_bench(const DecodeOptions& options) {
+  std::printf("%-13s %-20s %9s %8s %8s %10s %10s\n", "", "", "points", "median", "minimum", "without",
+              "share of");
+  std::printf("%-13s %-20s %9s %8s %8s %10s %10s\n", "model", "returns", "/packet", "ns/point", "ns/point",
+              "returns ns", "one core");
+  for (const drivers::VelodyneModel model : drivers::velodyne_models()) {
+    const VelodyneSensor sensor = drivers::make_velodyne_sensor(model);
+    for (const PacketLayout& layout : sensor.layouts) bench_layout(sensor, layout, options);
+  }
+  VelodyneSensor interpolated = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
+  drivers::set_azimuth_interpolation(interpolated, true);
+  interpolated.name += " *";
+  for (const PacketLayout& layout : interpolated.layouts) bench_layout(interpolated, layout, options);
+  std::printf("* azimuth interpolated, which is off by default for the HDL-64E\n");
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

@@ -4,7 +4,7 @@
 
 #include <Eigen/Cholesky>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -13,11 +13,11 @@ using core::OdometryResult;
 using core::SE3;
 using core::Vector6;
 
-// Of the chi-square distribution with six degrees of freedom.
+// 95 % quantile of the chi-square distribution with six degrees of freedom.
 constexpr double kWithin95 = 12.592;
 constexpr double kDegreesOfFreedom = 6.0;
 constexpr core::Duration kMaxGap = core::Duration::from_milliseconds(30.0);
-constexpr std::size_t kScansOfASecond = 10;
+constexpr std::size_t kScansPerSecond = 10;
 
 class NeesSum {
  public:
@@ -43,13 +43,13 @@ bool is_registered(const OdometryResult& result) {
   return result.state != core::TrackingState::kInitialising && !result.predicted;
 }
 
-/// In the axes of the body itself.
+/// Pose covariance in body axes.
 Matrix6 body_covariance(const OdometryResult& result) {
   const Matrix6 to_body = core::block_rotation(result.T_odom_base.rotation.conjugate().toRotationMatrix());
   return to_body * result.pose_covariance * to_body.transpose();
 }
 
-/// Takes a small motion, translation first, from the axes of the one body to those of the other.
+/// Adjoint: transforms a small motion, translation first, between the axes of two bodies.
 Matrix6 adjoint(const SE3& T_to_from) {
   const core::Matrix3 R = T_to_from.rotation.toRotationMatrix();
   Matrix6 result = core::block_rotation(R);
@@ -57,7 +57,7 @@ Matrix6 adjoint(const SE3& T_to_from) {
   return result;
 }
 
-/// `from` and `to` with the truth at both.
+/// Adds the error of the motion between two scans.
 void add_motion(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
                 const SE3& true_to, NeesSum& sum) {
   const SE3 T_to_from = to.T_odom_base.inverse() * from.T_odom_base;
@@ -76,7 +76,7 @@ void add_twist(const OdometryResult& result, const SE3& true_start, const SE3& t
 
 }  // namespace
 
-Consistency judge_consistency(const Trajectory& truth, std::span<const OdometryResult> results) {
+Consistency evaluate_consistency(const Trajectory& truth, std::span<const OdometryResult> results) {
   NeesSum steps;
   NeesSum seconds;
   NeesSum twists;
@@ -98,9 +98,9 @@ Consistency judge_consistency(const Trajectory& truth, std::span<const OdometryR
     if (!true_start || !true_end) continue;
     add_twist(results[i], *true_start, *true_end, twists);
     add_since(1, i, *true_end, steps);
-    add_since(kScansOfASecond, i, *true_end, seconds);
+    add_since(kScansPerSecond, i, *true_end, seconds);
   }
   return {steps.result(), seconds.result(), twists.result()};
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

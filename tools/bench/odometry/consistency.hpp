@@ -2,34 +2,34 @@
 
 #include "nilio/core/odometry.hpp"
 
-#include "tools/evaluate/trajectory.hpp"
+#include "tools/common/trajectory.hpp"
 
 #include <cstddef>
 #include <span>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
-/// Normalised estimation error squared (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) for each of the six
-/// degrees of freedom: 1 where errors are as large as their covariance says, less where it is cautious, more
-/// where it says too little.
+/// Normalised estimation error squared (Bar-Shalom, Li, Kirubarajan 2001, section 5.4), divided by the six
+/// degrees of freedom: 1 for a correct covariance, less for one that is too large, more for one that is too
+/// small.
 struct Nees {
   std::size_t count = 0;
   double mean = 0.0;
-  /// Share of the errors within the region that holds 95 % of those of a covariance that is exact.
+  /// Share of the errors inside the 95 % region of the covariance.
   double within_95 = 0.0;
 };
 
 struct Consistency {
-  /// Of what the vehicle moved by between two poses, whose covariances are taken to be independent.
+  /// NEES of the motion between consecutive scans; the covariances of the two poses are taken as independent.
   Nees step;
-  /// The same over a second.
+  /// NEES of the motion over ten scans.
   Nees second;
-  /// Of the twist, against the mean one of the sweep.
+  /// NEES of the twist against the true mean twist of the sweep.
   Nees twist;
 };
 
-/// Of all scans that were registered, those of the initialisation left out. Empty counts where the truth does
-/// not tell poses within a sweep.
-Consistency judge_consistency(const Trajectory& truth, std::span<const core::OdometryResult> results);
+/// Evaluates all registered scans after the initialisation. Counts are 0 where the truth has no poses within
+/// a sweep (KITTI).
+Consistency evaluate_consistency(const Trajectory& truth, std::span<const core::OdometryResult> results);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

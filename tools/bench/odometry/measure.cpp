@@ -1,13 +1,15 @@
 #include "tools/bench/odometry/measure.hpp"
 
-#include "tools/bench/common/allocation_count.hpp"
+#include "nilio/core/clock.hpp"
+
+#include "tools/bench/common/memory_use.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <ctime>
 #include <limits>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -16,14 +18,8 @@ using core::OdometryResult;
 using core::OdometryStage;
 using core::Result;
 
-std::int64_t clock_ns(clockid_t id) {
-  timespec now{};
-  clock_gettime(id, &now);
-  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
-
 std::int64_t thread_cpu_ns() { return clock_ns(CLOCK_THREAD_CPUTIME_ID); }
-/// Of all threads: registration's workers, but also those that read the recording.
+/// CPU time of all threads: the registration's workers and those that read the recording.
 std::int64_t process_cpu_ns() { return clock_ns(CLOCK_PROCESS_CPUTIME_ID); }
 
 std::int64_t ticks(const OdometryResult& result, OdometryStage from, OdometryStage to) {
@@ -37,16 +33,16 @@ constexpr std::array<std::pair<OdometryStage, OdometryStage>, kStages> kStageEnd
     {OdometryStage::kFine, OdometryStage::kMapped},
 }};
 
-/// The least time of each scan and stage over several runs.
-class LeastTimes {
+/// Minimum time of each scan and stage over several runs.
+class MinimumTimes {
  public:
   void add(const std::vector<OdometryResult>& results) {
     total_.resize(results.size(), std::numeric_limits<double>::infinity());
     with_feed_.resize(results.size(), std::numeric_limits<double>::infinity());
     for (auto& stage : stages_) stage.resize(results.size(), std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < results.size(); ++i) {
-      const auto keep = [&](std::vector<double>& least, OdometryStage from, OdometryStage to) {
-        least[i] = std::min(least[i], static_cast<double>(ticks(results[i], from, to)) * 1e-6);
+      const auto keep = [&](std::vector<double>& minimum, OdometryStage from, OdometryStage to) {
+        minimum[i] = std::min(minimum[i], static_cast<double>(ticks(results[i], from, to)) * 1e-6);
       };
       keep(total_, OdometryStage::kStarted, OdometryStage::kMapped);
       const std::int64_t since = i == 0 ? start_of(results[i]) : end_of(results[i - 1]);
@@ -56,10 +52,10 @@ class LeastTimes {
   }
   [[nodiscard]] StageTimes times() const {
     StageTimes times;
-    times.total = spread_of(total_);
-    times.with_feed = spread_of(with_feed_);
+    times.total = percentiles_of(total_);
+    times.with_feed = percentiles_of(with_feed_);
     times.per_scan = total_;
-    for (std::size_t s = 0; s < kStages; ++s) times.stages[s] = spread_of(stages_[s]);
+    for (std::size_t s = 0; s < kStages; ++s) times.stages[s] = percentiles_of(stages_[s]);
     return times;
   }
 
@@ -109,20 +105,21 @@ void count_allocations(const BenchRun& run, Measurement& measurement) {
 
 }  // namespace
 
-Result<Accuracy> judge_trajectory(const Trajectory& truth, const Trajectory& estimate) {
-  const auto pairs = associate(truth, estimate, {});
+Result<Accuracy> measure_accuracy(const Trajectory& truth, const Trajectory& estimate) {
+  const auto pairs = evaluate::associate(truth, estimate, {});
   if (!pairs) return pairs.error();
-  const EvaluationOptions options;
-  const Evaluation evaluation = evaluate(*pairs, options);
+  const evaluate::EvaluationOptions options;
+  const evaluate::Evaluation evaluation = evaluate::evaluate(*pairs, options);
   Accuracy accuracy;
   constexpr std::size_t near_step = 5;
   constexpr std::size_t far_step = 10;
-  if (const auto near = segment_errors(*pairs, options.short_segment_lengths_m, near_step))
+  if (const auto near = evaluate::segment_errors(*pairs, options.short_segment_lengths_m, near_step))
     accuracy.near = near->all;
-  if (const auto far = segment_errors(*pairs, options.segment_lengths_m, far_step)) accuracy.far = far->all;
-  for (const AbsoluteError& absolute : evaluation.absolute) {
-    if (absolute.alignment == Alignment::kSe3) accuracy.ape_m = absolute.errors.translation_m.rmse;
-    if (absolute.alignment == Alignment::kOrigin && evaluation.truth_length_m > 0.0)
+  if (const auto far = evaluate::segment_errors(*pairs, options.segment_lengths_m, far_step))
+    accuracy.far = far->all;
+  for (const evaluate::AbsoluteError& absolute : evaluation.absolute) {
+    if (absolute.alignment == evaluate::Alignment::kSe3) accuracy.ape_m = absolute.errors.translation_m.rmse;
+    if (absolute.alignment == evaluate::Alignment::kOrigin && evaluation.truth_length_m > 0.0)
       accuracy.end_drift_percent = 100.0 * absolute.end_translation_m / evaluation.truth_length_m;
   }
   accuracy.rpe_m = evaluation.relative.translation_m.rmse;
@@ -132,12 +129,9 @@ Result<Accuracy> judge_trajectory(const Trajectory& truth, const Trajectory& est
   return accuracy;
 }
 
-Spread spread_of(std::vector<double> values) {
-  if (values.empty()) return {};
-  std::sort(values.begin(), values.end());
-  const auto n = static_cast<double>(values.size());
-  const auto rank = static_cast<std::size_t>(std::ceil(0.99 * n)) - 1;
-  return {values[(values.size() - 1) / 2], values[rank], values.back()};
+std::string label_of(const Measurement& measurement) {
+  if (measurement.threads == 1) return measurement.name;
+  return measurement.name + ", " + std::to_string(measurement.threads) + " threads";
 }
 
 const char* stage_name(std::size_t stage) {
@@ -152,27 +146,27 @@ Result<Measurement> measure_odometry(const BenchDataset& dataset, const std::str
   Measurement measurement;
   measurement.name = name;
   measurement.threads = config->odometry.threads;
-  LeastTimes wall;
-  LeastTimes cpu;
+  MinimumTimes wall;
+  MinimumTimes cpu;
   const auto run_once = [&](core::Odometry::ClockFunction clock) -> Result<BenchRun> {
     Result<BenchRun> run = run_odometry(dataset, *config, clock, {});
     if (!run) return run.error();
     if (measurement.sha256.empty()) measurement.sha256 = run->sha256;
     if (run->sha256 != measurement.sha256)
       return Error{dataset.name + ", " + name + ": two runs gave different trajectories (SHA-256 " +
-                   measurement.sha256 + " and " + run->sha256 + "): please report this"};
+                   measurement.sha256 + " and " + run->sha256 + ") - please report this"};
     return run;
   };
   for (int repeat = 0; repeat < repeats; ++repeat) {
-    Result<BenchRun> timed = run_once(daemon::monotonic_ns);
+    Result<BenchRun> timed = run_once(monotonic_ns);
     if (!timed) return timed.error();
     wall.add(timed->results);
-    const Result<BenchRun> billed = run_once(measurement.threads == 1 ? thread_cpu_ns : process_cpu_ns);
-    if (!billed) return billed.error();
-    cpu.add(billed->results);
+    const Result<BenchRun> charged = run_once(measurement.threads == 1 ? thread_cpu_ns : process_cpu_ns);
+    if (!charged) return charged.error();
+    cpu.add(charged->results);
     if (repeat > 0) continue;
     measurement.work = count_work(*timed);
-    measurement.consistency = judge_consistency(dataset.truth, timed->results);
+    measurement.consistency = evaluate_consistency(dataset.truth, timed->results);
     measurement.peak_resident_bytes = timed->peak_resident_bytes;
     measurement.resident_before_bytes = timed->resident_before_bytes;
     measurement.trajectory = std::move(timed->trajectory);
@@ -182,10 +176,10 @@ Result<Measurement> measure_odometry(const BenchDataset& dataset, const std::str
   }
   measurement.wall = wall.times();
   measurement.cpu = cpu.times();
-  const Result<Accuracy> accuracy = judge_trajectory(dataset.truth, measurement.trajectory);
+  const Result<Accuracy> accuracy = measure_accuracy(dataset.truth, measurement.trajectory);
   if (!accuracy) return Error{dataset.name + ": " + accuracy.error().message};
   measurement.accuracy = *accuracy;
   return measurement;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

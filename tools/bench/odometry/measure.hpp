@@ -4,6 +4,7 @@
 
 #include "tools/bench/odometry/consistency.hpp"
 #include "tools/bench/odometry/run.hpp"
+#include "tools/common/statistics.hpp"
 #include "tools/evaluate/metrics.hpp"
 
 #include <array>
@@ -13,13 +14,13 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
-/// How far a trajectory is from the truth.
+/// Errors of a trajectory.
 struct Accuracy {
-  /// Mean over the segments of 10 to 80 m and of 100 to 800 m; nothing where the path is shorter.
-  std::optional<SegmentError> near;
-  std::optional<SegmentError> far;
+  /// Means over the segments of 10 to 80 m and of 100 to 800 m; empty where the path is shorter.
+  std::optional<evaluate::SegmentError> near;
+  std::optional<evaluate::SegmentError> far;
   double ape_m = 0.0;  ///< rmse after SE(3) alignment
   double rpe_m = 0.0;  ///< rmse from scan to scan
   double rpe_deg = 0.0;
@@ -28,34 +29,27 @@ struct Accuracy {
   double estimate_length_m = 0.0;
 };
 
-core::Result<Accuracy> judge_trajectory(const Trajectory& truth, const Trajectory& estimate);
+/// Fails when the trajectories do not overlap in time.
+core::Result<Accuracy> measure_accuracy(const Trajectory& truth, const Trajectory& estimate);
 
-struct Spread {
-  double median = 0.0;
-  double p99 = 0.0;
-  double max = 0.0;
-};
-
-/// All zero for no values; p99 is the smallest value that 99 % do not exceed.
-Spread spread_of(std::vector<double> values);
-
-/// Filter (with prediction, deskewing and selection), coarse and fine registration, map update.
+/// Stages of a scan: filter (with prediction, deskewing and point selection), coarse and fine registration,
+/// map update.
 inline constexpr std::size_t kStages = 4;
 inline constexpr std::size_t kCoarseStage = 1;
 inline constexpr std::size_t kFineStage = 2;
 const char* stage_name(std::size_t stage);
 
-/// Milliseconds a scan.
+/// Times per scan, milliseconds.
 struct StageTimes {
-  Spread total;
-  /// From the end of the scan before: with the decoding of packets (or the reading of a KITTI file) into the
-  /// scan, and what the odometry thread does with a pose. Of a clock that stands while the thread waits only.
-  Spread with_feed;
-  std::array<Spread, kStages> stages;
+  Percentiles total;
+  /// Time since the end of the previous scan: includes decoding the packets (or reading a KITTI file) and the
+  /// handling of the pose. Only meaningful for a CPU clock, which stops while the thread waits.
+  Percentiles with_feed;
+  std::array<Percentiles, kStages> stages;
   std::vector<double> per_scan;  ///< totals, in order
 };
 
-/// What the odometry had to do, means per scan.
+/// Work of the odometry, means per scan.
 struct WorkCounts {
   std::size_t scans = 0;
   std::size_t predicted = 0;  ///< scans whose registration was not accepted
@@ -78,8 +72,7 @@ struct Measurement {
   StageTimes wall;
   StageTimes cpu;
   WorkCounts work;
-  /// operator new by the odometry thread inside register_scan: during the first kWarmUpScans, and per scan
-  /// afterwards.
+  /// Calls of operator new inside register_scan(): during the first kWarmUpScans, and per scan afterwards.
   std::int64_t allocations_warming_up = 0;
   double allocations_per_scan = 0.0;
   std::uint64_t peak_resident_bytes = 0;
@@ -90,10 +83,18 @@ struct Measurement {
 
 inline constexpr std::size_t kWarmUpScans = 10;
 
-/// Runs the data set under `overrides`: for wall time, for CPU time and for allocations, each so often as
-/// `repeats` says, of which the least time of each scan counts. An error when two of the runs differ in a
-/// single bit of the trajectory.
+/// Runs the data set under `overrides`, `repeats` times each for wall and CPU time, and once for allocations.
+/// The minimum time of each scan counts. Fails when the trajectories of two runs differ in a single bit.
 core::Result<Measurement> measure_odometry(const BenchDataset& dataset, const std::string& name,
                                            const std::vector<std::string>& overrides, int repeats);
 
-}  // namespace nilio::tools
+/// Name of a run in tables: "ndt_icp, 2 threads".
+std::string label_of(const Measurement& measurement);
+
+/// Runs the Point Cloud Library's NDT and ICP, scan to scan and scan to a map of ten scans, on the scans that
+/// the odometry registers under `overrides`, deskewed and downsampled by it, in the same process and thread.
+/// Fails when nilio was built without PCL.
+core::Result<std::vector<Measurement>> measure_pcl(const BenchDataset& dataset,
+                                                   const std::vector<std::string>& overrides);
+
+}  // namespace nilio::tools::bench

@@ -1,55 +1,61 @@
-#include "tools/bench/odometry/odometry.hpp"
-
 #include "nilio/core/registration_method.hpp"
 
-#include "tools/bench/odometry/ablation.hpp"
+#include "tools/bench/bench.hpp"
 #include "tools/bench/odometry/measure.hpp"
-#include "tools/bench/odometry/options.hpp"
-#include "tools/bench/odometry/pcl.hpp"
-#include "tools/bench/odometry/plots.hpp"
 #include "tools/bench/odometry/report.hpp"
-#include "tools/bench/results_page.hpp"
-#include "tools/commands/number_between.hpp"
-#include "tools/plot/figure.hpp"
 #include "tools/plot/trajectories.hpp"
 
 #include <algorithm>
-#include <memory>
+#include <array>
+#include <cstdio>
 #include <variant>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
 using core::Error;
 using core::Result;
 
-constexpr int kMaxThreads = 64;
-constexpr int kMaxRepeats = 100;
 constexpr int kPictureWidth = 1600;
 constexpr int kDriveHeight = 800;
 constexpr int kLatencyHeight = 520;
 constexpr const char* kLegend =
-    "t and r: mean error over segments of the path as in the KITTI benchmark, beginning at every fifth (10 "
+    "t and r: mean translation and rotation error over segments of the path as in the KITTI benchmark, "
+    "beginning at every fifth (10 to 80 m) or tenth pose (100 to 800 m). APE: RMSE of positions after the "
+    "best "
+    "rigid alignment. RPE: RMSE from scan to scan. CPU and wall time: register_scan(), from the complete "
+    "scan "
+    "to pose and map; with several threads, CPU time of the whole process. Allocations: calls of operator "
+    "new "
+    "inside it. NEES: squared error over its covariance for each degree of freedom, of the motion from scan "
     "to "
-    "80 m) or tenth pose (100 to 800 m). APE: rmse of positions after the best rigid alignment. RPE: rmse "
-    "from "
-    "scan to scan. CPU and wall time: register_scan, from the complete scan to pose and map; with several "
-    "threads CPU is that of the whole process. Allocations: operator new inside it. NEES: squared error over "
-    "its covariance, for each degree of freedom, of the motion from scan to scan, over ten scans, and of the "
-    "twist: 1 where errors are as large as is said, less where covariances are cautious; and the share of "
-    "errors within the region that is said to hold 95 %.";
+    "scan, of the motion over ten scans, and of the twist: 1 for a correct covariance, less for one that is "
+    "too "
+    "large. Inside 95 %: share of the errors inside the covariance's 95 % region.";
 
-struct BenchOdometryOptions {
-  std::vector<std::string> datasets;
-  std::vector<std::string> registrations{core::name_of(core::kRegistrationMethods.front())};
-  std::vector<int> threads{1};
-  std::vector<std::string> overrides;
-  int repeats = 1;
-  std::vector<std::string> peers;
-  bool ablation = false;
-  ResultsPage::Options page;
+struct Change {
+  const char* meaning;
+  const char* setting;  ///< of niliod's configuration
 };
+
+constexpr std::array<Change, 15> kChanges = {{
+    {"no ICP: NDT alone", "odometry.registration=ndt"},
+    {"no NDT: ICP alone", "odometry.registration=icp_plane"},
+    {"lines instead of planes", "odometry.registration=icp_line"},
+    {"points instead of planes", "odometry.registration=icp_point"},
+    {"NDT before every ICP", "odometry.coarse=always"},
+    {"one pass of deskewing and registration", "odometry.max_passes=1"},
+    {"500 points", "odometry.registration_points=500"},
+    {"8000 points", "odometry.registration_points=8000"},
+    {"3 ICP iterations a pass", "odometry.max_fine_iterations=3"},
+    {"map points in voxels of 1 m", "odometry.filter_voxel_m=1.0"},
+    {"planes in voxels of 1 m", "odometry.plane_voxel_m=1.0"},
+    {"planes in voxels of 2 m", "odometry.plane_voxel_m=2.0"},
+    {"map of 50 m", "odometry.map_radius_m=50"},
+    {"no IMU", "imu.enabled=false"},
+    {"elevation angles of the data set", "lidar.elevation_correction_deg=0"},
+}};
 
 std::vector<std::string> method_names(const std::vector<std::string>& chosen) {
   if (std::find(chosen.begin(), chosen.end(), "all") == chosen.end()) return chosen;
@@ -66,20 +72,21 @@ Result<std::monostate> check_hashes(const BenchDataset& dataset, const std::vect
       if (other.name != run.name || other.sha256 == run.sha256) continue;
       return Error{dataset.name + ", " + run.name + ": " + std::to_string(run.threads) + " and " +
                    std::to_string(other.threads) +
-                   " threads gave different trajectories: please report this"};
+                   " threads gave different trajectories - please report this"};
     }
   }
   return std::monostate{};
 }
 
 Result<std::vector<Measurement>> measure_dataset(const BenchDataset& dataset,
-                                                 const BenchOdometryOptions& options) {
+                                                 const OdometryOptions& options) {
   std::vector<Measurement> runs;
   for (const std::string& method : method_names(options.registrations)) {
     for (const int threads : options.threads) {
       std::vector<std::string> overrides = options.overrides;
       overrides.push_back("odometry.registration=" + method);
       overrides.push_back("odometry.threads=" + std::to_string(threads));
+      std::fprintf(stderr, "%s: %s, %d threads\n", dataset.name.c_str(), method.c_str(), threads);
       Result<Measurement> run = measure_odometry(dataset, method, overrides, options.repeats);
       if (!run) return run.error();
       runs.push_back(std::move(run).value());
@@ -90,83 +97,77 @@ Result<std::vector<Measurement>> measure_dataset(const BenchDataset& dataset,
   return runs;
 }
 
-/// Trajectories of all runs, one for each method, and the time that they took.
+/// Adds the trajectories and the times of the first run of each method.
 Result<std::monostate> add_pictures(const BenchDataset& dataset, const std::vector<Measurement>& runs,
                                     ResultsPage& page) {
-  if (!page.wants_pictures()) return std::monostate{};
   std::vector<Trajectory> trajectories;
   for (const Measurement& run : runs) {
-    if (!trajectories.empty() && trajectories.back().path == run.name) continue;
+    const bool is_known = !trajectories.empty() && trajectories.back().path == run.name;
+    if (is_known || trajectories.size() == plot::kMaxCurves) continue;
     trajectories.push_back(run.trajectory);
     trajectories.back().path = run.name;
   }
   Trajectory truth = dataset.truth;
   truth.path = dataset.name;
-  const auto figure = trajectory_figure(trajectories, truth, {}, {});
+  const auto figure = plot::trajectory_figure(trajectories, truth, {}, {});
   if (!figure) return figure.error();
-  const std::string drive = "trajectory-" + dataset.name;
-  auto canvas = page.new_picture(drive, kPictureWidth, kDriveHeight);
-  if (!canvas) return canvas.error();
-  draw_figure(*canvas, *figure);
-  if (auto added = page.picture(drive, "Drive and position error, " + dataset.name, *canvas); !added)
+  if (auto added = page.figure("trajectory-" + dataset.name, "Drive and position error, " + dataset.name,
+                               *figure, kPictureWidth, kDriveHeight);
+      !added)
     return added;
-  const std::string latency = "latency-" + dataset.name;
-  canvas = page.new_picture(latency, kPictureWidth, kLatencyHeight);
-  if (!canvas) return canvas.error();
-  draw_latency(*canvas, runs);
-  return page.picture(latency, "Time of a scan, " + dataset.name, *canvas);
+  return page.figure("latency-" + dataset.name, "Time of a scan, " + dataset.name, latency_figure(runs),
+                     kPictureWidth, kLatencyHeight);
 }
 
-/// PCL's CPU time as a multiple of the first run's: of all that this does with a scan, and of its
-/// registration alone, as PCL gets the scans filtered and deskewed.
-BenchTable peer_table(const Measurement& own, std::span<const Measurement> peers) {
-  BenchTable table{
-      {"", "CPU ms/scan", "times " + label_of(own), "times its registration", "t %, 10-80 m", "RPE cm"}, {}};
-  const double registration = own.cpu.stages[kCoarseStage].median + own.cpu.stages[kFineStage].median;
-  const auto add_row = [&](const Measurement& m) {
-    const double ms = m.cpu.total.median;
-    table.rows.push_back({label_of(m), fixed(ms, 2), fixed(ms / own.cpu.total.median, 1),
-                          fixed(ms / registration, 1),
-                          m.accuracy.near ? fixed(m.accuracy.near->translation_percent, 3) : "-",
-                          fixed(100.0 * m.accuracy.rpe_m, 2)});
-  };
-  if (peers.empty()) return table;
-  add_row(own);
-  for (const Measurement& peer : peers) add_row(peer);
-  return table;
-}
-
-Result<std::monostate> report_dataset(const BenchDataset& dataset, const BenchOdometryOptions& options,
+Result<std::monostate> report_dataset(const BenchDataset& dataset, const OdometryOptions& options,
                                       ResultsPage& page) {
   Result<std::vector<Measurement>> runs = measure_dataset(dataset, options);
   if (!runs) return runs.error();
   page.heading(dataset.name + ": " + std::to_string(runs->front().work.scans) + " scans, " +
                fixed(runs->front().accuracy.truth_length_m, 1) + " m");
-  std::vector<Measurement> peers;
-  if (!options.peers.empty()) {
+  std::vector<Measurement> pcl;
+  if (options.with_pcl) {
     auto measured = measure_pcl(dataset, options.overrides);
     if (!measured) return measured.error();
-    peers = std::move(measured).value();
+    pcl = std::move(measured).value();
   }
   const std::size_t own = runs->size();
-  runs->insert(runs->end(), peers.begin(), peers.end());
+  runs->insert(runs->end(), pcl.begin(), pcl.end());
   page.table("Accuracy", accuracy_table(*runs));
   page.table("Consistency of the covariances", consistency_table(*runs));
-  page.table("Cost: median / 99 % / most", cost_table(*runs));
-  page.table("Against PCL, median CPU time", peer_table(runs->front(), peers));
+  page.table("Cost: median / 99 % / maximum", cost_table(*runs));
+  page.table("Against PCL, median CPU time", pcl_table(runs->front(), pcl));
   const std::span<const Measurement> own_runs = std::span(*runs).first(own);
-  page.table("Stages: median / 99 % / most", stage_table(own_runs));
+  page.table("Stages: median / 99 % / maximum", stage_table(own_runs));
   page.table("Work, mean per scan", work_table(own_runs));
   page.table("Trajectories", hash_table(own_runs));
   if (auto added = add_pictures(dataset, *runs, page); !added) return added;
   if (!options.ablation) return std::monostate{};
-  const Result<BenchTable> table = ablation_table(dataset, options.overrides);
+  const Result<Table> table = measure_ablation(dataset, options.overrides);
   if (!table) return table.error();
-  page.table("Ablation: one choice changed at a time", *table);
+  page.table("Ablation: one setting changed at a time", *table);
   return std::monostate{};
 }
 
-Result<std::monostate> run(const BenchOdometryOptions& options) {
+}  // namespace
+
+Result<Table> measure_ablation(const BenchDataset& dataset, const std::vector<std::string>& overrides) {
+  Result<Measurement> reference = measure_odometry(dataset, "default", overrides, 1);
+  if (!reference) return reference.error();
+  const std::string sha256 = reference->sha256;
+  std::vector<AblationRow> rows{{"default", "", std::move(reference).value()}};
+  for (const Change& change : kChanges) {
+    std::fprintf(stderr, "%s: ablation, %s\n", dataset.name.c_str(), change.meaning);
+    std::vector<std::string> changed = overrides;
+    changed.emplace_back(change.setting);
+    Result<Measurement> run = measure_odometry(dataset, change.meaning, changed, 1);
+    if (!run) return run.error();
+    if (run->sha256 != sha256) rows.push_back({change.meaning, change.setting, std::move(run).value()});
+  }
+  return ablation_table(rows);
+}
+
+Result<bool> run_odometry_bench(const OdometryOptions& options) {
   std::vector<BenchDataset> datasets;
   for (const std::string& argument : options.datasets) {
     Result<BenchDataset> dataset = open_bench_dataset(argument);
@@ -177,46 +178,10 @@ Result<std::monostate> run(const BenchOdometryOptions& options) {
   if (!page) return page.error();
   page->paragraph(kLegend);
   for (const BenchDataset& dataset : datasets) {
-    const auto reported = report_dataset(dataset, options, *page);
-    if (!reported) return reported;
+    if (const auto reported = report_dataset(dataset, options, *page); !reported) return reported.error();
   }
-  return page->save();
+  if (const auto saved = page->save(); !saved) return saved.error();
+  return true;
 }
 
-}  // namespace
-
-void add_bench_odometry(CLI::App& bench) {
-  const auto options = std::make_shared<BenchOdometryOptions>();
-  CLI::App* const command =
-      bench.add_subcommand("odometry", "Accuracy, time, memory and work on drives with a truth");
-  command
-      ->add_option("datasets", options->datasets,
-                   "FOLDER of a recording or of a KITTI sequence, with truth.tum or poses.txt in it; or "
-                   "FOLDER:TRUTH")
-      ->required();
-  std::vector<std::string> names = method_names({"all"});
-  names.emplace_back("all");
-  command->add_option("--registration", options->registrations, "methods to compare, or 'all'")
-      ->delimiter(',')
-      ->check(CLI::IsMember(names))
-      ->capture_default_str();
-  command->add_option("--threads", options->threads, "numbers of threads to run each method with")
-      ->delimiter(',')
-      ->check(number_between(1, kMaxThreads))
-      ->capture_default_str();
-  command
-      ->add_option("--repeats", options->repeats, "runs for each figure; of each scan the least time counts")
-      ->check(number_between(1, kMaxRepeats))
-      ->capture_default_str();
-  command
-      ->add_option("--vs", options->peers, "also run the Point Cloud Library's NDT and ICP on the same scans")
-      ->check(CLI::IsMember({"pcl"}));
-  command->add_flag("--ablation", options->ablation,
-                    "also run with one choice of the default changed at a time");
-  add_page_options(*command, options->page);
-  add_override_option(*command, options->overrides,
-                      "configuration of all runs, such as lidar.max_range_m=80; may be repeated");
-  command->callback([options, command] { end_bench(*command, run(*options)); });
-}
-
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

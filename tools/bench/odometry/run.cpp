@@ -1,17 +1,17 @@
 #include "tools/bench/odometry/run.hpp"
 
+#include "daemon/config/convert.hpp"
 #include "daemon/config/schema.hpp"
-#include "daemon/config/terms.hpp"
 #include "daemon/input/input.hpp"
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/run_output.hpp"
-#include "tools/bench/common/process_memory.hpp"
-#include "tools/common/sha256.hpp"
+#include "tools/bench/common/memory_use.hpp"
+#include "tools/bench/common/sha256.hpp"
 
 #include <filesystem>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -21,7 +21,7 @@ using core::Result;
 
 constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
 
-/// FOLDER and TRUTH of "FOLDER:TRUTH"; a truth that is not given is looked for in the folder.
+/// Splits "FOLDER:TRUTH"; without a truth, looks for one in the folder.
 Result<std::pair<std::string, std::string>> split_argument(const std::string& argument) {
   const std::size_t colon = argument.rfind(':');
   if (colon != std::string::npos && !fs::exists(argument))
@@ -30,7 +30,7 @@ Result<std::pair<std::string, std::string>> split_argument(const std::string& ar
     const fs::path path = fs::path(argument) / name;
     if (fs::exists(path)) return std::pair(argument, path.string());
   }
-  return Error{argument + ": has neither truth.tum nor poses.txt: name the truth as " + argument +
+  return Error{argument + ": has neither truth.tum nor poses.txt - name the truth as " + argument +
                ":FILE (TUM or KITTI)"};
 }
 
@@ -108,7 +108,8 @@ Result<BenchRun> run_odometry(const BenchDataset& dataset, const daemon::Config&
     }
   }
   (*pipeline)->join();
-  if (run.results.size() < 2) return Error{dataset.name + ": gives fewer than two scans to register"};
+  if (run.results.size() < 2)
+    return Error{dataset.name + ": has fewer than two scans to register - give a longer recording"};
   run.scans_with_imu = (*pipeline)->counters().scans_with_imu.load();
   run.peak_resident_bytes = peak_resident();
   std::vector<core::SE3> poses;
@@ -118,4 +119,4 @@ Result<BenchRun> run_odometry(const BenchDataset& dataset, const daemon::Config&
   return run;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

@@ -3,16 +3,16 @@
 #include "nilio/core/tracking.hpp"
 
 #include "tools/bench/common/niliod_run.hpp"
-#include "tools/bench/realtime/background_load.hpp"
-#include "tools/common/file_text.hpp"
-#include "tools/common/sha256.hpp"
+#include "tools/bench/common/sha256.hpp"
+#include "tools/bench/realtime/stress_load.hpp"
+#include "tools/common/files.hpp"
 
 #include <algorithm>
 #include <optional>
 #include <string_view>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -20,9 +20,9 @@ namespace fs = std::filesystem;
 using core::Result;
 using Verdict = IdentityCheck::Verdict;
 
-/// A busy computer loses packets now and then; what it loses tells nothing of the poses.
+/// A busy computer drops packets at times, which makes runs incomparable.
 constexpr int kAttempts = 3;
-constexpr unsigned kHogs = 2;
+constexpr unsigned kLoadProcesses = 2;
 const std::string kUnlimited = "odometry.budget=off";
 const std::string kCounted = "odometry.budget=ops";
 const std::string kTight = "odometry.budget_ms=2";
@@ -33,23 +33,23 @@ std::size_t lines_of(const std::string& text) {
   return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
 }
 
-/// Why the packets or scans of a live run are not those that were sent; empty when they are.
+/// Reason why niliod did not get all packets that were sent; empty when it did.
 std::string difference_of_input(const RealtimeRun& run) {
   const RunFigures& f = run.figures;
-  const auto say = [](std::uint64_t count, const char* what) { return std::to_string(count) + what; };
-  if (f.packets_lost > 0) return say(f.packets_lost, " packets were lost on the way");
-  if (f.packets_dropped > 0) return say(f.packets_dropped, " packets found no room");
+  const auto text = [](std::uint64_t count, const char* problem) { return std::to_string(count) + problem; };
+  if (f.packets_lost > 0) return text(f.packets_lost, " packets were lost before niliod");
+  if (f.packets_dropped > 0) return text(f.packets_dropped, " packets were dropped");
   if (run.sent && run.sent->packets_failed > 0)
-    return say(run.sent->packets_failed, " packets were not sent");
+    return text(run.sent->packets_failed, " packets were not sent");
   return {};
 }
 
-/// Otherwise the bits of its stamps rest on when packets happened to arrive.
+/// True when stamps do not depend on the arrival times of packets.
 bool has_gps_time(const RealtimeRun& run) {
   return run.figures.clock_source == core::name_of(core::ClockSource::kPpsLocked) ||
          run.figures.clock_source == core::name_of(core::ClockSource::kNmeaOnly);
 }
-constexpr const char* kNoGpsTime = "the sensor's time was fitted onto the host's: it knows no GPS time";
+constexpr const char* kNoGpsTime = "stamps depend on arrival times, because the sensor has no GPS time";
 
 class IdentityRuns {
  public:
@@ -63,11 +63,11 @@ class IdentityRuns {
   Result<IdentityCheck> overload_and_log(Feed feed);
 
  private:
-  /// trajectory.kitti of the run in a folder of its own.
+  /// Replays the file. Returns the text of trajectory.kitti.
   Result<std::string> over_file(std::vector<std::string> overrides, const std::string& decisions = {});
-  /// Of the file as the loopback has it: without an IMU where its frames are not sent.
+  /// Overrides for a replay with the same input as the live run: no IMU where its frames are not sent.
   [[nodiscard]] std::vector<std::string> like_loopback(Feed feed) const;
-  /// Counted operations, on an idle computer with one thread.
+  /// Trajectory of one thread on an idle computer with a counted budget.
   Result<std::string> reference();
   fs::path next_folder() { return folder_ / ("check" + std::to_string(runs_++)); }
 
@@ -141,7 +141,7 @@ Result<IdentityCheck> IdentityRuns::file_and_loopback() {
     if (!check.remark.empty()) continue;
     const std::uint64_t superseded = run->figures.superseded;
     if (superseded == 0) return compare_with_file(name, *file, live);
-    // While it looks what the sensor is, or is kept from running: what a file does not know, its log does.
+    // Superseded scans (sensor identification, overload) are only in the decision log.
     const Result<std::string> repeated = over_file(overrides, (folder / "decisions.jsonl").string());
     if (!repeated) return repeated.error();
     check = compare(name, *repeated, live);
@@ -162,19 +162,19 @@ Result<IdentityCheck> IdentityRuns::threads(const std::string& count) {
 Result<IdentityCheck> IdentityRuns::loaded_and_idle() {
   const Result<std::string> first = reference();
   if (!first) return first.error();
-  const Result<BackgroundLoad> load = BackgroundLoad::cpu_hogs(kHogs);
+  const Result<StressLoad> load = StressLoad::cpu_load(kLoadProcesses);
   if (!load) return load.error();
   const Result<std::string> second = over_file({kCounted, kTight, "odometry.threads=1"});
   if (!second) return second.error();
-  return compare("idle = two CPU hogs, counted 2 ms", *first, *second);
+  return compare("idle = CPU load, counted 2 ms", *first, *second);
 }
 
 Result<IdentityCheck> IdentityRuns::overload_and_log(Feed feed) {
-  const std::string name = std::string("live run, 2 ms and hogs = its decision log, ") +
+  const std::string name = std::string("live run, 2 ms and CPU load = its decision log, ") +
                            (feed == Feed::kUdp ? "UDP" : "--as-live");
   RealtimeRunConfig config = config_;
   config.feed = feed;
-  config.condition = Condition::kHogs;
+  config.condition = Condition::kCpuLoad;
   config.overrides.insert(config.overrides.end(), {"odometry.budget=wall", kTight});
   IdentityCheck check{name, Verdict::kNotComparable, {}, {}, {}};
   for (int i = 0; i < kAttempts; ++i) {
@@ -259,8 +259,8 @@ Result<std::vector<IdentityCheck>> check_identities(const SensorDrive& drive, co
   return checks;
 }
 
-BenchTable identity_table(std::span<const IdentityCheck> checks) {
-  BenchTable table{{"check", "verdict", "first", "second", "remark"}, {}};
+Table identity_table(std::span<const IdentityCheck> checks) {
+  Table table{{"check", "verdict", "first", "second", "remark"}, {}};
   for (const IdentityCheck& check : checks)
     table.rows.push_back({check.name, verdict_name(check.verdict), check.first, check.second, check.remark});
   return table;
@@ -271,4 +271,4 @@ bool any_failed(std::span<const IdentityCheck> checks) {
                      [](const IdentityCheck& check) { return check.verdict == Verdict::kFail; });
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

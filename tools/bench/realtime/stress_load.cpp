@@ -1,6 +1,6 @@
-#include "tools/bench/realtime/background_load.hpp"
+#include "tools/bench/realtime/stress_load.hpp"
 
-#include "tools/bench/common/process_memory.hpp"
+#include "tools/bench/common/memory_use.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -22,7 +22,7 @@ using core::Result;
 
 constexpr std::uint64_t kPage = 4096;
 
-/// Nothing here may take a lock: another thread of the parent may have held it when this process was made.
+/// The children must not take locks: a thread of the parent may have held one during fork().
 [[noreturn]] void burn() {
   volatile std::uint64_t count = 0;
   for (;;) count = count + 1;
@@ -47,11 +47,11 @@ template <class Work>
 Result<pid_t> spawn(Work work) {
   const pid_t parent = getpid();
   const pid_t pid = fork();
-  if (pid < 0) return Error{std::string("a load cannot be made: ") + std::strerror(errno)};
+  if (pid < 0) return Error{std::string("a load process cannot be started: ") + std::strerror(errno)};
   if (pid > 0) return pid;
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent) _exit(1);
-  // Its end is the parent's to decide.
+  // Signals of the terminal are left to the parent.
   setpgid(0, 0);
   work();
   _exit(1);
@@ -59,8 +59,8 @@ Result<pid_t> spawn(Work work) {
 
 }  // namespace
 
-Result<BackgroundLoad> BackgroundLoad::cpu_hogs(unsigned count) {
-  BackgroundLoad load;
+Result<StressLoad> StressLoad::cpu_load(unsigned count) {
+  StressLoad load;
   for (unsigned i = 0; i < count; ++i) {
     const Result<pid_t> pid = spawn(burn);
     if (!pid) return pid.error();
@@ -69,25 +69,24 @@ Result<BackgroundLoad> BackgroundLoad::cpu_hogs(unsigned count) {
   return load;
 }
 
-Result<BackgroundLoad> BackgroundLoad::memory_pressure(std::uint64_t bytes) {
-  BackgroundLoad load;
+Result<StressLoad> StressLoad::memory_pressure(std::uint64_t bytes) {
+  StressLoad load;
   const Result<pid_t> pid = spawn([bytes] { take_memory(bytes); });
   if (!pid) return pid.error();
   load.processes_.push_back(*pid);
   return load;
 }
 
-BackgroundLoad::BackgroundLoad(BackgroundLoad&& other) noexcept
-    : processes_(std::exchange(other.processes_, {})) {}
+StressLoad::StressLoad(StressLoad&& other) noexcept : processes_(std::exchange(other.processes_, {})) {}
 
-BackgroundLoad::~BackgroundLoad() {
+StressLoad::~StressLoad() {
   for (const pid_t pid : processes_) {
     kill(pid, SIGKILL);
     waitpid(pid, nullptr, 0);
   }
 }
 
-bool BackgroundLoad::is_running() const {
+bool StressLoad::is_running() const {
   return std::all_of(processes_.begin(), processes_.end(), [](pid_t pid) {
     siginfo_t ended{};
     return waitid(P_PID, static_cast<id_t>(pid), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
@@ -95,9 +94,9 @@ bool BackgroundLoad::is_running() const {
   });
 }
 
-std::uint64_t pressure_bytes(std::uint64_t most) {
-  const std::uint64_t wanted = std::min(most, available_memory() / 10 * 9);
+std::uint64_t pressure_bytes(std::uint64_t maximum) {
+  const std::uint64_t wanted = std::min(maximum, available_memory() / 10 * 9);
   return wanted / kPage * kPage;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

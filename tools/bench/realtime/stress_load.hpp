@@ -6,36 +6,36 @@
 #include <sys/types.h>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
-/// Processes that take what a computer has, as other programs would; they end with this object, and with the
-/// thread that made it. One thread.
-class BackgroundLoad {
+/// Processes that load the computer as other programs would. They end with this object and with the thread
+/// that created it. Not thread-safe.
+class StressLoad {
  public:
-  /// `count` processes at normal priority that never sleep.
-  static core::Result<BackgroundLoad> cpu_hogs(unsigned count);
-  /// A process that takes so many bytes, touches every page, gives them back, and begins again. It is what
-  /// the kernel kills first when memory ends.
-  static core::Result<BackgroundLoad> memory_pressure(std::uint64_t bytes);
+  /// Starts `count` processes of normal priority that never sleep.
+  static core::Result<StressLoad> cpu_load(unsigned count);
+  /// Starts a process that repeatedly allocates that much memory, touches every page and frees it. The kernel
+  /// kills it first when memory runs out.
+  static core::Result<StressLoad> memory_pressure(std::uint64_t bytes);
 
-  BackgroundLoad(BackgroundLoad&& other) noexcept;
-  BackgroundLoad& operator=(BackgroundLoad&&) = delete;
-  BackgroundLoad(const BackgroundLoad&) = delete;
-  BackgroundLoad& operator=(const BackgroundLoad&) = delete;
-  ~BackgroundLoad();
+  StressLoad(StressLoad&& other) noexcept;
+  StressLoad& operator=(StressLoad&&) = delete;
+  StressLoad(const StressLoad&) = delete;
+  StressLoad& operator=(const StressLoad&) = delete;
+  ~StressLoad();
 
   [[nodiscard]] const std::vector<pid_t>& processes() const { return processes_; }
-  /// False when one of them was killed.
+  /// False once one of them has ended.
   [[nodiscard]] bool is_running() const;
 
  private:
-  BackgroundLoad() = default;
+  StressLoad() = default;
 
   std::vector<pid_t> processes_;
 };
 
-/// What the pressure takes: nine tenths of the memory that is free or can be made so, `most` at most; 0 where
-/// the kernel does not tell.
-std::uint64_t pressure_bytes(std::uint64_t most);
+/// Size for memory_pressure(): nine tenths of the available memory, at most `maximum`; 0 where the kernel
+/// does not report it.
+std::uint64_t pressure_bytes(std::uint64_t maximum);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

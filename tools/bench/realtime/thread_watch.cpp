@@ -1,11 +1,11 @@
 #include "tools/bench/realtime/thread_watch.hpp"
 
 #include "tools/common/child_process.hpp"
-#include "tools/common/file_text.hpp"
+#include "tools/common/files.hpp"
 
 #include <nlohmann/json.hpp>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -49,9 +49,9 @@ std::vector<std::string> watch_environment(const fs::path& folder, bool plant) {
 
 Result<ThreadWatch> read_thread_watch(const fs::path& folder) {
   if (const Result<fs::path> library = find_sibling_program(kLibrary); !library)
-    return Error{std::string(kLibrary) + " is not beside this program: build target nilio_watch"};
+    return Error{std::string(kLibrary) + " is not beside this program - build target nilio_watch"};
   const std::optional<std::string> text = file_text(folder / kReport);
-  if (!text) return Error{"niliod ended before it was warm, or was killed"};
+  if (!text) return Error{"niliod ended before the end of its warm-up, or was killed"};
   const json report = json::parse(*text, nullptr, false);
   try {
     return parse(report);
@@ -67,10 +67,10 @@ std::uint64_t total(const NamedCounts& counts) {
   return sum;
 }
 
-std::uint64_t offences(const ThreadWatch& watch) {
+std::uint64_t forbidden_calls(const ThreadWatch& watch) {
   std::uint64_t sum = 0;
   for (const ThreadWatch::Thread& thread : watch.threads) sum += total(thread.counts);
   return sum;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

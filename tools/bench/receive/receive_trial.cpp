@@ -1,10 +1,11 @@
 #include "tools/bench/receive/receive_trial.hpp"
 
+#include "nilio/core/clock.hpp"
 #include "nilio/drivers/network/udp.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include "daemon/input/receive.hpp"
-#include "tools/common/free_port.hpp"
+#include "tools/common/system.hpp"
 
 #include <algorithm>
 #include <array>
@@ -12,7 +13,6 @@
 #include <cerrno>
 #include <cmath>
 #include <cstring>
-#include <ctime>
 #include <memory>
 #include <netinet/in.h>
 #include <optional>
@@ -24,28 +24,21 @@
 #include <utility>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 namespace {
 
 using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr std::size_t kNumberAt = 1200;  // the time stamp's place
-constexpr std::uint64_t kMostMarkers = 100;
+constexpr std::size_t kNumberAt = 1200;  // offset of the time stamp
+constexpr std::uint64_t kMaxMarkers = 100;
 constexpr std::int64_t kMarkerWaitNs = 200'000'000;
 constexpr std::int64_t kPollNs = 1'000'000;
 
-double clock_seconds(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
-}
+double clock_seconds(clockid_t clock) { return static_cast<double>(clock_ns(clock)) * 1e-9; }
 
-void sleep_ns(std::int64_t ns) {
-  const timespec wanted{ns / 1'000'000'000, ns % 1'000'000'000};
-  nanosleep(&wanted, nullptr);
-}
+void sleep_ns(std::int64_t ns) { sleep_for({ns}); }
 
 std::array<std::uint8_t, drivers::kDataPacketSize> vls128_packet() {
   drivers::VelodyneDataPacket packet;
@@ -59,7 +52,7 @@ std::array<std::uint8_t, drivers::kDataPacketSize> vls128_packet() {
   return drivers::encode(packet);
 }
 
-/// Where the sender finds the source.
+/// Sends numbered packets to a port of 127.0.0.1.
 class LoopbackSender {
  public:
   explicit LoopbackSender(std::uint16_t port) : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
@@ -73,7 +66,7 @@ class LoopbackSender {
   LoopbackSender& operator=(const LoopbackSender&) = delete;
   ~LoopbackSender() { close(socket_); }
 
-  /// False when the kernel does not take it.
+  /// False when the kernel refuses the packet.
   bool send(std::uint32_t number) {
     for (std::size_t i = 0; i < 4; ++i) {
       packet_[kNumberAt + i] = static_cast<std::uint8_t>(number >> (8 * i));
@@ -87,8 +80,7 @@ class LoopbackSender {
   std::array<std::uint8_t, drivers::kDataPacketSize> packet_ = vls128_packet();
 };
 
-/// Passes a source's packets on, counts batches, and now and then sleeps instead of reading. read() and the
-/// figures belong to the receive thread.
+/// Wraps a source: counts batches and sleeps at intervals instead of reading. Only for the receive thread.
 class StallingSource final : public drivers::PacketSource {
  public:
   StallingSource(drivers::PacketSource& source, const ReceiveTrialOptions& options)
@@ -125,7 +117,7 @@ class StallingSource final : public drivers::PacketSource {
   std::size_t largest_ = 0;
 };
 
-/// Ticks off the numbers that come out of the ring.
+/// Records the packet numbers that come out of the ring.
 class NumberCheck {
  public:
   explicit NumberCheck(std::uint64_t numbers) : seen_(numbers, false) {}
@@ -143,7 +135,7 @@ class NumberCheck {
     ++received_;
     last_.store(number, std::memory_order_release);
   }
-  /// From any thread.
+  /// Last number. Any thread.
   [[nodiscard]] std::int64_t last() const { return last_.load(std::memory_order_acquire); }
 
   void report(std::uint64_t sent, ReceiveTrialResult& result) const {
@@ -176,12 +168,11 @@ bool send_at_rate(LoopbackSender& sender, const ReceiveTrialOptions& options) {
   return true;
 }
 
-/// Packets may be waiting, or have been dropped, when the last one was sent: sends further ones until one
-/// comes through, which has the drops before it counted. Returns how many were sent, or nothing when none
-/// came.
+/// Sends further packets until one arrives; all drops before it are counted then. Returns the number of
+/// packets sent, or nothing when none arrived.
 std::optional<std::uint64_t> send_markers(LoopbackSender& sender, std::uint64_t first,
                                           const NumberCheck& check) {
-  for (std::uint64_t i = 0; i < kMostMarkers; ++i) {
+  for (std::uint64_t i = 0; i < kMaxMarkers; ++i) {
     const std::uint64_t number = first + i;
     if (!sender.send(static_cast<std::uint32_t>(number))) return std::nullopt;
     for (std::int64_t waited = 0; waited < kMarkerWaitNs; waited += kPollNs) {
@@ -209,7 +200,7 @@ void drain_ring(ipc::Ring<drivers::Packet>& ring, ipc::WakeEvent& event, const d
 
 core::Result<ReceiveTrialResult> try_receiving(const ReceiveTrialOptions& options) {
   const Result<std::array<std::uint16_t, 2>> ports = free_udp_ports(0);
-  if (!ports) return Error{"no UDP port of 127.0.0.1 is free: check the loopback interface"};
+  if (!ports) return Error{"no UDP port of 127.0.0.1 is free - check the loopback interface"};
   drivers::UdpSourceConfig config;
   config.bind_address = "127.0.0.1";
   config.port = ports->front();
@@ -221,7 +212,7 @@ core::Result<ReceiveTrialResult> try_receiving(const ReceiveTrialOptions& option
   if (!event) return event.error();
   auto ring = ipc::Ring<drivers::Packet>::in_private_memory(options.ring_slots);
   StallingSource source(**udp, options);
-  NumberCheck check(options.packets + kMostMarkers);
+  NumberCheck check(options.packets + kMaxMarkers);
   LoopbackSender sender(config.port);
   daemon::ReceiveState state;
   ReceiveTrialResult result;
@@ -242,7 +233,8 @@ core::Result<ReceiveTrialResult> try_receiving(const ReceiveTrialOptions& option
   receiver.join();
   consumer.join();
   if (!sent) return Error{std::string("sending over loopback failed: ") + std::strerror(send_error)};
-  if (!markers) return Error{"packets stopped coming: " + (*udp)->status()};
+  if (!markers)
+    return Error{"no more packets arrived (" + (*udp)->status() + ") - check the loopback interface"};
   check.report(options.packets + *markers, result);
   source.report(result);
   result.kernel_dropped = (*udp)->stats().kernel_dropped;
@@ -250,4 +242,4 @@ core::Result<ReceiveTrialResult> try_receiving(const ReceiveTrialOptions& option
   return result;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

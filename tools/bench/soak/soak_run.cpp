@@ -5,8 +5,8 @@
 #include "daemon/odometry/pipeline.hpp"
 #include "ipc/histogram.hpp"
 #include "ipc/publisher_process.hpp"
-#include "tools/bench/common/looped_source.hpp"
-#include "tools/bench/common/process_memory.hpp"
+#include "tools/bench/common/looping_source.hpp"
+#include "tools/bench/common/memory_use.hpp"
 #include "tools/common/child_process.hpp"
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 #include <unistd.h>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -27,17 +27,18 @@ constexpr Duration kSamplePeriod = Duration::from_seconds(1.0);
 constexpr std::int64_t kMinuteNs = 60'000'000'000;
 constexpr double kMinuteS = 60.0;
 constexpr double kKibibyte = 1024.0;
-/// More would be seen in the memory that is measured.
-constexpr std::size_t kMostNotes = 20;
+/// Bounded, because notes take memory of the process that is measured.
+constexpr std::size_t kMaxNotes = 20;
 
-/// Room for every sample is taken and touched beforehand: growing would be seen in what is measured.
+/// Memory samples of a process. All room is allocated and touched beforehand, because this process is
+/// measured.
 class MemorySampler {
  public:
   MemorySampler(std::string name, pid_t process, Duration length) : process_(process) {
     series_.name = std::move(name);
-    const auto most = static_cast<std::size_t>(length.ns / kSamplePeriod.ns) + 2;
-    series_.minutes.assign(most, 0.0);
-    series_.kib.assign(most, 0.0);
+    const auto maximum = static_cast<std::size_t>(length.ns / kSamplePeriod.ns) + 2;
+    series_.minutes.assign(maximum, 0.0);
+    series_.kib.assign(maximum, 0.0);
   }
 
   void sample(Duration since_begin) {
@@ -65,7 +66,7 @@ class MemorySampler {
   std::size_t count_ = 0;
 };
 
-/// What the first drive's recording opens as, with the loop in the place of its files.
+/// Opens the first drive, with the loop in place of its files.
 Result<daemon::Input> open_loop(std::span<const SensorDrive> drives, const daemon::Config& config,
                                 const LoopPlan& plan) {
   Result<daemon::Input> input = daemon::open_replay(drives.front().files, config);
@@ -74,7 +75,7 @@ Result<daemon::Input> open_loop(std::span<const SensorDrive> drives, const daemo
     const Result<daemon::Input> other = daemon::open_replay(drive.files, config);
     if (!other) return other.error();
     if (other->sensor->model != input->sensor->model)
-      return Error{drive.name + ": is of another LiDAR (" + other->sensor->name + ") than " +
+      return Error{drive.name + ": has another LiDAR (" + other->sensor->name + ") than " +
                    drives.front().name + " (" + input->sensor->name + ")"};
   }
   auto packets = loop_packets(plan);
@@ -99,7 +100,7 @@ class SoakRun {
   Result<std::monostate> open();
   Result<std::monostate> start_publisher();
   void note(const std::string& line) {
-    if (result_.notes.size() < kMostNotes) result_.notes.push_back(line);
+    if (result_.notes.size() < kMaxNotes) result_.notes.push_back(line);
   }
   void drain();
   void take(const ipc::PoseRecord& record);
@@ -119,7 +120,7 @@ class SoakRun {
   std::optional<core::Time> first_stamp_;
   core::Time last_stamp_;
   core::Time next_sample_;
-  StandingDrift drift_;
+  StationaryDrift drift_;
   SoakResult result_;
 };
 
@@ -158,7 +159,7 @@ Result<std::monostate> SoakRun::open() {
   return std::monostate{};
 }
 
-/// A thread that has come to its end gives memory back.
+/// True at the end of the recording: threads that end return memory.
 bool SoakRun::is_ending() const {
   return pipeline_->lidars().front()->state.ended.load() ||
          (pipeline_->input().frames && pipeline_->imu_state().ended.load());
@@ -168,7 +169,7 @@ void SoakRun::sample(core::Time stamp) {
   if (stamp < next_sample_ || is_ending()) return;
   next_sample_ = stamp + kSamplePeriod;
   own_memory_->sample(stamp - *first_stamp_);
-  // A publisher that was started again is another process; that it was is counted.
+  // A restarted publisher is another process; restarts are counted.
   if (publisher_ && publisher_->restarts() == 0) publisher_memory_->sample(stamp - *first_stamp_);
 }
 
@@ -179,7 +180,7 @@ void SoakRun::take(const ipc::PoseRecord& record) {
   result_.map_voxels = record.map_voxels;
   last_stamp_ = {record.stamp_ns};
   if (!first_stamp_) first_stamp_ = last_stamp_;
-  if (config_.standing && record.state != ipc::TrackingState::kInitialising)
+  if (config_.stationary && record.state != ipc::TrackingState::kInitialising)
     drift_.add(last_stamp_, core::Vector3(record.position[0], record.position[1], record.position[2]));
   sample(last_stamp_);
 }
@@ -188,19 +189,19 @@ void SoakRun::drain() {
   while (const auto record = pipeline_->poses().try_pop()) take(*record);
   while (pipeline_->imu_health().try_pop()) {
   }
-  while (const auto line = pipeline_->feed_log().take()) {
+  while (const auto line = pipeline_->event_log().take()) {
     if (line->level != daemon::LogLevel::kInfo) note(line->text);
   }
 }
 
 SoakResult SoakRun::finish(std::int64_t begun_ns) {
-  result_.wall_seconds = static_cast<double>(daemon::monotonic_ns() - begun_ns) * 1e-9;
+  result_.wall_seconds = static_cast<double>(monotonic_ns() - begun_ns) * 1e-9;
   result_.recorded_minutes = first_stamp_ ? (last_stamp_ - *first_stamp_).seconds() / kMinuteS : 0.0;
   result_.laps = plan_.laps.size();
   result_.scans = pipeline_->counters().scans.load();
   result_.scans_with_imu = pipeline_->counters().scans_with_imu.load();
   result_.packets_dropped = pipeline_->packets_dropped();
-  // The end-to-end latency, the last, also counts what could not happen while a scan was late.
+  // Without the last stage, end to end, whose histogram is corrected for coordinated omission.
   for (std::size_t i = 0; i + 1 < ipc::kLatencyStageCount; ++i)
     result_.recorded.emplace_back(ipc::kLatencyStageNames[i],
                                   latency_->histogram(static_cast<ipc::LatencyStage>(i)).snapshot().count());
@@ -210,14 +211,14 @@ SoakResult SoakRun::finish(std::int64_t begun_ns) {
     result_.publisher = publisher_memory_->take(config_.warm_up);
   }
   result_.pipeline = own_memory_->take(config_.warm_up);
-  result_.farthest_pose_m = drift_.farthest_pose_m();
-  result_.farthest_minute_m = drift_.farthest_minute_m();
+  result_.max_pose_m = drift_.max_pose_m();
+  result_.max_minute_m = drift_.max_minute_m();
   return std::move(result_);
 }
 
 Result<SoakResult> SoakRun::run() {
   if (auto opened = open(); !opened) return opened.error();
-  const std::int64_t begun_ns = daemon::monotonic_ns();
+  const std::int64_t begun_ns = monotonic_ns();
   const auto started = pipeline_->start();
   if (!started) return started.error();
   bool interrupted = false;
@@ -245,7 +246,7 @@ Result<SoakResult> run_soak(std::span<const SensorDrive> drives, const SoakConfi
   return SoakRun(drives, config, signals).run();
 }
 
-void StandingDrift::add(core::Time stamp, const core::Vector3& position) {
+void StationaryDrift::add(core::Time stamp, const core::Vector3& position) {
   if (!begin_) begin_ = stamp;
   const std::int64_t minute = (stamp - *begin_).ns / kMinuteNs;
   if (minute != minute_) end_minute();
@@ -253,23 +254,23 @@ void StandingDrift::add(core::Time stamp, const core::Vector3& position) {
   sum_ += position;
   ++count_;
   if (mean_) {
-    farthest_m_ = std::max(farthest_m_, (position - *mean_).norm());
+    max_pose_m_ = std::max(max_pose_m_, (position - *mean_).norm());
   } else {
     first_minute_.push_back(position);
   }
 }
 
-void StandingDrift::end_minute() {
+void StationaryDrift::end_minute() {
   const core::Vector3 mean = sum_ / static_cast<double>(count_);
   sum_.setZero();
   count_ = 0;
   if (mean_) {
-    farthest_minute_m_ = std::max(farthest_minute_m_, (mean - *mean_).norm());
+    max_minute_m_ = std::max(max_minute_m_, (mean - *mean_).norm());
     return;
   }
   mean_ = mean;
   for (const core::Vector3& position : first_minute_)
-    farthest_m_ = std::max(farthest_m_, (position - mean).norm());
+    max_pose_m_ = std::max(max_pose_m_, (position - mean).norm());
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

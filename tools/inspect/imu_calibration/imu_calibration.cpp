@@ -41,9 +41,9 @@ core::ImuBuffer shifted_buffer(std::span<const core::ImuSample> samples, const E
   return buffer;
 }
 
-core::RotationEstimate fit_rotation(std::span<const core::RegisteredMotion> motions,
+core::GyroAlignmentEstimate fit_rotation(std::span<const core::RegisteredMotion> motions,
                                     const core::ImuBuffer& imu, core::Duration max_gap) {
-  core::RotationFit fit;
+  core::GyroAlignment fit;
   for (const core::RegisteredMotion& motion : motions) {
     if (!imu.covers(motion.from - core::kLargestShift, motion.to + core::kLargestShift, max_gap)) continue;
     std::array<core::Vector3, core::kTimeShifts> rates;
@@ -70,7 +70,7 @@ ScaleCorrection check_scale(double ratio, double sigma, std::initializer_list<do
   return result;
 }
 
-std::vector<DirectionPair> gyro_pairs(const core::RotationEstimate& rotation) {
+std::vector<DirectionPair> gyro_pairs(const core::GyroAlignmentEstimate& rotation) {
   std::vector<DirectionPair> pairs;
   for (std::size_t k = 0; k < rotation.observed; ++k) {
     const core::ObservedDirection& d = rotation.directions[k];
@@ -176,11 +176,11 @@ void check_offset(ImuCalibration& result) {
 
 /// Finds the offset iteratively, each time with samples shifted by the previous result: the fit has a limited
 /// range and is most accurate near 0.
-core::RotationEstimate find_offset(std::span<const core::RegisteredMotion> motions,
+core::GyroAlignmentEstimate find_offset(std::span<const core::RegisteredMotion> motions,
                                    std::span<const core::ImuSample> samples, const ImuMounting& mounting,
                                    ImuCalibration& result) {
   double offset_s = 0.0;
-  core::RotationEstimate rotation;
+  core::GyroAlignmentEstimate rotation;
   for (int round = 0; round < kOffsetRounds; ++round) {
     const core::ImuBuffer imu =
         shifted_buffer(samples, mounting.T_base_imu.rotation, core::Duration::from_seconds(offset_s));
@@ -214,7 +214,7 @@ ImuCalibration calibrate_imu(std::span<const core::RegisteredMotion> motions,
                              std::span<const core::ImuSample> samples, const ImuMounting& mounting) {
   ImuCalibration result;
   result.R_base_imu = mounting.T_base_imu.rotation;
-  const core::RotationEstimate rotation = find_offset(motions, samples, mounting, result);
+  const core::GyroAlignmentEstimate rotation = find_offset(motions, samples, mounting, result);
   if (rotation.observed > 0) {
     const core::ObservedDirection& strongest = rotation.directions[0];
     const double ratio = 1.0 / strongest.registered.norm();

@@ -1,10 +1,10 @@
-#include "tools/bench/basin/basin_trial.hpp"
+#include "tools/bench/basin/trials.hpp"
 
 #include "nilio/core/units.hpp"
 
 #include "core/src/preprocessing/normal_space_sampling.hpp"
 #include "core/src/preprocessing/scan_filter.hpp"
-#include "daemon/config/terms.hpp"
+#include "daemon/config/convert.hpp"
 
 #include <cmath>
 #include <deque>
@@ -13,7 +13,7 @@
 
 #include <tbb/parallel_for.h>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -22,12 +22,12 @@ using core::RegistrationResult;
 using core::SE3;
 using core::Vector3;
 
-// One scan alone leaves voxels of a 16-beam sensor short of points.
+// With one scan, voxels of a 16-beam sensor have too few points.
 constexpr std::size_t kMapScans = 5;
-// The odometry's own start is not what is measured.
+// Leaves out the start of the odometry.
 constexpr std::size_t kFirstScan = 10;
 constexpr std::size_t kMapCapacity = 40000;
-// As the odometry after it was lost: the widest gate and kernel first, then those of good tracking.
+// As in a relocalisation: the widest gate and kernel first, then those of tracking.
 constexpr std::array<double, 2> kSigmasMetres = {2.0, 0.2};
 constexpr double kGateSigmas = 3.0;
 constexpr double kKernelSigmas = 0.5;
@@ -39,7 +39,7 @@ struct StoredScan {
   SE3 T_odom_base;
 };
 
-/// The maps of one pair, and one registration after another against them.
+/// Registrations against the maps of one pair.
 class PairTrials {
  public:
   PairTrials(const ScanPair& pair, const core::OdometryConfig& config)
@@ -52,14 +52,14 @@ class PairTrials {
         selector_(pair.points.size()) {
     planes_.insert(pair.map_points);
     stored_.insert(pair.map_points);
-    // The odometry thins the points of the coarse map likewise.
-    core::VoxelFilter filter(pair.map_points.size());
+    // Downsampled like the points of the odometry's NDT map.
+    core::VoxelDownsampler filter(pair.map_points.size());
     filter.begin(kCoarseVoxelMetres * 0.5F);
-    std::vector<Vector3> thinned;
+    std::vector<Vector3> downsampled;
     for (const Vector3& point : pair.map_points) {
-      if (filter.insert((pair.T_odom_base.inverse() * point).cast<float>())) thinned.push_back(point);
+      if (filter.insert((pair.T_odom_base.inverse() * point).cast<float>())) downsampled.push_back(point);
     }
-    gaussians_.insert(thinned);
+    gaussians_.insert(downsampled);
     const std::size_t count = std::min(kCoarsePoints, pair.points.size());
     for (std::size_t i = 0; i < count; ++i)
       coarse_points_.push_back(pair.points[i * pair.points.size() / count]);
@@ -88,7 +88,7 @@ class PairTrials {
   }
 
  private:
-  /// As the odometry: by the normals that the points meet at the pose that it believes in.
+  /// Selects points as the odometry does: by the normals of their correspondences at the initial pose.
   void select(const SE3& T_guess) {
     const core::SelectionConfig selection{config_.registration_points, kCoarseVoxelMetres, 0.1};
     selector_.select(planes_, filter_, pair_.points, T_guess, selection, indices_);
@@ -101,8 +101,8 @@ class PairTrials {
   core::VoxelMap planes_;
   core::VoxelMap gaussians_;
   core::PointMap stored_;
-  core::VoxelFilter filter_;
-  core::PointSelector selector_;
+  core::VoxelDownsampler filter_;
+  core::NormalSpaceSampler selector_;
   std::vector<Eigen::Vector3f> coarse_points_;
   std::vector<Eigen::Vector3f> selected_;
   std::vector<std::uint32_t> indices_;
@@ -123,7 +123,7 @@ SE3 make_offset(const BasinOffset& offset, std::mt19937_64& random) {
           offset.translation_m * Vector3(std::cos(direction), std::sin(direction), 0.0)};
 }
 
-/// Success of [method * offsets + offset].
+/// Successes, [method * number of offsets + offset].
 std::vector<bool> try_pair(std::span<const RegistrationMethodInfo> methods, const ScanPair& pair,
                            std::span<const BasinOffset> offsets, const core::OdometryConfig& config,
                            std::uint64_t seed) {
@@ -133,11 +133,11 @@ std::vector<bool> try_pair(std::span<const RegistrationMethodInfo> methods, cons
   PairTrials trials(pair, config);
   std::vector<bool> success;
   for (const RegistrationMethodInfo& method : methods) {
-    const SE3 home = trials.register_from(method, pair.T_odom_base);
-    const bool is_home = is_near(home, pair.T_odom_base, kBasinTruthMetres, kBasinTruthDegrees);
+    const SE3 result = trials.register_from(method, pair.T_odom_base);
+    const bool is_right = is_near(result, pair.T_odom_base, kBasinTruthMetres, kBasinTruthDegrees);
     for (const SE3& guess : guesses) {
-      success.push_back(is_home &&
-                        is_near(trials.register_from(method, guess), home, kBasinMetres, kBasinDegrees));
+      success.push_back(is_right &&
+                        is_near(trials.register_from(method, guess), result, kBasinMetres, kBasinDegrees));
     }
   }
   return success;
@@ -201,4 +201,4 @@ std::vector<std::vector<std::size_t>> count_successes(std::span<const Registrati
   return counts;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

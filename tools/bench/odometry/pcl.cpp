@@ -1,6 +1,9 @@
-#include "tools/bench/odometry/pcl.hpp"
+#include "tools/bench/odometry/measure.hpp"
 
-#include <ctime>
+#ifdef NILIO_WITH_PCL
+
+#include "nilio/core/clock.hpp"
+
 #include <deque>
 #include <memory>
 #include <pcl/filters/voxel_grid.h>
@@ -10,7 +13,7 @@
 #include <pcl/registration/ndt.h>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -20,7 +23,7 @@ using core::SE3;
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 using Registration = pcl::Registration<pcl::PointXYZ, pcl::PointXYZ>;
 
-// PCL's tutorial on NDT, and hdl_graph_slam's defaults.
+// Values of PCL's tutorial on NDT and of hdl_graph_slam.
 constexpr float kNdtResolution = 1.0F;
 constexpr double kNdtStepMetres = 0.1;
 constexpr double kEpsilon = 0.01;
@@ -28,12 +31,6 @@ constexpr double kIcpReachMetres = 2.5;
 constexpr int kIterations = 35;
 constexpr std::size_t kMapScans = 10;
 constexpr float kMapVoxelMetres = 0.5F;
-
-std::int64_t clock_ns(clockid_t id) {
-  timespec now{};
-  clock_gettime(id, &now);
-  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
 
 std::unique_ptr<Registration> make_ndt() {
   auto ndt = std::make_unique<pcl::NormalDistributionsTransform<pcl::PointXYZ, pcl::PointXYZ>>();
@@ -65,7 +62,7 @@ class PclOdometry {
   PclOdometry(std::string name, std::unique_ptr<Registration> registration, std::size_t map_scans)
       : name_(std::move(name)), registration_(std::move(registration)), map_scans_(map_scans) {}
 
-  /// `T_start` is the motion over the first scan period: what it would not find out when started at speed.
+  /// `T_start` is the motion over the first scan period, for drives that start in motion.
   void add(const Cloud::Ptr& scan, const SE3& T_start) {
     const std::int64_t wall_ns = clock_ns(CLOCK_MONOTONIC);
     const std::int64_t cpu_ns = clock_ns(CLOCK_THREAD_CPUTIME_ID);
@@ -75,7 +72,7 @@ class PclOdometry {
     if (!poses_.empty()) pose = align(scan, T_before);
     motion_ = T_before.inverse() * pose;
     keep(scan, pose);
-    // Nothing is registered with the first scan.
+    // The first scan has no target to be registered with.
     if (poses_.size() == 1) return;
     wall_ms_.push_back(static_cast<double>(clock_ns(CLOCK_MONOTONIC) - wall_ns) * 1e-6);
     cpu_ms_.push_back(static_cast<double>(clock_ns(CLOCK_THREAD_CPUTIME_ID) - cpu_ns) * 1e-6);
@@ -84,9 +81,9 @@ class PclOdometry {
   [[nodiscard]] Measurement measured() const {
     Measurement measurement;
     measurement.name = name_;
-    measurement.wall.total = spread_of(wall_ms_);
+    measurement.wall.total = percentiles_of(wall_ms_);
     measurement.wall.per_scan = wall_ms_;
-    measurement.cpu.total = spread_of(cpu_ms_);
+    measurement.cpu.total = percentiles_of(cpu_ms_);
     measurement.cpu.per_scan = cpu_ms_;
     return measurement;
   }
@@ -109,7 +106,7 @@ class PclOdometry {
     return pose.is_finite() ? pose : T_guess;
   }
 
-  /// The scans before in the odometry's frame, thinned together where they are several.
+  /// Previous scans in the odometry's frame, downsampled where they are several.
   [[nodiscard]] Cloud::Ptr make_target() const {
     auto sum = std::make_shared<Cloud>();
     for (const Keyframe& keyframe : recent_) {
@@ -120,12 +117,12 @@ class PclOdometry {
       }
     }
     if (recent_.size() < 2) return sum;
-    auto thinned = std::make_shared<Cloud>();
+    auto downsampled = std::make_shared<Cloud>();
     pcl::VoxelGrid<pcl::PointXYZ> grid;
     grid.setLeafSize(kMapVoxelMetres, kMapVoxelMetres, kMapVoxelMetres);
     grid.setInputCloud(sum);
-    grid.filter(*thinned);
-    return thinned;
+    grid.filter(*downsampled);
+    return downsampled;
   }
 
   void keep(const Cloud::Ptr& scan, const SE3& pose) {
@@ -168,7 +165,7 @@ Result<std::vector<Measurement>> measure_pcl(const BenchDataset& dataset,
   for (const PclOdometry& peer : peers) {
     Measurement measurement = peer.measured();
     measurement.trajectory = make_trajectory(dataset, *run, peer.poses());
-    const Result<Accuracy> accuracy = judge_trajectory(dataset.truth, measurement.trajectory);
+    const Result<Accuracy> accuracy = measure_accuracy(dataset.truth, measurement.trajectory);
     if (!accuracy) return accuracy.error();
     measurement.accuracy = *accuracy;
     measurements.push_back(std::move(measurement));
@@ -176,4 +173,18 @@ Result<std::vector<Measurement>> measure_pcl(const BenchDataset& dataset,
   return measurements;
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench
+
+#else
+
+namespace nilio::tools::bench {
+
+core::Result<std::vector<Measurement>> measure_pcl(const BenchDataset& /*dataset*/,
+                                                   const std::vector<std::string>& /*overrides*/) {
+  return core::Error{
+      "--vs pcl: this nilio was built without PCL - install libpcl-dev, run cmake again and rebuild"};
+}
+
+}  // namespace nilio::tools::bench
+
+#endif

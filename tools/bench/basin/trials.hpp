@@ -11,9 +11,9 @@
 #include <span>
 #include <vector>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
-/// A scan and the map of the scans before it, all deskewed, at the poses of the odometry.
+/// A scan and the map of the five scans before it, deskewed, at the poses of the odometry.
 struct ScanPair {
   std::vector<core::Vector3> map_points;  ///< in the odometry's frame
   std::vector<Eigen::Vector3f> points;    ///< of the scan, in base_link
@@ -21,30 +21,29 @@ struct ScanPair {
   double plane_voxel_m = 1.0;
 };
 
-/// Runs the odometry over the data set and takes `count` pairs evenly from it, fewer where it has fewer
+/// Runs the odometry over the data set and takes `count` evenly spaced pairs, or all where there are fewer
 /// scans.
 core::Result<std::vector<ScanPair>> collect_pairs(const BenchDataset& dataset, const daemon::Config& config,
                                                   std::size_t count);
 
-/// Where the registration starts: so far from the true pose in a random horizontal direction, turned to a
-/// random side.
+/// Error of the initial pose: a translation in a random horizontal direction and a turn to a random side.
 struct BasinOffset {
   double translation_m = 0.0;
   double rotation_deg = 0.0;
 };
 
-/// Success: no farther than this from where the method ends when it starts at the odometry's pose, and that
-/// no farther than kBasinTruthMetres and kBasinTruthDegrees from it.
+/// Limits of a success: distance from the method's result when it starts at the odometry's pose, and of that
+/// result from the odometry's pose.
 inline constexpr double kBasinMetres = 0.1;
 inline constexpr double kBasinDegrees = 0.5;
 inline constexpr double kBasinTruthMetres = 0.3;
 inline constexpr double kBasinTruthDegrees = 1.0;
 
-/// Of each method how many of the pairs it brings home from each offset:
-/// [method][offset]. The same offsets for every method; each pair has its own directions from `seed`.
+/// Number of successes, [method][offset]. Directions are drawn from `seed` for each pair and are the same for
+/// every method.
 std::vector<std::vector<std::size_t>> count_successes(std::span<const core::RegistrationMethodInfo> methods,
                                                       std::span<const ScanPair> pairs,
                                                       std::span<const BasinOffset> offsets,
                                                       const core::OdometryConfig& config, std::uint64_t seed);
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

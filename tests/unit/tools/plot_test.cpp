@@ -1,6 +1,5 @@
 #include "tests/support/tools_trajectory_support.hpp"
-#include "tools/common/commands.hpp"
-#include "tools/plot/canvas.hpp"
+#include "tools/commands/commands.hpp"
 #include "tools/plot/figure.hpp"
 #include "tools/plot/map.hpp"
 
@@ -9,21 +8,22 @@
 using nilio::tests::run_command;
 using nilio::tests::TemporaryFolder;
 using namespace nilio::tools;
+using namespace nilio::tools::plot;
 
-TEST_CASE("tick steps are one, two or five times a power of ten") {
+TEST_CASE("tick steps are one, two or five times a power of ten", "[plot]") {
   CHECK(nice_step(10.0, 10) == Approx(1.0));
   CHECK(nice_step(10.1, 10) == Approx(2.0));
   CHECK(nice_step(0.3, 10) == Approx(0.05));
   CHECK(nice_step(8000.0, 10) == Approx(1000.0));
 }
 
-TEST_CASE("axes put y upwards") {
+TEST_CASE("the y axis points upwards", "[plot]") {
   const Axes axes{{100.0, 50.0, 200.0, 100.0}, 0.0, 2.0, 0.0, 1.0};
   CHECK(axes.to_pixel({0.0, 0.0}) == Eigen::Vector2d(100.0, 150.0));
   CHECK(axes.to_pixel({2.0, 1.0}) == Eigen::Vector2d(300.0, 50.0));
 }
 
-TEST_CASE("a binary PLY map with other properties between is read, a cut one is refused") {
+TEST_CASE("a binary PLY map with further properties is read, a truncated one is refused", "[plot]") {
   const TemporaryFolder folder;
   std::string content =
       "ply\nformat binary_little_endian 1.0\ncomment made for this test\nelement vertex 2\nproperty uchar "
@@ -53,7 +53,7 @@ TEST_CASE("a binary PLY map with other properties between is read, a cut one is 
   CHECK_FALSE(read_map_points(folder.write("map.pcd", content)));
 }
 
-TEST_CASE("an xyz map names the line that is not three numbers") {
+TEST_CASE("an invalid xyz map is refused with the line number", "[plot]") {
   const TemporaryFolder folder;
   const auto points = read_map_points(folder.write("map.xyz", "# x y z\n1 2 3 255\n4 5 6\n"));
   REQUIRE(points);
@@ -62,7 +62,7 @@ TEST_CASE("an xyz map names the line that is not three numbers") {
         std::string::npos);
 }
 
-TEST_CASE("map points land on their pixels and those outside nowhere") {
+TEST_CASE("map points are drawn on their pixels, those outside are left out", "[plot]") {
   const Axes axes{{10.0, 20.0, 4.0, 4.0}, 0.0, 4.0, 0.0, 4.0};
   const Raster raster =
       rasterise_map({{0.5F, 0.5F, 0.0F}, {3.5F, 3.5F, 5.0F}, {9.0F, 1.0F, 0.0F}, {NAN, 1.0F, 0.0F}}, axes);
@@ -72,7 +72,7 @@ TEST_CASE("map points land on their pixels and those outside nowhere") {
   CHECK(raster.pixels[3] != 0);
 }
 
-TEST_CASE("plot writes a picture, and names what it cannot read or write") {
+TEST_CASE("plot writes a picture, and fails for files that cannot be read or written", "[plot]") {
   const TemporaryFolder folder;
   const std::string path = folder.write("a.tum", "0 0 0 0 0 0 0 1\n0.1 1 0.2 0 0 0 0 1\n0.2 2 0 0 0 0 0 1\n");
   const std::string still = folder.write("still.tum", "0 0 0 0 0 0 0 1\n");
@@ -89,4 +89,51 @@ TEST_CASE("plot writes a picture, and names what it cannot read or write") {
   CHECK(run({path, "-o", folder.file("no/such/folder.png")}) == 1);
   CHECK(run({path, "--map", folder.file("missing.ply"), "-o", folder.file("a.png")}) == 1);
   CHECK(run({path, "--truth", still, "-o", folder.file("a.png")}) == 1);
+}
+
+TEST_CASE("SVG text remains text, and names stand beside their curves", "[plot]") {
+  const TemporaryFolder folder;
+  Figure figure{{Panel{}}};
+  figure.panels[0].x.label = "time & place";
+  figure.panels[0].curves = {{"first", {{0.0, 1.0}, {1.0, 2.0}}}, {"second", {{0.0, 1.0}, {1.0, 2.0}}}};
+  REQUIRE(save_figure(figure, folder.file("a.svg"), 400, 300));
+  const std::string svg = nilio::tests::read_text(folder.file("a.svg"));
+  for (const char* text : {">first</text>", ">second</text>", ">time &amp; place</text>"})
+    CHECK(svg.find(text) != std::string::npos);
+  CHECK(figure_csv(figure) ==
+        "panel,curve,x,y\n1,\"first\",0,1\n1,\"first\",1,2\n1,\"second\",0,1\n1,\"second\",1,2\n");
+}
+
+TEST_CASE("more curves than can be told apart are refused", "[plot]") {
+  const TemporaryFolder folder;
+  Figure figure{{Panel{}}};
+  figure.panels[0].curves.resize(kMaxCurves);
+  CHECK(save_figure(figure, folder.file("a.png"), 400, 300));
+  figure.panels[0].curves.resize(kMaxCurves + 1);
+  CHECK(save_figure(figure, folder.file("a.png"), 400, 300).error().message.find("at most 8") !=
+        std::string::npos);
+}
+
+TEST_CASE("camera and vehicle poses are refused together unless the plane is chosen", "[plot]") {
+  const TemporaryFolder folder;
+  std::string camera;
+  std::string vehicle;
+  for (int i = 0; i < 10; ++i) {
+    camera += "1 0 0 0 0 1 0 0 0 0 1 " + std::to_string(i) + "\n";
+    vehicle += std::to_string(i) + " " + std::to_string(i) + " 0 0 0 0 0 1\n";
+  }
+  const std::string kitti = folder.write("camera.txt", camera);
+  const std::string tum = folder.write("vehicle.tum", vehicle);
+  const auto run = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "plot");
+    arguments.insert(arguments.end(), {"-o", folder.file("a.png")});
+    return nilio::tests::capture_command(add_plot_command, arguments);
+  };
+  CHECK(run({kitti, kitti}).status == 0);
+  const auto refused = run({tum, kitti});
+  CHECK(refused.status == 1);
+  CHECK(refused.errors.find("camera has camera poses") != std::string::npos);
+  const auto warned = run({tum, kitti, "--plane", "xy"});
+  CHECK(warned.status == 0);
+  CHECK(warned.errors.find("warning") != std::string::npos);
 }

@@ -1,16 +1,19 @@
-#include "tools/bench/common/process_memory.hpp"
+#include "tools/bench/common/memory_use.hpp"
 
+#include <cstddef>
+#include <cstdlib>
 #include <fstream>
 #include <malloc.h>
+#include <new>
 #include <sstream>
 #include <string>
 #include <string_view>
 
-namespace nilio::tools {
-
 namespace {
 
-/// Of a line "VmRSS:   1234 kB", bytes; nothing when it does not begin with `key`.
+thread_local std::int64_t allocations = 0;
+
+/// Bytes of a line "VmRSS:   1234 kB"; empty when the line does not begin with `key`.
 std::optional<std::uint64_t> line_bytes(const std::string& line, std::string_view key) {
   if (!line.starts_with(key)) return std::nullopt;
   std::istringstream text(line.substr(key.size()));
@@ -19,7 +22,7 @@ std::optional<std::uint64_t> line_bytes(const std::string& line, std::string_vie
   return kibibytes * 1024;
 }
 
-/// The first such line of a file; 0 when there is none.
+/// Bytes of the first line with that key in a file; 0 when there is none.
 std::uint64_t file_bytes(const char* path, std::string_view key) {
   std::ifstream file(path);
   std::string line;
@@ -30,6 +33,37 @@ std::uint64_t file_bytes(const char* path, std::string_view key) {
 }
 
 }  // namespace
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kCounted = false;
+#else
+constexpr bool kCounted = true;
+
+void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size == 0 ? 1 : size)) return memory;
+  throw std::bad_alloc();
+}
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  ++allocations;
+  const auto align = static_cast<std::size_t>(alignment);
+  // aligned_alloc() needs a multiple of the alignment.
+  if (void* memory = std::aligned_alloc(align, (size + align - 1) / align * align)) return memory;
+  throw std::bad_alloc();
+}
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t /*size*/) noexcept { std::free(memory); }
+void operator delete(void* memory, std::align_val_t /*alignment*/) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t /*size*/, std::align_val_t /*alignment*/) noexcept {
+  std::free(memory);
+}
+#endif
+
+namespace nilio::tools::bench {
+
+std::int64_t allocation_count() { return allocations; }
+
+bool allocations_are_counted() { return kCounted; }
 
 std::uint64_t reset_peak_resident() {
   malloc_trim(0);
@@ -54,4 +88,4 @@ std::optional<ResidentMemory> resident_memory(pid_t process) {
 
 std::uint64_t available_memory() { return file_bytes("/proc/meminfo", "MemAvailable:"); }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench

@@ -1,15 +1,14 @@
-#include "tools/bench/realtime/realtime_run.hpp"
+#include "tools/bench/realtime/live_run.hpp"
 
-#include "daemon/input/receive.hpp"
+#include "nilio/core/clock.hpp"
+
 #include "tools/bench/common/niliod_run.hpp"
 #include "tools/bench/common/pose_listener.hpp"
-#include "tools/bench/realtime/background_load.hpp"
-#include "tools/bench/realtime/wakeup_noise.hpp"
+#include "tools/bench/realtime/stress_load.hpp"
+#include "tools/bench/realtime/wakeup_latency.hpp"
 #include "tools/common/child_process.hpp"
-#include "tools/common/file_text.hpp"
-#include "tools/common/free_port.hpp"
-#include "tools/common/monotonic_sleep.hpp"
-#include "tools/common/thread_priority.hpp"
+#include "tools/common/files.hpp"
+#include "tools/common/system.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,7 +19,7 @@
 #include <thread>
 #include <utility>
 
-namespace nilio::tools {
+namespace nilio::tools::bench {
 
 namespace {
 
@@ -29,17 +28,17 @@ using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr unsigned kHogs = 2;
-/// The sensor is another device, which no load on this computer holds up.
+constexpr unsigned kLoadProcesses = 2;
+/// Above everything else: a load on this computer does not delay a real sensor.
 constexpr int kSenderPriority = 90;
 constexpr Duration kPoll = Duration::from_milliseconds(20.0);
 constexpr Duration kConnectLimit = Duration::from_seconds(20.0);
 constexpr Duration kQuiet = Duration::from_seconds(1.0);
 constexpr Duration kBacklogLimit = Duration::from_seconds(20.0);
 constexpr Duration kPatience = Duration::from_seconds(10.0);
-/// For starting and ending, beside the length of the drive.
+/// Time to start and end, added to the length of the drive.
 constexpr Duration kReplayMargin = Duration::from_seconds(60.0);
-constexpr std::array<const char*, 4> kConditionNames{"idle", "hogs", "memory", "subscriber"};
+constexpr std::array<const char*, 4> kConditionNames{"idle", "cpu", "memory", "subscriber"};
 
 const Error kInterrupted{"interrupted"};
 
@@ -55,7 +54,7 @@ class RunInRealTime {
  private:
   Result<std::monostate> start_load();
   Result<std::monostate> start_program();
-  /// Nothing to wait for is not an error; what cannot be waited for any longer is noted.
+  /// Waits until the condition holds; false after `limit`. Fails on a stop signal.
   template <class Condition>
   Result<bool> wait_for(Duration limit, const Condition& condition);
   Result<std::monostate> connect();
@@ -73,7 +72,7 @@ class RunInRealTime {
   std::uint16_t port_ = 0;
   std::uint16_t position_port_ = 0;
   std::unique_ptr<PoseListener> listener_;
-  std::optional<BackgroundLoad> load_;
+  std::optional<StressLoad> load_;
   std::optional<ChildProcess> slow_subscriber_;
   std::optional<ChildProcess> niliod_;
   RealtimeRun result_;
@@ -81,19 +80,19 @@ class RunInRealTime {
 
 template <class Condition>
 Result<bool> RunInRealTime::wait_for(Duration limit, const Condition& condition) {
-  const std::int64_t deadline = daemon::monotonic_ns() + limit.ns;
+  const std::int64_t deadline = monotonic_ns() + limit.ns;
   while (!condition()) {
     if (signals_.wait(kPoll)) return kInterrupted;
-    if (daemon::monotonic_ns() > deadline) return false;
+    if (monotonic_ns() > deadline) return false;
   }
   return true;
 }
 
 Result<std::monostate> RunInRealTime::start_load() {
-  if (config_.condition == Condition::kHogs || config_.condition == Condition::kMemory) {
-    Result<BackgroundLoad> load = config_.condition == Condition::kHogs
-                                      ? BackgroundLoad::cpu_hogs(kHogs)
-                                      : BackgroundLoad::memory_pressure(pressure_bytes(config_.memory_bytes));
+  if (config_.condition == Condition::kCpuLoad || config_.condition == Condition::kMemory) {
+    Result<StressLoad> load = config_.condition == Condition::kCpuLoad
+                                  ? StressLoad::cpu_load(kLoadProcesses)
+                                  : StressLoad::memory_pressure(pressure_bytes(config_.memory_bytes));
     if (!load) return load.error();
     load_.emplace(std::move(load).value());
   }
@@ -140,9 +139,9 @@ Result<std::monostate> RunInRealTime::connect() {
       wait_for(kConnectLimit, [this] { return niliod_->poll() || listener_->is_connected(); });
   if (!connected) return connected.error();
   const std::optional<int> ended = niliod_->poll();
-  // A replay may be over before anybody has found its publisher.
+  // A replay may end before the subscriber is matched.
   if (ended && (config_.feed == Feed::kUdp || *ended != 0))
-    return Error{"niliod ended at once with status " + std::to_string(*ended) + ": " + niliod_->last_line()};
+    return Error{"niliod ended early with status " + std::to_string(*ended) + ": " + niliod_->last_line()};
   if (!listener_->is_connected())
     result_.notes.push_back("no publisher was found on DDS domain " + std::to_string(config_.domain) + ": " +
                             niliod_->last_line());
@@ -152,35 +151,35 @@ Result<std::monostate> RunInRealTime::connect() {
 Result<std::monostate> RunInRealTime::stop_slow_subscriber() {
   if (!slow_subscriber_) return std::monostate{};
   const Result<bool> found = wait_for(kConnectLimit, [this] {
-    const std::string said = file_text(folder_ / "subscriber.log").value_or("");
-    return said.find(": 1 publisher(s)") != std::string::npos ||
-           said.find(" received, ") != std::string::npos;
+    const std::string log = file_text(folder_ / "subscriber.log").value_or("");
+    return log.find(": 1 publisher(s)") != std::string::npos || log.find(" received, ") != std::string::npos;
   });
   if (!found) return found.error();
-  if (!*found) result_.notes.emplace_back("the slow subscriber did not find the publisher: it slows nothing");
+  if (!*found)
+    result_.notes.emplace_back("the slow subscriber was not matched with the publisher and had no effect");
   slow_subscriber_->send_signal(SIGSTOP);
   return std::monostate{};
 }
 
 Result<std::monostate> RunInRealTime::play() {
-  PlayConfig play;
+  play::PlayConfig play;
   play.captures = part_.files.captures;
   play.recorded_port = static_cast<std::uint16_t>(drive_.config.lidar.port);
   play.recorded_position_port = static_cast<std::uint16_t>(drive_.config.lidar.position_port);
   play.port = port_;
   play.position_port = position_port_;
-  // As a sensor whose clock is right has it; otherwise its time is fitted onto the host's.
+  // Sensor time equal to host time, as from a sensor with a correct clock.
   play.restamp = true;
   if (!config_.can_interface.empty()) {
     play.can_logs = part_.files.can_logs;
     play.can_interface = config_.can_interface;
   }
-  auto session = PlaySession::open(
+  auto session = play::PlaySession::open(
       play, [this](const std::string& line) { result_.notes.push_back("sender: " + line); });
   if (!session) return session.error();
   std::atomic<bool> stop{false};
   std::atomic<bool> ended{false};
-  const std::int64_t begin_ns = daemon::realtime_ns();
+  const std::int64_t begin_ns = clock_ns(CLOCK_REALTIME);
   std::thread sender([&] {
     make_this_thread_fifo(kSenderPriority);
     prctl(PR_SET_TIMERSLACK, 1UL);
@@ -199,15 +198,15 @@ Result<std::monostate> RunInRealTime::play() {
   return std::monostate{};
 }
 
-/// What the sender's end leaves in sockets and rings belongs to the run.
+/// Waits for the poses of packets that are still in sockets and rings.
 Result<std::monostate> RunInRealTime::let_backlog_end() {
-  const std::int64_t sent_ns = daemon::monotonic_ns();
+  const std::int64_t sent_ns = monotonic_ns();
   const Result<bool> quiet = wait_for(kBacklogLimit, [&] {
-    return daemon::monotonic_ns() - std::max(listener_->last_pose_ns(), sent_ns) > kQuiet.ns;
+    return monotonic_ns() - std::max(listener_->last_pose_ns(), sent_ns) > kQuiet.ns;
   });
   if (!quiet) return quiet.error();
   if (!*quiet)
-    result_.notes.emplace_back("poses still came 20 s after the last packet: the rest is left out");
+    result_.notes.emplace_back("poses still arrived 20 s after the last packet; later ones are not counted");
   return std::monostate{};
 }
 
@@ -221,7 +220,7 @@ Result<std::monostate> RunInRealTime::feed() {
   return std::monostate{};
 }
 
-/// The publisher's rows: from the last packet, or the CAN frame, to the return of DDS write().
+/// Takes the latencies up to DDS write() from the publisher's report.
 void RunInRealTime::read_report() {
   const auto report = listener_->latency_report();
   if (!report) return;
@@ -240,16 +239,16 @@ void RunInRealTime::read_report() {
 Result<RealtimeRun> RunInRealTime::run() {
   std::error_code error;
   fs::create_directories(folder_, error);
-  if (error) return Error{folder_.string() + ": cannot be made (" + error.message() + ")"};
+  if (error) return Error{folder_.string() + ": cannot be created (" + error.message() + ")"};
   auto listener = PoseListener::start(config_.domain);
   if (!listener) return listener.error();
   listener_ = std::move(listener).value();
   if (auto started = start_load(); !started) return started.error();
   if (auto started = start_program(); !started) return started.error();
   if (auto connected = connect(); !connected) return connected.error();
-  WakeupNoise noise;
+  WakeupLatency wakeup;
   const auto fed = feed();
-  noise.stop();
+  wakeup.stop();
   if (!fed) return fed.error();
   if (load_ && !load_->is_running()) result_.notes.emplace_back("the load was killed during the run");
   Result<RunFigures> figures = read_run_figures(folder_);
@@ -260,8 +259,8 @@ Result<RealtimeRun> RunInRealTime::run() {
   } else {
     result_.why_not_watched = watch.error().message;
   }
-  result_.noise = ipc::summarize("wake-up", noise.histogram());
-  result_.noise_is_fifo = noise.is_fifo();
+  result_.wakeup = ipc::summarize("wake-up", wakeup.histogram());
+  result_.wakeup_is_fifo = wakeup.is_fifo();
   listener_->stop();
   result_.transport = ipc::summarize("DDS", listener_->transport());
   result_.packet_to_subscriber = ipc::summarize("packet to subscriber", listener_->packet_to_pose());
@@ -287,4 +286,4 @@ Result<RealtimeRun> run_niliod_in_real_time(const SensorDrive& drive, const Driv
   return RunInRealTime(drive, part, config, folder, signals).run();
 }
 
-}  // namespace nilio::tools
+}  // namespace nilio::tools::bench
