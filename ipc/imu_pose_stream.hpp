@@ -15,7 +15,7 @@
 namespace nilio::ipc {
 
 struct ImuPoseConfig {
-  core::ImuPropagatorConfig propagation;
+  core::ImuRateOdometryConfig propagation;
   core::PoseSlewLimits slew;
   double max_rate_hz = 0.0;  ///< samples above this rate are skipped; 0: a pose for every sample
 };
@@ -60,15 +60,15 @@ class ImuPoseStream {
   std::optional<ImuPose> add(const ImuRecord& record);
 
   /// Residual correction, m and rad.
-  [[nodiscard]] const core::PoseSmoother& smoother() const { return smoother_; }
+  [[nodiscard]] const core::PoseSlewLimiter& smoother() const { return smoother_; }
   [[nodiscard]] ImuPoseCounts counts() const;
 
  private:
   [[nodiscard]] bool is_due(core::Time stamp);
   void fill_covariances(const core::PropagatedPose& pose, ImuPose& output) const;
 
-  core::ImuPropagator propagator_;
-  core::PoseSmoother smoother_;
+  core::ImuRateOdometry propagator_;
+  core::PoseSlewLimiter smoother_;
   core::Duration period_;
   std::optional<core::Time> next_due_;
   std::optional<core::Time> last_smoothed_;

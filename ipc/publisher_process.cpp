@@ -91,7 +91,7 @@ std::string exact(double value) {
 }
 
 void add_imu_arguments(const ImuPoseConfig& config, std::vector<std::string>& arguments) {
-  const core::ImuPropagatorConfig& propagation = config.propagation;
+  const core::ImuRateOdometryConfig& propagation = config.propagation;
   const core::PoseSlewLimits& slew = config.slew;
   const auto& q = propagation.T_base_imu.rotation;
   const core::Vector3& p = propagation.T_base_imu.translation;

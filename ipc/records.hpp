@@ -54,7 +54,7 @@ struct PoseRecord {
   bool after_time_jump = false;
   bool predicted = false;            ///< no registration; the pose is the prediction
   std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
-  core::BudgetRung degradation_level = core::BudgetRung::kFull;
+  core::DegradationLevel degradation_level = core::DegradationLevel::kFull;
   bool guarded = false;  ///< registration was late: the deadline guard published the prediction
   /// Delivery time minus deadline in ns (negative = early; valid if has_deadline), and estimated duration of
   /// one ICP iteration in ns.

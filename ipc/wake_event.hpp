@@ -15,18 +15,20 @@ class WakeEvent {
   /// Takes ownership of an inherited descriptor; fails if it is not an eventfd.
   static core::Result<WakeEvent> adopt(int file_descriptor);
 
+  /// The moved-from object may only be destroyed or assigned.
   WakeEvent(WakeEvent&& other) noexcept;
   WakeEvent& operator=(WakeEvent&& other) noexcept;
   WakeEvent(const WakeEvent&) = delete;
   WakeEvent& operator=(const WakeEvent&) = delete;
   ~WakeEvent();
 
-  /// Never blocks, even if nobody waits.
+  /// Wakes the consumer. Never blocks, even if nobody waits.
   void notify() noexcept;
   /// True if notified, false after `timeout` or an interruption by a signal handler.
   bool wait(core::Duration timeout) noexcept;
   /// Clears pending signals; for callers that poll file_descriptor() together with others.
   void clear() noexcept;
+  /// Descriptor for poll() and for passing to a child process; stays owned by this object.
   [[nodiscard]] int file_descriptor() const noexcept { return file_descriptor_; }
 
  private:

@@ -259,7 +259,7 @@ bool OdometryLoop::deliver(ipc::PoseRecord& record) {
     return false;
   }
   stamp_delivery(record);
-  const core::WorkBudget& budget = runtime_.budget();
+  const core::ComputeBudget& budget = runtime_.budget();
   record.has_deadline = budget.mode() != core::BudgetMode::kOff;
   record.overshoot_ns = budget.overshoot_ns();
   if (outputs_.publisher != nullptr) outputs_.publisher->publish(record);
@@ -304,7 +304,7 @@ void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecisi
   ipc::PoseRecord record = complete_record(repeats_guard ? prediction : result, scan, counters);
   record.guarded = repeats_guard;
   const bool guarded = !deliver(record);
-  runtime_.note_handed_over(result);
+  runtime_.note_published(result);
   push_decision(scan, false, guarded);
   // After the delivery of the pose, the map update has time until the next scan.
   odometry_.update_map(result);

@@ -10,6 +10,7 @@ namespace nilio::daemon {
 /// Estimates the period of a sample stream and predicts the next samples. One thread.
 class SamplePeriodEstimator {
  public:
+  /// Adds the stamp of the next sample. Gaps and stamps that go back do not change the period.
   void add(core::Time stamp) {
     const core::Duration step = last_ ? stamp - *last_ : core::Duration{};
     last_ = stamp;

@@ -84,7 +84,7 @@ class LogOutput::Sink final : public spdlog::sinks::base_sink<spdlog::details::n
 
  protected:
   void sink_it_(const spdlog::details::log_msg& message) override {
-    say_lost();
+    report_drops();
     spdlog::memory_buf_t text;
     formatter_->format(message, text);
     write_all({text.data(), text.size()});
@@ -92,13 +92,13 @@ class LogOutput::Sink final : public spdlog::sinks::base_sink<spdlog::details::n
   void flush_() override {}
 
  private:
-  void say_lost() {
+  void report_drops() {
     const std::size_t lost = pool_->overrun_counter();
-    if (lost == lost_said_) return;
+    if (lost == reported_drops_) return;
     std::array<char, 120> line{};
     const int length = std::snprintf(
         line.data(), line.size(), "niliod warning: %zu lines dropped: this output is not read fast enough\n",
-        lost - std::exchange(lost_said_, lost));
+        lost - std::exchange(reported_drops_, lost));
     write_all({line.data(), static_cast<std::size_t>(length)});
   }
 
@@ -124,7 +124,7 @@ class LogOutput::Sink final : public spdlog::sinks::base_sink<spdlog::details::n
 
   int file_descriptor_;
   spdlog::details::thread_pool* pool_ = nullptr;
-  std::size_t lost_said_ = 0;
+  std::size_t reported_drops_ = 0;
   bool gave_up_ = false;
   std::atomic<bool> hurries_{false};
 };

@@ -146,7 +146,7 @@ void BudgetReport::record(const ipc::PoseRecord& record) {
   if (!record.has_deadline) return;
   ++poses_;
   ++stops_[static_cast<std::size_t>(record.stop_reason) % kStopReasons];
-  ++degradation_levels_[static_cast<std::size_t>(record.degradation_level) % core::kBudgetRungs];
+  ++degradation_levels_[static_cast<std::size_t>(record.degradation_level) % core::kDegradationLevels];
   if (record.guarded) ++guarded_;
   if (record.state == ipc::TrackingState::kInitialising) {
     ++initialising_;
@@ -162,8 +162,8 @@ nlohmann::json BudgetReport::json(const core::BudgetConfig& budget) const {
   for (std::size_t i = 0; i < kStopReasons; ++i)
     stops[core::name_of(static_cast<core::StopReason>(i))] = stops_[i];
   nlohmann::json degradation_levels = nlohmann::json::object();
-  for (std::size_t i = 0; i < core::kBudgetRungs; ++i)
-    degradation_levels[core::name_of(static_cast<core::BudgetRung>(i))] = degradation_levels_[i];
+  for (std::size_t i = 0; i < core::kDegradationLevels; ++i)
+    degradation_levels[core::name_of(static_cast<core::DegradationLevel>(i))] = degradation_levels_[i];
   const auto row = [](const ipc::Histogram& histogram) {
     const ipc::LatencySummary s = ipc::summarize("", histogram);
     return nlohmann::json{{"count", s.count}, {"p50", s.p50_us},     {"p90", s.p90_us},
@@ -237,6 +237,33 @@ nlohmann::json pipeline_summary(const Pipeline& pipeline) {
     if (i > 0) json["lidars"].back().update(merge_summary(pipeline.merge_counters(i)));
   }
   return json;
+}
+
+void log_merged_lidars(const Pipeline& pipeline) {
+  for (std::size_t i = 1; i < pipeline.lidars().size(); ++i) {
+    const LidarInput& lidar = *pipeline.lidars()[i];
+    const MergeCounters& merged = pipeline.merge_counters(i);
+    const drivers::ScanAssemblerStats stats = lidar.channel.stats();
+    spdlog::info(
+        "{}: {} packets, {} lost in the network, {} dropped by niliod; {} points merged, {} unused; {} scans "
+        "without "
+        "it, {} "
+        "processed before its packets arrived",
+        lidar.channel.section(), stats.packets, stats.lost_packets, lidar.ring.dropped(),
+        merged.points_merged, merged.points_unused, merged.scans_without, merged.waits_timed_out);
+    if (lidar.source.stats().malformed > 0)
+      spdlog::warn("{}: {}", lidar.channel.section(), lidar.source.status());
+  }
+}
+
+std::string explain_no_poses(const Pipeline& pipeline) {
+  const drivers::ScanAssemblerStats stats = pipeline.scan_stats();
+  std::string text = "no scan was completed: " + std::to_string(stats.packets) + " packets, " +
+                     std::to_string(stats.bad_length) + " of another length, " +
+                     std::to_string(stats.partial_scans) +
+                     " scans covered less than lidar.min_coverage of the field of view";
+  if (pipeline.input().packets) text += "; " + pipeline.input().packets->status();
+  return text;
 }
 
 }  // namespace nilio::daemon

@@ -56,12 +56,16 @@ class BudgetReport {
   std::uint64_t guarded_ = 0;
   std::uint64_t late_ = 0;
   std::array<std::uint64_t, kStopReasons> stops_{};
-  std::array<std::uint64_t, core::kBudgetRungs> degradation_levels_{};
+  std::array<std::uint64_t, core::kDegradationLevels> degradation_levels_{};
   ipc::Histogram overshoot_;
   ipc::Histogram iteration_;
 };
 
 /// Counters of a run and of its LiDARs for latency.json: {"counters", "lidars"}. Call after Pipeline::join().
 nlohmann::json pipeline_summary(const Pipeline& pipeline);
+/// Logs the counters of the additional LiDARs. Call after Pipeline::join().
+void log_merged_lidars(const Pipeline& pipeline);
+/// Error text of a replay without poses, with the counters that explain it.
+std::string explain_no_poses(const Pipeline& pipeline);
 
 }  // namespace nilio::daemon

@@ -52,11 +52,9 @@ class Supervisor {
   void report_silence(std::int64_t now);
   void report_feed();
   void report_mixed_senders();
-  void report_merge(std::size_t index) const;
   void report_end() const;
   void report_unused_imu() const;
   [[nodiscard]] nlohmann::json summary() const;
-  [[nodiscard]] std::string explain_no_poses() const;
 
   const Config& config_;
   const RunOptions& options_;
@@ -287,18 +285,8 @@ Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
   if (output_) {
     if (auto finished = output_->finish(summary().dump(2), latency_); !finished) return finished;
   }
-  if (poses_ == 0 && options_.replay) return Error{explain_no_poses()};
+  if (poses_ == 0 && options_.replay) return Error{explain_no_poses(*pipeline_)};
   return std::monostate{};
-}
-
-std::string Supervisor::explain_no_poses() const {
-  const drivers::ScanAssemblerStats stats = pipeline_->scan_stats();
-  std::string text = "no scan was completed: " + std::to_string(stats.packets) + " packets, " +
-                     std::to_string(stats.bad_length) + " of another length, " +
-                     std::to_string(stats.partial_scans) +
-                     " scans covered less than lidar.min_coverage of the field of view";
-  if (pipeline_->input().packets) text += "; " + pipeline_->input().packets->status();
-  return text;
 }
 
 nlohmann::json Supervisor::summary() const {
@@ -329,22 +317,6 @@ nlohmann::json Supervisor::summary() const {
   return json;
 }
 
-/// Logs the summary of additional LiDAR `index`.
-void Supervisor::report_merge(std::size_t index) const {
-  const LidarInput& lidar = *pipeline_->lidars()[index];
-  const MergeCounters& merged = pipeline_->merge_counters(index);
-  const drivers::ScanAssemblerStats stats = lidar.channel.stats();
-  spdlog::info(
-      "{}: {} packets, {} lost in the network, {} dropped by niliod; {} points merged, {} unused; {} scans "
-      "without "
-      "it, {} "
-      "processed before its packets arrived",
-      lidar.channel.section(), stats.packets, stats.lost_packets, lidar.ring.dropped(), merged.points_merged,
-      merged.points_unused, merged.scans_without, merged.waits_timed_out);
-  if (lidar.source.stats().malformed > 0)
-    spdlog::warn("{}: {}", lidar.channel.section(), lidar.source.status());
-}
-
 void Supervisor::report_unused_imu() const {
   if (imu_report_.is_compared()) {
     spdlog::info(
@@ -370,7 +342,7 @@ void Supervisor::report_end() const {
     spdlog::info("{} packets lost in the network, {} dropped by niliod, {} partial scans discarded",
                  scans.lost_packets, pipeline_->packets_dropped(), scans.partial_scans);
   }
-  for (std::size_t i = 1; i < pipeline_->lidars().size(); ++i) report_merge(i);
+  log_merged_lidars(*pipeline_);
   const Input& input = pipeline_->input();
   if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
   if (input.frames) {

@@ -111,8 +111,9 @@ struct ScanReport {
   std::uint32_t lost_packets = 0;
   std::uint32_t missing_firings = 0;
   std::uint64_t superseded = 0;
-  std::string degradation_level;  ///< what was left out for time: "full", "fewer_points", ...
-  bool guarded = false;           ///< registration was late and the prediction was published
+  std::string
+      degradation_level;  ///< reduction of the registration for the deadline: "full", "fewer_points", ...
+  bool guarded = false;   ///< registration was late and the prediction was published
   std::int64_t overshoot_ns = 0;  ///< time past the deadline, negative = early; 0 without a deadline
 
   friend bool operator==(const ScanReport&, const ScanReport&) = default;

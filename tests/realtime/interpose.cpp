@@ -1,6 +1,6 @@
 // Functions of the C and C++ libraries that a real-time thread must not call. This library precedes them, so
 // the dynamic linker binds all calls of the program and its libraries to these functions.
-#include "tests/realtime/interpose.hpp"
+#include "tests/realtime/watch.hpp"
 
 #include <cerrno>
 #include <cstdarg>

@@ -72,7 +72,7 @@ struct Outcome {
   std::size_t workers = 0;
   drivers::ScanAssemblerStats stats;
   std::array<std::uint64_t, 4> states{};
-  std::array<std::uint64_t, core::kBudgetRungs> degradation_levels{};
+  std::array<std::uint64_t, core::kDegradationLevels> degradation_levels{};
   std::uint64_t guarded = 0;
   std::uint64_t points_merged = 0;
 };
@@ -241,7 +241,7 @@ TEST_CASE("every degradation level of the budget works without allocation, lock 
     check_nothing_was_done();
     CHECK(outcome.watched_scans >= 600);
     CHECK(outcome.published == outcome.poses);
-    CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::BudgetRung::kFull)] < 100);
+    CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::DegradationLevel::kFull)] < 100);
   }
 }
 
@@ -257,7 +257,7 @@ TEST_CASE("the guard keeps an unreachable budget without allocation, lock or thr
   check_nothing_was_done();
   CHECK(outcome.watched_scans > 300);
   CHECK(outcome.published == outcome.poses);
-  CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::BudgetRung::kPredictionOnly)] > 100);
+  CHECK(outcome.degradation_levels[static_cast<std::size_t>(core::DegradationLevel::kPredictionOnly)] > 100);
 }
 
 TEST_CASE("a live LiDAR is identified, falls silent and returns without allocation, lock or throw",

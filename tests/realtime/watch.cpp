@@ -1,7 +1,5 @@
 #include "tests/realtime/watch.hpp"
 
-#include "tests/realtime/interpose.hpp"
-
 #include <algorithm>
 #include <atomic>
 #include <cstdio>

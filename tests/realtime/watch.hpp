@@ -11,7 +11,7 @@ namespace nilio::tests {
 
 /// Operations forbidden in a real-time thread, as far as they are calls of C or C++ library functions.
 enum class Offence : std::uint8_t {
-  kAllocation,  ///< malloc and its kin; operator new comes there, too
+  kAllocation,  ///< malloc and similar functions; includes operator new
   kRelease,     ///< free
   kMapping,     ///< mmap, munmap, mprotect, madvise
   kLock,        ///< a mutex, a read-write lock, a condition variable or a semaphore of pthreads
@@ -48,5 +48,17 @@ std::size_t workers_seen();
 std::string report(int frames = 16);
 
 }  // namespace watch
+
+/// Interface between the replaced functions and the watch.
+namespace interpose {
+
+/// Counts the offence if the calling thread is watched.
+void called(Offence offence);
+/// Role of the calling thread, inherited by the threads it starts; -1 if it is not watched.
+int role_to_inherit();
+/// First call in a thread started by a watched thread.
+void begin_worker(int role);
+
+}  // namespace interpose
 
 }  // namespace nilio::tests

@@ -283,7 +283,7 @@ TEST_CASE("two LiDARs in one recording have separate counters, and mixed ones ar
   const TemporaryFolder folder;
   tests::write_two_lidar_drive(folder.path(), s_curve, 1.5, 1.5);
   const std::string path = folder.path().string();
-  SECTION("told apart") {
+  SECTION("distinguished by sender") {
     const std::vector<std::string> arguments = {
         "--replay", path,
         "--output", path + "/run",

@@ -27,7 +27,7 @@ namespace {
 
 std::uint64_t imu_samples(const ReplayRun& run) { return run.pipeline->counters().imu_samples.load(); }
 
-bool says(const std::vector<std::string>& notes, const std::string& text) {
+bool any_contains(const std::vector<std::string>& notes, const std::string& text) {
   return std::any_of(notes.begin(), notes.end(),
                      [&](const std::string& note) { return note.find(text) != std::string::npos; });
 }
@@ -80,7 +80,7 @@ TEST_CASE("LiDAR and CAN in one capture give the same result as in two files", "
   write_one_capture(apart.path(), capture);
   const ReplayRun two = run_replay(apart.path().string());
   const ReplayRun one = run_replay(capture.string());
-  CHECK(says(one.notes, "from " + capture.string()));
+  CHECK(any_contains(one.notes, "from " + capture.string()));
   CHECK(imu_samples(one) == imu_samples(two));
   CHECK(scans_with_imu(one) == scans_with_imu(two));
   CHECK(scans_with_imu(one) > 0);
@@ -112,7 +112,7 @@ TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps and logged", "
   Config config;
   config.imu.time_offset_ms = 40.0;
   const ReplayRun corrected = run_replay(folder.path().string(), config);
-  CHECK(says(corrected.notes, "40.000 ms later than the LiDAR's"));
+  CHECK(any_contains(corrected.notes, "40.000 ms later than the LiDAR's"));
   CHECK(scans_with_imu(sound) > 0);
   CHECK(scans_with_imu(corrected) == scans_with_imu(sound));
   REQUIRE(corrected.poses.size() == sound.poses.size());
@@ -132,8 +132,8 @@ TEST_CASE("every IMU preset can be configured", "[imu_input][pipeline]") {
     REQUIRE(apply_override(config, "imu.source_address=128").ok());
     const auto input = open_replay(*files, config);
     REQUIRE(input.ok());
-    CHECK(says(input->notes, "IMU " + name));
-    CHECK(says(input->notes, "taken as 0") == (name == "bosch_mm5_10"));
+    CHECK(any_contains(input->notes, "IMU " + name));
+    CHECK(any_contains(input->notes, "taken as 0") == (name == "bosch_mm5_10"));
   }
 }
 

@@ -84,7 +84,7 @@ constexpr bool kLocksMemory = true;
 /// Pushes scans and samples until the subscriber has received the status of a scan and the pose of a sample:
 /// it has then discovered both writers, and no message is in transit. Returns the stamp of the last sample.
 std::int64_t connect(PublisherProcess& process, OdometrySubscriber& subscriber, std::int64_t stamp_ns) {
-  const auto heard = [&](std::int64_t scan_stamp_ns) {
+  const auto is_received = [&](std::int64_t scan_stamp_ns) {
     constexpr Duration wait = Duration::from_milliseconds(100.0);
     auto pose = subscriber.next(wait);
     while (pose && pose->message.stamp.ns != stamp_ns) pose = subscriber.next(wait);
@@ -96,7 +96,7 @@ std::int64_t connect(PublisherProcess& process, OdometrySubscriber& subscriber, 
     REQUIRE(process.publish(moving_record(0, scan_stamp_ns)));
     stamp_ns += kSampleNs;
     REQUIRE(process.publish_sample(level_sample(stamp_ns)));
-    return heard(scan_stamp_ns);
+    return is_received(scan_stamp_ns);
   }));
   return stamp_ns;
 }
@@ -301,7 +301,7 @@ TEST_CASE("every scan report has its stages in order and the host id of this mac
     record.stop_reason = core::StopReason::kMaxIterations;
     record.lost_packets = 7;
     record.superseded = 3;
-    record.degradation_level = core::BudgetRung::kIcpOnly;
+    record.degradation_level = core::DegradationLevel::kIcpOnly;
     record.guarded = true;
     record.has_deadline = true;
     record.overshoot_ns = -12;
@@ -320,7 +320,7 @@ TEST_CASE("every scan report has its stages in order and the host id of this mac
     CHECK(report.stop_reason == core::name_of(core::StopReason::kMaxIterations));
     CHECK(report.lost_packets == 7);
     CHECK(report.superseded == 3);
-    CHECK(report.degradation_level == core::name_of(core::BudgetRung::kIcpOnly));
+    CHECK(report.degradation_level == core::name_of(core::DegradationLevel::kIcpOnly));
     CHECK(report.guarded);
     CHECK(report.overshoot_ns == -12);
     CHECK(report.host_id == dds::read_host_id());
