@@ -114,7 +114,7 @@ void add_imu_options(CLI::App& app, PublisherOptions& options) {
 constexpr int kExitFailed = 1;
 // Nice offset of the IMU-rate pose thread relative to the rest of the process.
 constexpr int kImuNice = -5;
-constexpr int kLeastNice = -20;
+constexpr int kMinNice = -20;
 
 // Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them.
 int take_signals() {
@@ -159,7 +159,7 @@ void take_precedence(int fifo_priority, int process_nice) {
   }
   // On Linux this affects only the calling thread. Without the privilege the process has logged a warning
   // already.
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kImuNice, kLeastNice));
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kImuNice, kMinNice));
 }
 
 /// Starts the IMU-rate pose thread; fails if an inherited descriptor is missing.

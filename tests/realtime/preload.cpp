@@ -1,6 +1,8 @@
 // Watches an unmodified program, niliod with this library in LD_PRELOAD. NILIO_WATCH_REPORT=FILE writes the
 // counts as JSON at the program's end. NILIO_WATCH_PLANT=1 makes the odometry thread allocate, release and
 // lock once, which must be detected.
+#include "nilio/core/clock.hpp"
+
 #include "tests/realtime/watch.hpp"
 
 #include <atomic>
@@ -20,12 +22,6 @@ namespace {
 
 std::atomic<std::int64_t> armed_ns{0};
 std::atomic<std::int64_t> watched_ns{0};
-
-std::int64_t now_ns() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
 
 /// Programs started by the watched one are not watched.
 [[gnu::constructor]] void leave_children_alone() {
@@ -85,11 +81,11 @@ extern "C" void nilio_thread_hook(ThreadRole role, ThreadPhase phase) {
   watch::hook(role, phase);
   if (role != ThreadRole::kOdometry) return;
   if (phase == ThreadPhase::kWarm) {
-    armed_ns.store(now_ns());
+    armed_ns.store(nilio::monotonic_ns());
     watch::arm(true);
     if (std::getenv("NILIO_WATCH_PLANT") != nullptr) plant();
   } else if (phase == ThreadPhase::kEnding && armed_ns.load() != 0) {
     watch::arm(false);
-    watched_ns.store(now_ns() - armed_ns.load());
+    watched_ns.store(nilio::monotonic_ns() - armed_ns.load());
   }
 }

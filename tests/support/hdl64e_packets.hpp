@@ -10,14 +10,14 @@
 
 namespace nilio::tests {
 
-/// What the status stream of a simulated HDL-64E is like.
+/// Content of the status stream of a simulated HDL-64E.
 enum class StatusStream {
   kWhole,
-  kWithoutTable,   ///< clock and health only, the table's bytes are 0
+  kWithoutTable,   ///< clock and health only; the bytes of the table are 0
   kWrongChecksum,  ///< one byte of each pass is damaged
 };
 
-/// Packets of a turning HDL-64E S2 with its status stream, which is joined at packet `first` of a pass.
+/// Packets of a rotating HDL-64E S2; the first one is packet `first` of a pass of its status stream.
 inline std::vector<drivers::Packet> hdl64e_packets(std::size_t count, StatusStream kind,
                                                    std::size_t first = 0) {
   TurningSensor turning;
@@ -41,7 +41,7 @@ inline std::vector<drivers::Packet> hdl64e_packets(std::size_t count, StatusStre
   return packets;
 }
 
-/// Packets of a turning VLP-16.
+/// Packets of a rotating VLP-16.
 inline std::vector<drivers::Packet> vlp16_packets(std::size_t count) {
   TurningSensor turning;
   turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
