@@ -19,12 +19,13 @@ using Clock = std::chrono::steady_clock;
 namespace {
 
 constexpr std::chrono::milliseconds kCheckPeriod{100};
-/// Far more than any driver takes and a starved thread waits: that frames are missing is known sooner.
+/// Much longer than any driver needs or a starved thread waits; lost frames are detected sooner by their
+/// source.
 constexpr std::chrono::seconds kLongestSilence{10};
-constexpr std::chrono::milliseconds kLongestGoodbye{300};
-/// Threads left behind before giving up.
+constexpr std::chrono::milliseconds kLongestShutdown{300};
+/// Number of threads abandoned before giving up.
 constexpr unsigned kMostHelpers = 8;
-/// Events of a caller that does not take them.
+/// Limit of the events that the caller has not taken.
 constexpr std::size_t kMostEvents = 64;
 
 }  // namespace
@@ -38,11 +39,11 @@ struct CanController::Shared {
   std::condition_variable changed;
   CanMonitor monitor;
   std::vector<CanEvent> events;
-  /// The helper that counts; older ones are stuck, and nothing they still bring is used.
+  /// Number of the current helper thread; results of older, blocked ones are ignored.
   unsigned generation = 0;
   bool running = false;
   bool stop = false;
-  Clock::time_point last_sign = Clock::now();
+  Clock::time_point last_activity = Clock::now();
 };
 
 core::Result<std::unique_ptr<CanController>> CanController::watch(const CanControllerConfig& config) {
@@ -66,29 +67,29 @@ CanController::~CanController() {
   std::unique_lock lock(shared_->mutex);
   shared_->stop = true;
   shared_->changed.notify_all();
-  shared_->changed.wait_for(lock, kLongestGoodbye, [this] { return !shared_->running; });
+  shared_->changed.wait_for(lock, kLongestShutdown, [this] { return !shared_->running; });
 }
 
-/// With the lock held.
+/// Requires the lock.
 void CanController::start_helper() {
   shared_->running = true;
-  shared_->last_sign = Clock::now();
+  shared_->last_activity = Clock::now();
   std::thread(run, shared_, ++shared_->generation).detach();
 }
 
-/// The lock is never held while the kernel is asked.
+/// Releases the lock during every call into the kernel.
 void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generation) {
   using Action = CanMonitor::Action;
   const CanControllerConfig& config = shared->config;
-  const auto goes_on = [&] { return !shared->stop && shared->generation == generation; };
+  const auto is_current = [&] { return !shared->stop && shared->generation == generation; };
   CanInterfaceState seen;
   std::unique_lock lock(shared->mutex);
-  while (goes_on()) {
+  while (is_current()) {
     lock.unlock();
     seen = read_can_interface(config.interface_name);
     lock.lock();
-    if (!goes_on()) break;
-    shared->last_sign = Clock::now();
+    if (!is_current()) break;
+    shared->last_activity = Clock::now();
     const Action action = shared->monitor.observe(seen, monotonic_ns());
     if (action != Action::kNone) {
       lock.unlock();
@@ -97,13 +98,13 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
       if (action == Action::kRestart) restart_can_controller(config.interface_name, seen.driver);
       seen = read_can_interface(config.interface_name);
       lock.lock();
-      if (!goes_on()) break;
-      shared->last_sign = Clock::now();
+      if (!is_current()) break;
+      shared->last_activity = Clock::now();
       if (action == Action::kSetUp) shared->monitor.set_up_result(seen);
     }
     for (CanEvent& event : shared->monitor.take_events())
       if (shared->events.size() < kMostEvents) shared->events.push_back(std::move(event));
-    shared->changed.wait_for(lock, kCheckPeriod, [&] { return !goes_on(); });
+    shared->changed.wait_for(lock, kCheckPeriod, [&] { return !is_current(); });
   }
   if (shared->generation == generation) {
     shared->running = false;
@@ -113,14 +114,15 @@ void CanController::run(const std::shared_ptr<Shared>& shared, unsigned generati
 
 std::vector<CanEvent> CanController::take_events() {
   const std::lock_guard lock(shared_->mutex);
-  if (shared_->running && Clock::now() - shared_->last_sign > kLongestSilence) {
+  if (shared_->running && Clock::now() - shared_->last_activity > kLongestSilence) {
     const std::string where = "CAN " + shared_->config.interface_name + ": ";
     if (shared_->generation < kMostHelpers) {
-      shared_->events.push_back({true, where + "its driver does not answer; asking anew, check the adapter"});
+      shared_->events.push_back(
+          {true, where + "its driver does not answer; querying it again, check the adapter"});
       start_helper();
     } else {
       shared_->events.push_back(
-          {true, where + "its driver still does not answer and is no longer asked; frames are "
+          {true, where + "its driver still does not answer and is no longer queried; frames are "
                          "received all the same, check the adapter"});
       ++shared_->generation;
       shared_->running = false;

@@ -10,19 +10,19 @@ namespace {
 constexpr std::int64_t kMillisecondNs = 1'000'000;
 constexpr std::int64_t kShortestWaitNs = 100 * kMillisecondNs;
 constexpr std::int64_t kLongestWaitNs = 5'000 * kMillisecondNs;
-/// Without bus-off for so long, the next one is a new trouble with short waits again.
+/// After this time without bus-off the restart waits begin short again.
 constexpr std::int64_t kRecoveredNs = 10'000 * kMillisecondNs;
-/// An improvement that lasts: a controller on a broken bus is well for some milliseconds after each restart.
+/// An improvement is reported after this time: on a broken bus each restart gives some good milliseconds.
 constexpr std::int64_t kLastingNs = 500 * kMillisecondNs;
-constexpr std::int64_t kMissedPeriodNs = 5'000 * kMillisecondNs;
+constexpr std::int64_t kMissedReportPeriodNs = 5'000 * kMillisecondNs;
 constexpr const char* kCheckBus = "check bit rate, wiring and the 120 ohm at both ends";
 
 bool has_counted_errors(CanBusState state) {
   return state >= CanBusState::kErrorWarning && state <= CanBusState::kBusOff;
 }
 
-/// Both have a controller at work, so that getting better may pass again.
-bool may_be_passing(CanBusState from, CanBusState to) {
+/// True for improvements that may be short-lived: both states have a running controller.
+bool may_be_transient(CanBusState from, CanBusState to) {
   return has_counted_errors(from) && to < from && to >= CanBusState::kUp;
 }
 
@@ -77,7 +77,7 @@ CanBusState classify(const CanInterfaceState& seen) {
 CanMonitor::CanMonitor(CanControllerConfig config, bool privileged)
     : config_(std::move(config)), privileged_(privileged), restart_wait_ns_(kShortestWaitNs) {}
 
-void CanMonitor::say(bool problem, const std::string& text) {
+void CanMonitor::report(bool problem, const std::string& text) {
   events_.push_back({problem, "CAN " + config_.interface_name + ": " + text});
 }
 
@@ -93,8 +93,8 @@ CanMonitor::Action CanMonitor::observe(const CanInterfaceState& seen, std::int64
   return restart_action(seen, now_ns);
 }
 
-/// What was not there to begin with has not gone. An adapter that is back between two looks has another
-/// number.
+/// Counts down and gone states after the first reading. An adapter that was replaced between two readings has
+/// another number.
 void CanMonitor::count_absences(const CanInterfaceState& seen, CanBusState before) {
   const bool known = before != CanBusState::kUnknown;
   if (known && status_.state != before && status_.state == CanBusState::kGone) ++status_.times_gone;
@@ -102,12 +102,12 @@ void CanMonitor::count_absences(const CanInterfaceState& seen, CanBusState befor
   if (!seen.is_can) return;
   if (before != CanBusState::kGone && index_ != 0 && seen.index != index_) {
     ++status_.times_gone;
-    say(true, "was gone and is back");
+    report(true, "was gone and is back");
   }
   index_ = seen.index;
 }
 
-/// The driver counts bus-offs also while nobody looks; a new interface begins at 0.
+/// The driver also counts bus-offs between two readings; a new interface begins at 0.
 void CanMonitor::count_bus_offs(const CanInterfaceState& seen, CanBusState before) {
   std::uint64_t more = status_.state == CanBusState::kBusOff && before != CanBusState::kBusOff ? 1 : 0;
   if (seen.bus_offs) {
@@ -127,7 +127,7 @@ CanMonitor::Action CanMonitor::set_up_action(const CanInterfaceState& seen) {
   if (seen.up && runs_at(seen, config_.bitrate) && seen.restart_ms == config_.restart_ms)
     return Action::kNone;
   if (!seen.controller) {
-    say(false, "a virtual bus has no bit rate; the one asked for is left out");
+    report(false, "a virtual bus has no bit rate; the configured one is ignored");
     return Action::kNone;
   }
   if (privileged_) return Action::kSetUp;
@@ -135,9 +135,9 @@ CanMonitor::Action CanMonitor::set_up_action(const CanInterfaceState& seen) {
   const std::string now =
       seen.bitrate ? "its bit rate is " + std::to_string(*seen.bitrate) + " bit/s" : "it is down";
   if (!std::exchange(privilege_missed_, true))
-    say(true, now + ", and without CAP_NET_ADMIN it cannot be set up from here; as root: 'ip link set " +
-                  config_.interface_name + " down; ip link set " + config_.interface_name +
-                  " up type can bitrate " + std::to_string(config_.bitrate) + "'");
+    report(true, now + ", and without CAP_NET_ADMIN nilio cannot set it up; as root: 'ip link set " +
+                     config_.interface_name + " down; ip link set " + config_.interface_name +
+                     " up type can bitrate " + std::to_string(config_.bitrate) + "'");
   return Action::kNone;
 }
 
@@ -145,20 +145,21 @@ void CanMonitor::set_up_result(const CanInterfaceState& after) {
   if (!after.present) return;
   const std::string wanted = std::to_string(config_.bitrate) + " bit/s";
   if (!after.up) {
-    say(true, "cannot be set to " + wanted +
-                  " and started; give the bit rate of the bus, often 500000, 250000 or 1000000, and see the "
-                  "kernel log (dmesg)");
+    report(true,
+           "cannot be set to " + wanted +
+               " and started; give the bit rate of the bus, often 500000, 250000 or 1000000, and see the "
+               "kernel log (dmesg)");
     return;
   }
   if (!runs_at(after, config_.bitrate)) {
-    say(true, "its controller cannot do " + wanted +
-                  "; give the bit rate of the bus, often 500000, 250000 or 1000000");
+    report(true, "its controller cannot do " + wanted +
+                     "; give the bit rate of the bus, often 500000, 250000 or 1000000");
   } else {
-    say(false, "set to " + std::to_string(*after.bitrate) + " bit/s and started" +
-                   (after.bitrate == config_.bitrate ? "" : ", the nearest that it can do to " + wanted));
+    report(false, "set to " + std::to_string(*after.bitrate) + " bit/s and started" +
+                      (after.bitrate == config_.bitrate ? "" : ", the nearest that it can do to " + wanted));
   }
   if (after.restart_ms.value_or(0) != config_.restart_ms)
-    say(false, "its driver has no automatic restart; after bus-off it is stopped and started from here");
+    report(false, "its driver has no automatic restart; nilio stops and starts it after bus-off");
 }
 
 CanMonitor::Action CanMonitor::restart_action(const CanInterfaceState& seen, std::int64_t now_ns) {
@@ -179,14 +180,14 @@ CanMonitor::Action CanMonitor::restart_action(const CanInterfaceState& seen, std
   return Action::kRestart;
 }
 
-/// What gets worse is told at once, what gets better when it has lasted.
+/// Reports a worse state at once, a better one when it has lasted.
 void CanMonitor::report_change(const CanInterfaceState& seen, std::int64_t now_ns) {
   if (status_.state == reported_) {
     better_since_ns_.reset();
     return;
   }
   const bool starting = status_.state == CanBusState::kDown && seen.up;
-  if (starting || may_be_passing(reported_, status_.state)) {
+  if (starting || may_be_transient(reported_, status_.state)) {
     if (!better_since_ns_) better_since_ns_ = now_ns;
     if (now_ns - *better_since_ns_ < kLastingNs) return;
   }
@@ -195,30 +196,30 @@ void CanMonitor::report_change(const CanInterfaceState& seen, std::int64_t now_n
   std::string text = describe(seen);
   if (before == CanBusState::kBusOff && status_.state < CanBusState::kBusOff) {
     text += " again after " + times(unreported_bus_offs_ + 1) + " bus-off";
-    if (unreported_restarts_ > 0) text += ", restarted " + times(unreported_restarts_) + " from here";
+    if (unreported_restarts_ > 0) text += ", restarted " + times(unreported_restarts_) + " by nilio";
   } else if (before == CanBusState::kGone) {
     text = "back, " + text;
   }
   unreported_bus_offs_ = 0;
   unreported_restarts_ = 0;
   missed_reported_ns_ = now_ns;
-  say(status_.state > CanBusState::kErrorActive, text);
+  report(status_.state > CanBusState::kErrorActive, text);
 }
 
-/// A controller that restarts itself can be bus-off between two looks.
+/// Reports bus-offs between two readings, of controllers that restart themselves.
 void CanMonitor::report_missed_bus_offs(std::int64_t now_ns) {
   if (unreported_bus_offs_ == 0 || reported_ >= CanBusState::kBusOff) return;
-  if (status_.state != reported_ || now_ns - missed_reported_ns_ < kMissedPeriodNs) return;
+  if (status_.state != reported_ || now_ns - missed_reported_ns_ < kMissedReportPeriodNs) return;
   missed_reported_ns_ = now_ns;
-  say(true,
-      "was bus-off " + times(std::exchange(unreported_bus_offs_, 0)) + " for a short time; " + kCheckBus);
+  report(true,
+         "was bus-off " + times(std::exchange(unreported_bus_offs_, 0)) + " for a short time; " + kCheckBus);
 }
 
 std::string CanMonitor::describe(const CanInterfaceState& seen) const {
   switch (status_.state) {
     case CanBusState::kBusOff:
       return std::string("bus-off: the controller has given up after too many errors; ") + kCheckBus + "; " +
-             bus_off_outlook(seen);
+             describe_recovery(seen);
     case CanBusState::kErrorWarning:
     case CanBusState::kErrorPassive:
       return std::string(name_of(status_.state)) + ": there are errors on the bus; " + kCheckBus;
@@ -231,12 +232,12 @@ std::string CanMonitor::describe(const CanInterfaceState& seen) const {
   return describe_can_interface(config_.interface_name, seen);
 }
 
-std::string CanMonitor::bus_off_outlook(const CanInterfaceState& seen) const {
+std::string CanMonitor::describe_recovery(const CanInterfaceState& seen) const {
   if (seen.restart_ms.value_or(0) > 0)
     return "it restarts itself after " + std::to_string(*seen.restart_ms) + " ms";
-  if (privileged_) return "it is restarted from here";
-  return "without CAP_NET_ADMIN it cannot be restarted from here; as root: 'ip link set " +
-         config_.interface_name + " type can restart'";
+  if (privileged_) return "nilio restarts it";
+  return "without CAP_NET_ADMIN nilio cannot restart it; as root: 'ip link set " + config_.interface_name +
+         " type can restart'";
 }
 
 }  // namespace nilio::drivers

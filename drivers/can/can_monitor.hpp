@@ -11,10 +11,11 @@
 
 namespace nilio::drivers {
 
+/// State of the interface, in the classes of the public header.
 CanBusState classify(const CanInterfaceState& seen);
 
-/// What follows from a series of looks at an interface: which changes are worth a line, and what is to be
-/// done. Knows neither the kernel nor the clock. One thread.
+/// Decides from successive states of an interface which changes to report and which action to take. Uses
+/// neither the kernel nor a clock. One thread.
 class CanMonitor {
  public:
   enum class Action {
@@ -25,15 +26,16 @@ class CanMonitor {
 
   CanMonitor(CanControllerConfig config, bool privileged);
 
-  /// `now_ns` is a monotonic time.
+  /// Evaluates a reading at the monotonic time `now_ns`.
   Action observe(const CanInterfaceState& seen, std::int64_t now_ns);
+  /// Reports the result of Action::kSetUp.
   void set_up_result(const CanInterfaceState& after);
 
   std::vector<CanEvent> take_events();
   [[nodiscard]] const CanControllerStatus& status() const { return status_; }
 
  private:
-  void say(bool problem, const std::string& text);
+  void report(bool problem, const std::string& text);
   [[nodiscard]] Action set_up_action(const CanInterfaceState& seen);
   [[nodiscard]] Action restart_action(const CanInterfaceState& seen, std::int64_t now_ns);
   void count_absences(const CanInterfaceState& seen, CanBusState before);
@@ -41,14 +43,14 @@ class CanMonitor {
   void report_change(const CanInterfaceState& seen, std::int64_t now_ns);
   void report_missed_bus_offs(std::int64_t now_ns);
   [[nodiscard]] std::string describe(const CanInterfaceState& seen) const;
-  [[nodiscard]] std::string bus_off_outlook(const CanInterfaceState& seen) const;
+  [[nodiscard]] std::string describe_recovery(const CanInterfaceState& seen) const;
 
   const CanControllerConfig config_;
   const bool privileged_;
   CanControllerStatus status_;
   std::vector<CanEvent> events_;
   CanBusState reported_ = CanBusState::kUnknown;
-  /// Of an improvement that has yet to last.
+  /// Start of an improvement that is not reported yet.
   std::optional<std::int64_t> better_since_ns_;
   unsigned index_ = 0;
   unsigned set_up_index_ = 0;

@@ -69,7 +69,7 @@ core::Result<std::unique_ptr<CaptureReader>> open_classic_capture(FileHandle fil
   PcapHandle capture(
       pcap_fopen_offline_with_tstamp_precision(file.get(), PCAP_TSTAMP_PRECISION_NANO, message.data()));
   if (!capture) {
-    return core::Error{std::string("is no capture that can be read (") + message.data() +
+    return core::Error{std::string("is no capture (") + message.data() +
                        "); expected pcap or pcapng as tcpdump or Wireshark write them, uncompressed"};
   }
   // libpcap owns the file from here on.

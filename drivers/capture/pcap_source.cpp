@@ -136,7 +136,7 @@ std::string PcapSource::explain_nothing() const {
   if (senders_.keys() > 0 && accepted_sender_ != 0)
     return "set the sender address to one of these, or leave it empty";
   if (other_ports_.keys() > 0) return "set the LiDAR's port to the one it was recorded on";
-  if (cut_packets_.load(std::memory_order_relaxed) > 0) return "nothing of it can be used";
+  if (cut_packets_.load(std::memory_order_relaxed) > 0) return "no packet of it is usable";
   const std::string link_types = unread_link_types_.describe([](int type, std::uint64_t count) {
     return std::to_string(count) + " of link type " + link_type_name(type);
   });

@@ -78,7 +78,7 @@ struct PcapngClock {
 struct Interface {
   int link_type = 0;
   std::uint32_t snap_length = 0;
-  /// Nothing when its resolution is invalid.
+  /// Empty when its resolution is invalid.
   std::optional<PcapngClock> clock;
   std::string name;
 };
@@ -300,7 +300,7 @@ core::Result<std::unique_ptr<CaptureReader>> open_pcapng_capture(FileHandle file
   constexpr std::array<std::uint8_t, 4> kExpected{0x0A, 0x0D, 0x0D, 0x0A};
   if (count != type.size() || type != kExpected || std::fseek(file.get(), 0, SEEK_SET) != 0) {
     return Error{
-        "is no capture that can be read (it begins like pcapng, but is not); expected pcap or pcapng "
+        "is no capture (it begins like pcapng, but is not); expected pcap or pcapng "
         "as tcpdump or Wireshark write them, uncompressed"};
   }
   return std::unique_ptr<CaptureReader>(std::make_unique<PcapngCapture>(std::move(file)));

@@ -6,9 +6,9 @@ namespace nilio::drivers {
 namespace {
 
 constexpr std::int64_t kWindowNs = 1'000'000'000;
-/// Oscillators do not differ by more (the HDL-64E's is 58 parts per million off at worst).
+/// Upper limit of the drift between oscillators (the HDL-64E's is at most 58 parts per million).
 constexpr double kLargestDrift = 100e-6;
-/// Below this many windows jitter would pass for drift.
+/// With fewer windows jitter would look like drift.
 constexpr std::size_t kWindowsForDrift = 8;
 
 }  // namespace
@@ -33,7 +33,7 @@ void ClockFit::close_window() {
   fit();
 }
 
-/// The lower hull's edge over the mean time has the least mean distance to the points above it.
+/// Of all lines below the points, the lower hull's edge at the mean time has the smallest mean distance.
 void ClockFit::fit() {
   std::array<Sample, kWindows> hull;
   std::size_t size = 0;
@@ -61,7 +61,7 @@ void ClockFit::fit() {
     break;
   }
   drift_ = std::clamp(drift_, -kLargestDrift, kLargestDrift);
-  // The line of this slope that touches the points from below.
+  // Shift the line so that it touches the points from below.
   const auto height = [&](const Sample& s) { return y(s) - drift_ * x(s); };
   anchor_ = *std::min_element(hull.begin(), hull.begin() + static_cast<std::ptrdiff_t>(size),
                               [&](const Sample& a, const Sample& b) { return height(a) < height(b); });

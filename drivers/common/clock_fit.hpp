@@ -6,19 +6,19 @@
 
 namespace nilio::drivers {
 
-/// Fits a sensor's clock onto the host's: offset and drift.
+/// Fits a sensor's clock to the host's: offset and drift.
 ///
 /// A packet can only be received late, so the true offset is the lower envelope of host minus sensor time
 /// (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM
-/// 1999). The least difference of every second is kept for about a minute; the line under those points that
-/// is nearest to them on average is the fit. All in ns of the sensor's time line.
+/// 1999). The minimum difference of every second is kept for about a minute; the fit is the line below those
+/// points with the smallest mean distance to them. All times in ns of the sensor's time line.
 class ClockFit {
  public:
   void restart() { *this = ClockFit(); }
   /// `difference_ns` = host minus sensor time.
   void observe(std::int64_t sensor_ns, std::int64_t difference_ns);
   [[nodiscard]] bool empty() const { return !window_open_ && count_ == 0; }
-  /// What has to be added to the sensor's time `sensor_ns`.
+  /// Offset to add to the sensor's time `sensor_ns`.
   [[nodiscard]] std::int64_t offset_at(std::int64_t sensor_ns) const;
   /// Change of the offset per second of sensor time.
   [[nodiscard]] double drift() const { return drift_; }
@@ -38,7 +38,7 @@ class ClockFit {
   std::size_t next_ = 0;
   bool window_open_ = false;
   std::int64_t window_start_ns_ = 0;
-  Sample least_;  ///< of the open window
+  Sample least_;  ///< minimum of the open window
   Sample anchor_;
   double drift_ = 0.0;
 };

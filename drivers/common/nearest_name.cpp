@@ -35,7 +35,7 @@ std::optional<std::string> nearest_name(std::string_view wanted, std::span<const
   std::optional<std::string> result;
   for (const std::string& candidate : candidates) {
     const std::size_t distance = edit_distance(wanted, candidate);
-    // All letters different is no misspelling, however short the name.
+    // Names with all letters different are no misspellings, however short.
     if (distance >= best || distance >= std::max(wanted.size(), candidate.size())) continue;
     best = distance;
     result = candidate;

@@ -44,7 +44,7 @@ bool set_socket_option(int descriptor, int level, int option, const Value& value
 }
 
 /// Requests a receive buffer of `bytes` and returns the obtained size without the kernel's own share. Sizes
-/// above net.core.rmem_max need CAP_NET_ADMIN. Nothing when the kernel does not report the size (errno).
+/// above net.core.rmem_max need CAP_NET_ADMIN. Empty when the kernel does not report the size (errno).
 std::optional<int> request_receive_buffer(int descriptor, int bytes);
 
 /// "receive buffer 8192 KiB", with the sysctl that raises the limit when less than requested was obtained.

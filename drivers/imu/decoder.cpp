@@ -101,7 +101,7 @@ struct ImuDecoder::Impl {
   // First and last stamp of the previous complete group's frames with axes.
   core::Time last_start_;
   core::Time last_end_;
-  UsualInterval usual_interval_;
+  MedianInterval median_interval_;
   bool has_group_ = false;
   core::Time last_stamp_;
   bool has_sample_ = false;
@@ -237,7 +237,7 @@ std::optional<core::ImuSample> ImuDecoder::Impl::complete(core::Time last_frame)
     ++stats.out_of_order;
     return std::nullopt;
   }
-  if (has_group_) usual_interval_.observe((group.first_stamp - last_start_).ns);
+  if (has_group_) median_interval_.observe((group.first_stamp - last_start_).ns);
   has_group_ = has_sample_ = true;
   last_start_ = group.first_stamp;
   last_end_ = last_frame;
@@ -290,7 +290,7 @@ ImuDecoder::Impl::SampleStamp ImuDecoder::Impl::stamp_of(const ImuGroup& group, 
   if (!clock_ || !group.ticks) return {group.first_stamp, false};
   const std::optional<core::Time> stamp = clock_->stamp(*group.ticks, group.ticks_stamp);
   stats.clock_jumps = clock_->jumps();
-  const bool is_near = 2 * (last_frame - group.ticks_stamp).ns < usual_interval_.ns();
+  const bool is_near = 2 * (last_frame - group.ticks_stamp).ns < median_interval_.ns();
   if (!stamp || !is_near) return {group.first_stamp, false};
   return {*stamp, true};
 }

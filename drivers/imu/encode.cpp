@@ -9,7 +9,7 @@
 namespace nilio::drivers {
 namespace {
 
-/// Puts a raw value into its bits; what does not fit is cut off.
+/// Writes a raw value into its bits; higher bits are cut off.
 void encode_raw(const DbcSignal& signal, std::uint64_t raw, std::span<std::uint8_t> data) {
   // Without scale and sign the physical value is the raw one; doubles are exact to 53 bits.
   DbcSignal plain = signal;
@@ -20,9 +20,9 @@ void encode_raw(const DbcSignal& signal, std::uint64_t raw, std::span<std::uint8
   encode_physical(plain, static_cast<double>(raw & ones), data);
 }
 
-/// What is beside the axes in a message.
-void encode_details(const ImuRoute& route, const ImuPreset& preset, core::Time stamp,
-                    std::optional<std::uint64_t> number, std::span<std::uint8_t> data) {
+/// Sets status, time and counter of a message.
+void encode_metadata(const ImuRoute& route, const ImuPreset& preset, core::Time stamp,
+                     std::optional<std::uint64_t> number, std::span<std::uint8_t> data) {
   const std::vector<DbcSignal>& signals = route.message.signals;
   for (const ImuRoute::Status& status : route.status) encode_raw(signals[status.signal], status.good, data);
   if (route.ticks) {
@@ -64,7 +64,7 @@ std::vector<CanFrame> encode_imu_sample(const core::ImuSample& sample, const Imu
                                               : sample.linear_acceleration[axis.component - 3];
       encode_physical(route.message.signals[axis.signal], value / axis.scale, data);
     }
-    encode_details(route, preset, sample.stamp, number, data);
+    encode_metadata(route, preset, sample.stamp, number, data);
     frames.push_back(frame);
   }
   return frames;

@@ -12,7 +12,7 @@ namespace {
 
 using core::Error;
 
-/// What one bit shows is no measurement that could be at its limit.
+/// Shorter signals are flags, which cannot be saturated.
 constexpr unsigned kShortestMeasurement = 4;
 constexpr std::size_t kMostRoutes = 16;
 
@@ -30,7 +30,7 @@ Error signal_missing(const std::string& signal, const std::string& use, const Db
           nearest_name_hint(signal, names)};
 }
 
-/// What is wrong with a signal that exists, or nothing.
+/// Error for an existing signal that is unusable, or nothing.
 std::optional<Error> check_signal(const std::string& where, const DbcMessage& message,
                                   const DbcSignal& signal) {
   if (signal.multiplexed && !signal.selector) {
@@ -47,7 +47,7 @@ std::optional<Error> check_signal(const std::string& where, const DbcMessage& me
   return std::nullopt;
 }
 
-/// At one end of what the bits can say; floating-point signals have no end.
+/// True at either limit of the raw range; floating-point signals have none.
 bool is_at_raw_limit(const DbcSignal& signal, std::int64_t raw) {
   if (signal.value_type != DbcValueType::kInteger || signal.length < kShortestMeasurement) return false;
   const auto bits = static_cast<std::uint64_t>(raw);
@@ -57,7 +57,7 @@ bool is_at_raw_limit(const DbcSignal& signal, std::int64_t raw) {
   return raw == largest || raw == -largest - 1;
 }
 
-/// Collects the routes of a mapping; the first error ends it.
+/// Builds the routes of a mapping; stops at the first error.
 class RouteMaker {
  public:
   RouteMaker(const ImuMapping& mapping, const DbcDatabase& database)
@@ -187,7 +187,7 @@ std::optional<ImuFrameContent> ImuRoute::read(const CanFrame& frame) const {
   const std::span<const std::uint8_t> data(frame.data.data(),
                                            std::min<std::size_t>(frame.length, frame.data.size()));
   ImuFrameContent content;
-  // What the multiplexers do not select is not there; what they do select has to be.
+  // Signals that the multiplexers do not select may be missing; selected ones must be present.
   bool complete = true;
   const auto raw_of = [&](std::size_t index) -> std::optional<std::int64_t> {
     const DbcSignal& signal = message.signals[index];
@@ -218,7 +218,7 @@ std::optional<ImuFrameContent> ImuRoute::read(const CanFrame& frame) const {
   if (temperature && raw_of(*temperature)) {
     const DbcSignal& signal = message.signals[*temperature];
     const std::optional<double> value = decode_physical(signal, data);
-    // Beyond its limits are the codes for "none".
+    // Values beyond the limits are codes for "none".
     const bool limited = signal.minimum < signal.maximum;
     if (!limited || (*value >= signal.minimum && *value <= signal.maximum)) content.temperature = value;
   }

@@ -16,13 +16,13 @@ namespace nilio::drivers {
 inline constexpr std::size_t kImuComponents = 6;
 inline constexpr unsigned kAllImuComponents = (1U << kImuComponents) - 1U;
 
-/// 0..2 angular velocity, 3..5 linear acceleration.
+/// Axis of a component: 0..2 angular velocity, 3..5 linear acceleration.
 const ImuAxis& imu_axis(const ImuMapping& mapping, std::size_t component);
 std::string imu_component_name(std::size_t component);
 
-/// What one frame says.
+/// Decoded content of one frame.
 struct ImuFrameContent {
-  /// Bits of the components in `values`.
+  /// Bits of the components present in `values`.
   unsigned present = 0;
   std::array<double, kImuComponents> values{};
   bool saturated = false;
@@ -33,13 +33,13 @@ struct ImuFrameContent {
   std::optional<double> temperature;
 };
 
-/// The mapped signals of one message. Signals are counted in its database's order.
+/// Mapped signals of one message, as indices into its signals.
 struct ImuRoute {
   struct Axis {
     std::size_t signal = 0;
     double scale = 1.0;
     std::size_t component = 0;
-    /// SI; infinite when the device has no stated range.
+    /// Measurement range, SI; infinite when none is stated.
     double range = 0.0;
     std::optional<std::uint64_t> invalid_from;
   };
@@ -56,18 +56,19 @@ struct ImuRoute {
   std::optional<std::size_t> counter;
   std::optional<std::size_t> ticks;
   std::optional<std::size_t> temperature;
-  /// A bit above the components' for messages that belong to each sample without carrying an axis.
+  /// Bit above the components' for messages without an axis that belong to each sample.
   unsigned member = 0;
 
-  /// Nothing when the payload is too short for a signal that it should hold, or a value is not a number.
+  /// Decodes a frame. Empty when the payload is too short for one of its signals, or a value is not a
+  /// number.
   [[nodiscard]] std::optional<ImuFrameContent> read(const CanFrame& frame) const;
 };
 
-/// All of a mapping's messages. Fails naming what is not in the database or cannot serve. `member` bits are
-/// given in the order of the mapping.
+/// Routes of all messages of a mapping. The error names a missing or unusable message or signal. `member`
+/// bits are assigned in the order of the mapping.
 core::Result<std::vector<ImuRoute>> make_imu_routes(const ImuMapping& mapping, const DbcDatabase& database);
 
-/// SAE J1939-21: the group of a 29-bit identifier, without priority, source and, where it is addressed,
+/// Parameter group of a 29-bit identifier (SAE J1939-21), without priority, source and, for addressed groups,
 /// destination.
 std::uint32_t j1939_group(std::uint32_t id);
 

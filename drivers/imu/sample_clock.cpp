@@ -7,14 +7,14 @@ namespace nilio::drivers {
 namespace {
 
 constexpr std::int64_t kProbeNs = 500'000'000;
-/// Frames wait for the bus and for the host's scheduler, some milliseconds of the probe's half second.
+/// Covers the waits for the bus and the host's scheduler: some milliseconds of the half second of probing.
 constexpr double kRateTolerance = 0.05;
 constexpr std::int64_t kJumpNs = 100'000'000;
-/// The offset is changed by at most one part in so many.
+/// The offset changes by at most one part in this number.
 constexpr std::int64_t kSlewDivisor = 500;
-/// Between samples, while the host's clock was set back: more is a device that began again.
+/// Longest pause between samples while the host's clock was set back; a longer one is a restarted device.
 constexpr std::int64_t kLongestPauseNs = 10'000'000'000;
-/// Beyond this the sums could leave 64 bits; no real clock gets there.
+/// Limit that keeps sums within 64 bits.
 constexpr std::int64_t kLargestShiftNs = 1'000'000'000'000'000'000;
 
 }  // namespace
@@ -60,8 +60,7 @@ std::optional<core::Time> ImuSampleClock::stamp(std::uint64_t ticks, core::Time 
   return core::Time{device_ns_ + offset_ns_};
 }
 
-/// After half a second, compares the host's clock with each possible tick; none that fits, and it begins
-/// again.
+/// After half a second, compares the host's clock with each possible tick length; restarts when none fits.
 void ImuSampleClock::find_tick_length(core::Time host) {
   const std::int64_t elapsed_ns = (host - first_host_).ns;
   if (elapsed_ns >= 0 && elapsed_ns < kProbeNs) return;
@@ -77,13 +76,13 @@ void ImuSampleClock::find_tick_length(core::Time host) {
   restart(last_ticks_, host);
 }
 
-/// Moves the device's time on by what is plausible, and gives the step.
+/// Advances the device's time by a plausible step and returns the step.
 std::int64_t ImuSampleClock::advance(std::uint64_t elapsed, std::int64_t host_step_ns) {
   const double by_device = static_cast<double>(elapsed) * static_cast<double>(tick_ns_);
   const bool agree = std::abs(by_device - static_cast<double>(host_step_ns)) <= static_cast<double>(kJumpNs);
   const bool is_pause = by_device <= static_cast<double>(kLongestPauseNs);
   if (!agree) ++jumps_;
-  // Where they disagree, the host is right, unless it went back and the device did not.
+  // When they disagree, the host counts, unless it was set back and the device was not.
   std::int64_t step_ns = std::max<std::int64_t>(host_step_ns, 0);
   if (agree || (host_step_ns < 0 && is_pause)) step_ns = static_cast<std::int64_t>(by_device);
   if (!agree && host_step_ns < 0) host_shift_ns_ += step_ns - host_step_ns;

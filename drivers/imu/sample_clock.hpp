@@ -10,19 +10,18 @@
 
 namespace nilio::drivers {
 
-/// Turns a device's ticks into host time: frames can only come late, so the ticks are fitted under the times
-/// of arrival (ClockFit). The fit is followed by at most 0.2 % so that it does not disturb intervals. The
-/// ticks are taken to be right between samples and the host over 100 ms: when the device starts again, its
-/// clock is continued by the host's; when the host's clock is set back, the device's goes on.
+/// Converts a device's ticks into host time. Frames can only arrive late, so the ticks are fitted below the
+/// times of arrival (ClockFit). The offset follows the fit by at most 0.2 %, which keeps intervals
+/// undisturbed. Ticks are reliable between samples, the host's clock beyond 100 ms: after a restart of the
+/// device its clock is continued by the host's; when the host's clock is set back, the device's continues.
 class ImuSampleClock {
  public:
-  /// `tick_ns`: the lengths that a tick may have. `wrap`: ticks after which the device begins again, 0 =
-  /// 2^64.
+  /// `tick_ns`: possible lengths of a tick. `wrap`: number of ticks at which the counter wraps, 0 = 2^64.
   ImuSampleClock(std::vector<std::int64_t> tick_ns, std::uint64_t wrap)
       : tick_lengths_ns_(std::move(tick_ns)), wrap_(wrap) {}
 
-  /// Host time of `ticks`, which arrived at `host` (0 to 4e18 ns). Nothing in the first half second, and
-  /// while no length of a tick agrees with the host's clock to 5 %.
+  /// Host time of `ticks`, which arrived at `host` (0 to 4e18 ns). Empty in the first half second, and
+  /// while no tick length agrees with the host's clock to 5 %.
   std::optional<core::Time> stamp(std::uint64_t ticks, core::Time host);
   [[nodiscard]] std::uint64_t jumps() const { return jumps_; }
 
@@ -37,15 +36,15 @@ class ImuSampleClock {
   bool started_ = false;
   std::uint64_t last_ticks_ = 0;
   core::Time last_host_;
-  // Until the length of a tick is known.
+  // Used until the tick length is known.
   core::Time first_host_;
   double ticks_since_first_ = 0.0;
   std::int64_t tick_ns_ = 0;
-  // From then on.
+  // Used once it is known.
   ClockFit fit_;
   std::int64_t device_ns_ = 0;
   std::int64_t offset_ns_ = 0;
-  /// What was taken off the host's clock when it was set back.
+  /// Sum of the steps by which the host's clock was set back.
   std::int64_t host_shift_ns_ = 0;
   std::uint64_t jumps_ = 0;
 };

@@ -8,14 +8,14 @@
 namespace nilio::drivers {
 namespace {
 
-/// Long enough that noise moves at least one of six values, for devices of any resolution.
+/// So many samples in a row that noise changes at least one of six values, at any resolution.
 constexpr std::uint64_t kMostSame = 100;
 
 std::array<std::uint64_t, 3> bits_of(const std::array<double, 3>& values) {
   return std::bit_cast<std::array<std::uint64_t, 3>>(values);
 }
 
-/// Bit by bit, since axes that are not there are not numbers.
+/// Compares bit by bit, because missing axes are NaN.
 bool same_values(const core::ImuSample& a, const core::ImuSample& b) {
   return bits_of(a.angular_velocity) == bits_of(b.angular_velocity) &&
          bits_of(a.linear_acceleration) == bits_of(b.linear_acceleration);
@@ -35,12 +35,12 @@ void ImuSampleMonitor::observe(const core::ImuSample& sample, ImuDecoderStats& s
 
 void ImuSampleMonitor::observe_interval(std::int64_t interval_ns, ImuDecoderStats& stats) {
   stats.longest_gap = std::max(stats.longest_gap, core::Duration{interval_ns});
-  const std::int64_t usual_ns = usual_.ns();
-  if (usual_ns > 0 && interval_ns > usual_ns + usual_ns / 2) ++stats.gaps;
-  usual_.observe(interval_ns);
+  const std::int64_t median_ns = median_interval_.ns();
+  if (median_ns > 0 && interval_ns > median_ns + median_ns / 2) ++stats.gaps;
+  median_interval_.observe(interval_ns);
 }
 
-void UsualInterval::observe(std::int64_t interval_ns) {
+void MedianInterval::observe(std::int64_t interval_ns) {
   intervals_[next_] = interval_ns;
   next_ = (next_ + 1) % intervals_.size();
   count_ = std::min(count_ + 1, intervals_.size());

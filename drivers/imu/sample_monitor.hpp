@@ -9,11 +9,11 @@
 
 namespace nilio::drivers {
 
-/// Median of the latest intervals.
-class UsualInterval {
+/// Median of the latest 15 intervals.
+class MedianInterval {
  public:
   void observe(std::int64_t interval_ns);
-  /// 0 until there are enough to tell.
+  /// 0 before the fifth interval.
   [[nodiscard]] std::int64_t ns() const { return count_ < kEnough ? 0 : median_ns_; }
 
  private:
@@ -24,7 +24,7 @@ class UsualInterval {
   std::int64_t median_ns_ = 0;
 };
 
-/// Counts what is odd about samples that are otherwise good: gaps between them and values that do not move.
+/// Counts gaps between good samples, and values that do not change.
 class ImuSampleMonitor {
  public:
   void observe(const core::ImuSample& sample, ImuDecoderStats& stats);
@@ -32,7 +32,7 @@ class ImuSampleMonitor {
  private:
   void observe_interval(std::int64_t interval_ns, ImuDecoderStats& stats);
 
-  UsualInterval usual_;
+  MedianInterval median_interval_;
   core::ImuSample last_;
   bool has_last_ = false;
   std::uint64_t same_in_a_row_ = 0;

@@ -24,7 +24,7 @@ using Problem = std::optional<Error>;
 std::string bind_advice(int error, std::uint16_t port, bool is_position_port) {
   if (error == EADDRINUSE) {
     return "another program has this port; 'ss -ulpn sport = :" + std::to_string(port) + "' names it" +
-           (is_position_port ? "; a position port of 0 goes without these packets" : "");
+           (is_position_port ? "; a position port of 0 disables them" : "");
   }
   if (error == EADDRNOTAVAIL) {
     return "no interface has this address; 'ip -4 address' lists them, 0.0.0.0 means all";

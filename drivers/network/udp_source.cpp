@@ -225,8 +225,8 @@ core::Result<std::unique_ptr<PacketSource>> open_udp(const UdpSourceConfig& conf
   if (!sender) return Error{where_text(config) + sender.error().message};
   if (config.port == config.position_port) {
     return Error{where_text(config) +
-                 "data and position packets need a port each; a position port of 0 goes "
-                 "without the latter"};
+                 "data and position packets need a port each; a position port of 0 "
+                 "disables the latter"};
   }
   std::vector<Port> ports;
   for (const std::uint16_t port : {config.port, config.position_port}) {

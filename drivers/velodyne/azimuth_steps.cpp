@@ -9,14 +9,15 @@
 namespace nilio::drivers {
 namespace {
 
+/// Largest step back by jitter, 0.01 degree.
 constexpr int kJitter = 100;
-/// Azimuths of an even turn differ from evenness by this.
+/// Jitter of the azimuth at constant speed, 0.01 degree.
 constexpr int kAzimuthJitter = 9;
-/// The fastest setting is 1200 revolutions per minute.
+/// Above the fastest setting, 1200 revolutions per minute.
 constexpr double kLargestRatePerSecond = 1300.0 / 60.0 * kAzimuthModulus;
-/// A rate that doubled is believed when it stays.
-constexpr int kDoubtfulPackets = 3;
-/// No pause is longer than a slow revolution.
+/// A doubled rate is accepted after so many packets.
+constexpr int kPacketsToAccept = 3;
+/// Longest pause: a slow revolution.
 constexpr double kLongestPauseNs = 250e6;
 
 }  // namespace
@@ -33,7 +34,7 @@ int largest_regular_advance(float rate) { return std::max(kJitter, static_cast<i
 void AzimuthReader::set_layout(const PacketLayout& layout) {
   layout_ = layout;
   rate_ = 0.0F;
-  doubtful_packets_ = 0;
+  unaccepted_packets_ = 0;
   has_last_azimuth_ = false;
   set_period(layout.azimuth_period_ns);
 }
@@ -70,13 +71,13 @@ void AzimuthReader::read_steps(std::span<const std::uint8_t> payload, PacketAzim
       if (load_le16(block) != layout_.block_flags[b] || load_le16(block + kAzimuthOffset) != step.azimuth)
         step.usable = false;
     }
-    // Sensors do send 36000 now and then.
+    // Sensors occasionally send 36000.
     if (step.azimuth == kAzimuthModulus) step.azimuth = 0;
   }
 }
 
-/// The median of the packet's advances survives an outlier; the mean of those near it is finer than the
-/// azimuth's unit. Negative: not known.
+/// Mean of the packet's advances near their median: robust to outliers, finer than the azimuth's unit.
+/// Negative = unknown.
 float AzimuthReader::advance_per_step(const PacketAzimuths& azimuths, std::int64_t since_previous_ns) const {
   if (azimuths.count == 1) {
     const bool known = has_last_azimuth_ && azimuths.steps[0].usable && since_previous_ns > 0;
@@ -105,19 +106,19 @@ float AzimuthReader::advance_per_step(const PacketAzimuths& azimuths, std::int64
   return static_cast<float>(sum) / static_cast<float>(near);
 }
 
-/// A rate twice the previous one is doubted for a few packets.
+/// A rate above twice the previous one is accepted after a few packets only.
 void AzimuthReader::update_rate(float advance) {
   if (advance < 0.0F) return;
   const float limited = std::min(advance, largest_rate_);
-  if (rate_ > 0.0F && limited > 2.0F * rate_ && doubtful_packets_ < kDoubtfulPackets) {
-    ++doubtful_packets_;
+  if (rate_ > 0.0F && limited > 2.0F * rate_ && unaccepted_packets_ < kPacketsToAccept) {
+    ++unaccepted_packets_;
     return;
   }
-  doubtful_packets_ = 0;
+  unaccepted_packets_ = 0;
   rate_ = limited;
 }
 
-/// A step that fits no other step of the packet is an outlier.
+/// Marks steps that fit no other step of the packet as bad.
 void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind) const {
   if (out.count == 1) {
     out.bad_steps = out.steps[0].usable ? 0 : 1;
@@ -125,7 +126,7 @@ void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind)
   }
   const int largest = largest_regular_advance(out.rate);
   std::array<bool, kBlocksPerPacket> connected{};
-  // At a packet's ends the neighbour is in another packet, or behind the blind sector.
+  // At a packet's ends the neighbour is in another packet, or beyond the blind sector.
   const AzimuthStep& first = out.steps[0];
   connected[0] =
       first.usable && has_last_azimuth_ && azimuth_advance(last_azimuth_, first.azimuth) <= largest;
@@ -133,7 +134,7 @@ void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind)
   connected[out.count - 1] = last.usable && blind.ends_at(last.azimuth);
   for (std::size_t s = 1; s < out.count; ++s) {
     if (!out.steps[s].usable) continue;
-    // Nearly always the step before; behind a damaged one, one before that.
+    // Nearly always the previous step connects; after a damaged one, the step before that.
     for (std::size_t p = s; p-- > 0 && !connected[s];) {
       const bool continues =
           out.steps[p].usable &&
@@ -148,8 +149,8 @@ void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind)
   }
 }
 
-/// A packet is sent when it is full: with a restricted field of view its later blocks can be fired much later
-/// than the stamp says. The azimuth that was skipped tells how much.
+/// Computes firing pauses. A packet is sent when it is full: with a restricted field of view its later blocks
+/// can be fired long after the stamp. The skipped azimuth gives the delay.
 void AzimuthReader::find_pauses(PacketAzimuths& out) const {
   const int largest = largest_regular_advance(out.rate);
   std::size_t previous = out.count;

@@ -7,11 +7,11 @@
 namespace nilio::drivers {
 namespace {
 
-/// Fields of view are set in whole degrees, and packets end where they are full: 3 degrees either way.
+/// 3 degrees: fields of view are set in whole degrees, and packets end where they are full.
 constexpr int kTolerance = 300;
-/// A smaller gap could be lost packets that happen to fall at the same place twice.
+/// A smaller gap can be packets lost repeatedly at the same azimuth.
 constexpr int kSmallest = 1000;
-constexpr int kTimesToBelieve = 3;
+constexpr int kRevolutionsToAccept = 3;
 
 int modulo(int azimuth) { return (azimuth % kAzimuthModulus + kAzimuthModulus) % kAzimuthModulus; }
 
@@ -48,7 +48,7 @@ bool BlindSector::explains(const Gap& gap, std::uint32_t& wrongly_counted) {
     candidate_packets_ = 0;
   }
   candidate_time_ns_ = gap.time_ns;
-  if (++candidate_seen_ < kTimesToBelieve) {
+  if (++candidate_seen_ < kRevolutionsToAccept) {
     candidate_packets_ += gap.packets;
     return false;
   }

@@ -4,13 +4,13 @@
 
 namespace nilio::drivers {
 
-/// Learns in which sector a sensor with a restricted field of view does not fire. A gap inside a packet is
-/// such a sector for certain; a gap between packets is one when it comes back at the same place in three
-/// revolutions in a row.
+/// Estimates the sector in which a sensor with a restricted field of view does not fire. A gap inside a
+/// packet is such a sector; a gap between packets is accepted as one when it repeats at the same azimuth in
+/// three consecutive revolutions.
 class BlindSector {
  public:
-  /// A gap between packets: azimuths (0.01 degree) before and behind it, packets that would have fitted, and
-  /// when it was, with the time of a revolution.
+  /// A gap between packets: azimuths (0.01 degree) before and after it, number of packets that fit into it,
+  /// its time and the duration of a revolution.
   struct Gap {
     std::uint16_t from = 0;
     std::uint16_t to = 0;
@@ -21,14 +21,14 @@ class BlindSector {
 
   /// A gap inside a packet: the sensor did not fire from azimuth `from` to `to` (0.01 degree).
   void on_gap_inside_packet(std::uint16_t from, std::uint16_t to);
-  /// True: the sensor does not fire there, nothing was lost. `wrongly_counted` gets the packets that earlier
-  /// calls took for lost.
+  /// True when the sensor does not fire there, so that no packet was lost. `wrongly_counted` returns the
+  /// packets that earlier calls counted as lost.
   bool explains(const Gap& gap, std::uint32_t& wrongly_counted);
-  /// The sensor fired here: a sector that holds it is forgotten.
+  /// A firing at this azimuth: a sector that contains it is reset.
   void on_firing(std::uint16_t azimuth);
-  /// The sensor begins to fire again at about this azimuth.
+  /// True when the blind sector ends near this azimuth.
   [[nodiscard]] bool ends_at(std::uint16_t azimuth) const;
-  /// 0 = none.
+  /// Width of the sector, degrees; 0 = none.
   [[nodiscard]] double width_deg() const { return known_ ? sector_.width() / 100.0 : 0.0; }
 
  private:

@@ -13,7 +13,7 @@ namespace nilio::drivers {
 namespace {
 
 constexpr double kPeriodTolerance = 0.05;
-/// Of the steps of time must be alike for the sensor to have a clock.
+/// Share of equal time steps from which on the sensor has a clock.
 constexpr double kRegularShare = 0.8;
 
 struct Evidence {
@@ -54,7 +54,7 @@ Evidence gather(std::span<const Packet> packets) {
   return evidence;
 }
 
-/// Median step of the sensor's clock; 0 when the steps are not alike.
+/// Median step of the sensor's clock; 0 for uneven steps.
 double period_of(Evidence& evidence) {
   std::vector<std::uint32_t>& steps = evidence.steps_us;
   if (steps.size() < 3) return 0.0;
@@ -128,7 +128,7 @@ void detect_hdl64e(const Evidence& evidence, VelodyneDetection& result) {
     result.candidates = {kHdl64eS3};
   } else if (result.packet_period_us == 0.0) {
     result.candidates = {kHdl64eS1, kHdl64eS2, kHdl64eS21, kHdl64eS3};
-    // Too few packets to tell whether there is a clock.
+    // Too few packets to detect whether the sensor has a clock.
     if (evidence.packets < 8) return;
   } else {
     result.candidates = {kHdl64eS2, kHdl64eS21, kHdl64eS3};

@@ -11,21 +11,21 @@ namespace nilio::drivers {
 namespace {
 
 constexpr double kRadiansPerAzimuth = std::numbers::pi / 18000.0;
-/// A range limit of exactly so many metres is meant to be inside, whatever the division rounds to.
+/// Rounding margin that includes ranges exactly at a limit.
 constexpr double kRounding = 1e-6;
 
-/// Distances at which the HDL-64E's two-point calibration was made, m.
+/// Distances of the HDL-64E's two-point calibration, m.
 constexpr double kFarCalibration = 25.04;
 constexpr double kNearCalibrationX = 2.40;
 constexpr double kNearCalibrationY = 1.93;
-/// Range that the focal distance is relative to, m.
+/// Scale of the focal distance, m.
 constexpr double kFocalRange = 131.0;
 
 std::uint32_t distance_of(std::uint32_t word) { return word & 0xFFFFU; }
 std::uint32_t intensity_of(std::uint32_t word) { return (word >> 16) & 0xFFU; }
 
-/// Distance and intensity of an entry together; the last entry of a packet's last block is followed by the
-/// time stamp.
+/// Loads distance and intensity of each entry as one word. Reading beyond the last block's last entry is
+/// safe: the time stamp follows it.
 std::array<std::uint32_t, kEntriesPerBlock> load_entries(const std::uint8_t* block) {
   std::array<std::uint32_t, kEntriesPerBlock> words;
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
@@ -48,22 +48,22 @@ FiringDecoder::FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& l
     : resolution_(static_cast<float>(sensor.distance_resolution_m)),
       returns_(returns),
       blocks_per_step_(layout.blocks_per_azimuth),
-      lanes_(layout.blocks_per_azimuth),
+      tables_(layout.blocks_per_azimuth),
       azimuths_(&azimuths) {
-  for (std::size_t b = 0; b < lanes_.size(); ++b) fill_lane(sensor, layout, min_range_m, max_range_m, b);
+  for (std::size_t b = 0; b < tables_.size(); ++b) fill_table(sensor, layout, min_range_m, max_range_m, b);
   fill_times();
 }
 
-void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
-                              double max_range_m, std::size_t block) {
-  Lane& lane = lanes_[block];
-  lane.content = layout.contents[block];
-  lane.partner = block;
-  for (std::size_t other = 0; other < lanes_.size(); ++other) {
+void FiringDecoder::fill_table(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
+                               double max_range_m, std::size_t block) {
+  BlockTable& table = tables_[block];
+  table.content = layout.contents[block];
+  table.partner = block;
+  for (std::size_t other = 0; other < tables_.size(); ++other) {
     const bool other_return =
         layout.contents[other] == BlockContent::kLast || layout.contents[other] == BlockContent::kStrongest;
     if (other != block && other_return && layout.block_flags[other] == layout.block_flags[block])
-      lane.partner = other;
+      table.partner = other;
   }
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const PacketEntry& entry = layout.entries[block][c];
@@ -72,54 +72,54 @@ void FiringDecoder::fill_lane(const VelodyneSensor& sensor, const PacketLayout& 
     const double sin_elevation = std::sin(laser.elevation_rad);
     const bool across = sensor.vertical_offset_across_beam;
     const double far = laser.distance_correction_m;
-    lane.distance_correction[c] = static_cast<float>(far);
-    lane.cos_elevation[c] = static_cast<float>(cos_elevation);
-    lane.sin_elevation[c] = static_cast<float>(sin_elevation);
-    lane.range_offset[c] = static_cast<float>(across ? -laser.vertical_offset_m * sin_elevation : 0.0);
-    lane.height_offset[c] =
+    table.distance_correction[c] = static_cast<float>(far);
+    table.cos_elevation[c] = static_cast<float>(cos_elevation);
+    table.sin_elevation[c] = static_cast<float>(sin_elevation);
+    table.range_offset[c] = static_cast<float>(across ? -laser.vertical_offset_m * sin_elevation : 0.0);
+    table.height_offset[c] =
         static_cast<float>(across ? laser.vertical_offset_m * cos_elevation : laser.vertical_offset_m);
-    lane.side_offset[c] = static_cast<float>(laser.horizontal_offset_m);
-    lane.cos_correction[c] = static_cast<float>(std::cos(-laser.azimuth_correction_rad));
-    lane.sin_correction[c] = static_cast<float>(std::sin(-laser.azimuth_correction_rad));
-    lane.cos_shift[c] = lane.cos_correction[c];
-    lane.sin_shift[c] = lane.sin_correction[c];
-    lane.fraction[c] = entry.azimuth_fraction;
-    lane.ring[c] = laser.ring;
+    table.side_offset[c] = static_cast<float>(laser.horizontal_offset_m);
+    table.cos_correction[c] = static_cast<float>(std::cos(-laser.azimuth_correction_rad));
+    table.sin_correction[c] = static_cast<float>(std::sin(-laser.azimuth_correction_rad));
+    table.cos_shift[c] = table.cos_correction[c];
+    table.sin_shift[c] = table.sin_correction[c];
+    table.fraction[c] = entry.azimuth_fraction;
+    table.ring[c] = laser.ring;
     if (laser.near_distance_correction_x_m != 0.0 || laser.near_distance_correction_y_m != 0.0) {
       const double slope_x =
           (far - laser.near_distance_correction_x_m) / (kFarCalibration - kNearCalibrationX);
       const double slope_y =
           (far - laser.near_distance_correction_y_m) / (kFarCalibration - kNearCalibrationY);
-      lane.near_slope_x[c] = static_cast<float>(slope_x);
-      lane.near_slope_y[c] = static_cast<float>(slope_y);
-      lane.near_x[c] =
+      table.near_slope_x[c] = static_cast<float>(slope_x);
+      table.near_slope_y[c] = static_cast<float>(slope_y);
+      table.near_x[c] =
           static_cast<float>(laser.near_distance_correction_x_m - far - slope_x * kNearCalibrationX);
-      lane.near_y[c] =
+      table.near_y[c] =
           static_cast<float>(laser.near_distance_correction_y_m - far - slope_y * kNearCalibrationY);
-      lane.far_raw[c] = static_cast<std::int32_t>((kFarCalibration - far) / sensor.distance_resolution_m);
+      table.far_raw[c] = static_cast<std::int32_t>((kFarCalibration - far) / sensor.distance_resolution_m);
       near_corrected_ = true;
     }
     const double focus = 1.0 - laser.focal_distance_m / kFocalRange;
-    lane.focal_offset[c] = static_cast<float>(256.0 * focus * focus);
-    lane.focal_slope[c] = static_cast<float>(laser.focal_slope);
-    lane.min_intensity[c] = laser.min_intensity;
-    lane.max_intensity[c] = laser.max_intensity;
+    table.focal_offset[c] = static_cast<float>(256.0 * focus * focus);
+    table.focal_slope[c] = static_cast<float>(laser.focal_slope);
+    table.min_intensity[c] = laser.min_intensity;
+    table.max_intensity[c] = laser.max_intensity;
     near_corrected_ = near_corrected_ || laser.focal_slope != 0.0;
     const double low = (min_range_m - far) / sensor.distance_resolution_m;
     const double high = (max_range_m - far) / sensor.distance_resolution_m;
-    lane.min_raw[c] = static_cast<std::int32_t>(std::clamp(std::ceil(low - kRounding), 1.0, 65536.0));
-    lane.max_raw[c] = static_cast<std::int32_t>(std::clamp(std::floor(high + kRounding), 0.0, 65535.0));
-    if (!laser.enabled) lane.max_raw[c] = 0;
-    lane.time_ns[c] = entry.time_offset_ns;
+    table.min_raw[c] = static_cast<std::int32_t>(std::clamp(std::ceil(low - kRounding), 1.0, 65536.0));
+    table.max_raw[c] = static_cast<std::int32_t>(std::clamp(std::floor(high + kRounding), 0.0, 65535.0));
+    if (!laser.enabled) table.max_raw[c] = 0;
+    table.time_ns[c] = entry.time_offset_ns;
     interpolated_ = interpolated_ || entry.azimuth_fraction != 0.0F;
   }
 }
 
 void FiringDecoder::fill_times() {
   bool first = true;
-  for (const Lane& lane : lanes_) {
-    if (lane.content == BlockContent::kPadding) continue;
-    for (const std::int32_t time : lane.time_ns) {
+  for (const BlockTable& table : tables_) {
+    if (table.content == BlockContent::kPadding) continue;
+    for (const std::int32_t time : table.time_ns) {
       first_firing_ns_ = first ? time : std::min(first_firing_ns_, time);
       last_firing_ns_ = first ? time : std::max(last_firing_ns_, time);
       first = false;
@@ -131,24 +131,23 @@ void FiringDecoder::set_rate(float rate) {
   if (!interpolated_ || rate == rate_) return;
   rate_ = rate;
   const float step = rate * static_cast<float>(kRadiansPerAzimuth);
-  for (Lane& lane : lanes_) {
+  for (BlockTable& table : tables_) {
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-      // At most one degree: the series is exact to single precision.
-      const float angle = step * lane.fraction[c];
+      // Angles are at most one degree: the series is exact to single precision.
+      const float angle = step * table.fraction[c];
       const float squared = angle * angle;
       const float sin = angle * (1.0F - squared / 6.0F);
       const float cos = 1.0F - squared / 2.0F + squared * squared / 24.0F;
-      lane.sin_shift[c] = sin * lane.cos_correction[c] + cos * lane.sin_correction[c];
-      lane.cos_shift[c] = cos * lane.cos_correction[c] - sin * lane.sin_correction[c];
+      table.sin_shift[c] = sin * table.cos_correction[c] + cos * table.sin_correction[c];
+      table.cos_shift[c] = cos * table.cos_correction[c] - sin * table.sin_correction[c];
     }
   }
 }
 
-/// Of two returns that are the same one is kept: the last when both are wanted. Without branches, so that it
-/// vectorises.
-void FiringDecoder::choose_returns(const Lane& lane, const Words& words, const Words& others,
+/// Selects returns; of two equal returns the last one is kept. Without branches, so that the loop vectorises.
+void FiringDecoder::choose_returns(const BlockTable& table, const Words& words, const Words& others,
                                    Mask& keep) const {
-  const auto is_last = static_cast<std::int32_t>(lane.content == BlockContent::kLast);
+  const auto is_last = static_cast<std::int32_t>(table.content == BlockContent::kLast);
   const auto want_all = static_cast<std::int32_t>(returns_ == ReturnChoice::kAll);
   const auto want_last = static_cast<std::int32_t>(returns_ == ReturnChoice::kLast);
   const auto want_strongest = static_cast<std::int32_t>(returns_ == ReturnChoice::kStrongest);
@@ -157,7 +156,8 @@ void FiringDecoder::choose_returns(const Lane& lane, const Words& words, const W
     const auto other_distance = static_cast<std::int32_t>(distance_of(others[c]));
     const auto differs = static_cast<std::int32_t>(distance != other_distance);
     const auto alone = static_cast<std::int32_t>(other_distance == 0);
-    // A return that is not there is weaker than any; of two as strong, the one that is not the last is taken.
+    // A missing return is weaker than any; of two equally strong returns the one that is not the last is
+    // chosen.
     const std::int32_t strength = 2 * static_cast<std::int32_t>(intensity_of(words[c])) + 1 - is_last;
     const std::int32_t other_strength = 2 * static_cast<std::int32_t>(intensity_of(others[c])) + is_last;
     const auto stronger = static_cast<std::int32_t>(strength > other_strength);
@@ -167,47 +167,47 @@ void FiringDecoder::choose_returns(const Lane& lane, const Words& words, const W
   }
 }
 
-void FiringDecoder::place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const {
+void FiringDecoder::place(const BlockTable& table, SinCos azimuth, const Words& words, Points& points) const {
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const auto raw = static_cast<float>(static_cast<std::int32_t>(distance_of(words[c])));
-    const float distance = raw * resolution_ + lane.distance_correction[c];
-    const float range = distance * lane.cos_elevation[c] + lane.range_offset[c];
-    const float sin = azimuth.sin * lane.cos_shift[c] + azimuth.cos * lane.sin_shift[c];
-    const float cos = azimuth.cos * lane.cos_shift[c] - azimuth.sin * lane.sin_shift[c];
-    points.x[c] = range * cos + lane.side_offset[c] * sin;
-    points.y[c] = lane.side_offset[c] * cos - range * sin;
-    points.z[c] = distance * lane.sin_elevation[c] + lane.height_offset[c];
+    const float distance = raw * resolution_ + table.distance_correction[c];
+    const float range = distance * table.cos_elevation[c] + table.range_offset[c];
+    const float sin = azimuth.sin * table.cos_shift[c] + azimuth.cos * table.sin_shift[c];
+    const float cos = azimuth.cos * table.cos_shift[c] - azimuth.sin * table.sin_shift[c];
+    points.x[c] = range * cos + table.side_offset[c] * sin;
+    points.y[c] = table.side_offset[c] * cos - range * sin;
+    points.z[c] = distance * table.sin_elevation[c] + table.height_offset[c];
     points.intensity[c] = static_cast<float>(static_cast<std::int32_t>(intensity_of(words[c])));
   }
 }
 
-/// HDL-64E manual: below 25 m the distance correction depends on |x| and |y| (of the Velodyne frame, here -y
-/// and x).
-void FiringDecoder::correct_near_range(const Lane& lane, SinCos azimuth, const Words& words,
+/// Near-range correction of the HDL-64E manual: below 25 m the distance correction depends on |x| and |y| of
+/// the Velodyne frame, here -y and x.
+void FiringDecoder::correct_near_range(const BlockTable& table, SinCos azimuth, const Words& words,
                                        Points& points) const {
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
-    // A factor, since a condition on floating-point numbers would keep the loop from being vectorised.
-    const auto is_near = static_cast<float>(static_cast<std::int32_t>(raw < lane.far_raw[c]));
-    const float sin = azimuth.sin * lane.cos_shift[c] + azimuth.cos * lane.sin_shift[c];
-    const float cos = azimuth.cos * lane.cos_shift[c] - azimuth.sin * lane.sin_shift[c];
-    const float near_x = is_near * (lane.near_slope_x[c] * std::abs(points.y[c]) + lane.near_x[c]);
-    const float near_y = is_near * (lane.near_slope_y[c] * std::abs(points.x[c]) + lane.near_y[c]);
-    points.x[c] += near_y * lane.cos_elevation[c] * cos;
-    points.y[c] -= near_x * lane.cos_elevation[c] * sin;
-    points.z[c] += 0.5F * (near_x + near_y) * lane.sin_elevation[c];
+    // A factor, because a floating-point condition would prevent vectorisation.
+    const auto is_near = static_cast<float>(static_cast<std::int32_t>(raw < table.far_raw[c]));
+    const float sin = azimuth.sin * table.cos_shift[c] + azimuth.cos * table.sin_shift[c];
+    const float cos = azimuth.cos * table.cos_shift[c] - azimuth.sin * table.sin_shift[c];
+    const float near_x = is_near * (table.near_slope_x[c] * std::abs(points.y[c]) + table.near_x[c]);
+    const float near_y = is_near * (table.near_slope_y[c] * std::abs(points.x[c]) + table.near_y[c]);
+    points.x[c] += near_y * table.cos_elevation[c] * cos;
+    points.y[c] -= near_x * table.cos_elevation[c] * sin;
+    points.z[c] += 0.5F * (near_x + near_y) * table.sin_elevation[c];
   }
 }
 
-/// HDL-64E manual: the intensity is made independent of the distance to the focus.
-void FiringDecoder::correct_intensity(const Lane& lane, const Words& words, Points& points) const {
+/// Intensity correction of the HDL-64E manual: removes the dependence on the distance from the focus.
+void FiringDecoder::correct_intensity(const BlockTable& table, const Words& words, Points& points) const {
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const auto raw = static_cast<float>(static_cast<std::int32_t>(distance_of(words[c])));
     const float nearness = 1.0F - raw * (1.0F / 65535.0F);
-    const float blur = std::abs(lane.focal_offset[c] - 256.0F * nearness * nearness);
-    const float corrected = points.intensity[c] + lane.focal_slope[c] * blur;
-    const float at_least = corrected < lane.min_intensity[c] ? lane.min_intensity[c] : corrected;
-    points.intensity[c] = at_least > lane.max_intensity[c] ? lane.max_intensity[c] : at_least;
+    const float blur = std::abs(table.focal_offset[c] - 256.0F * nearness * nearness);
+    const float corrected = points.intensity[c] + table.focal_slope[c] * blur;
+    const float at_least = corrected < table.min_intensity[c] ? table.min_intensity[c] : corrected;
+    points.intensity[c] = at_least > table.max_intensity[c] ? table.max_intensity[c] : at_least;
   }
 }
 
@@ -218,34 +218,34 @@ FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> p
   std::int32_t returns = 0;
   core::Point* out = points.data();
   for (std::size_t b = 0; b < blocks_per_step_; ++b) {
-    const Lane& lane = lanes_[b];
-    if (lane.content == BlockContent::kPadding || lane.content == BlockContent::kConfidence) continue;
+    const BlockTable& table = tables_[b];
+    if (table.content == BlockContent::kPadding || table.content == BlockContent::kConfidence) continue;
     const std::uint8_t* const block = blocks + b * kBlockSize;
     const Words words = load_entries(block);
     Mask keep;
     keep.fill(1);
-    if (lane.partner != b)
-      choose_returns(lane, words, load_entries(blocks + lane.partner * kBlockSize), keep);
+    if (table.partner != b)
+      choose_returns(table, words, load_entries(blocks + table.partner * kBlockSize), keep);
     Points decoded;
-    place(lane, azimuth, words, decoded);
+    place(table, azimuth, words, decoded);
     if (near_corrected_) {
-      correct_near_range(lane, azimuth, words, decoded);
-      correct_intensity(lane, words, decoded);
+      correct_near_range(table, azimuth, words, decoded);
+      correct_intensity(table, words, decoded);
     }
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
       returns += static_cast<std::int32_t>(raw != 0) & keep[c];
-      keep[c] &= static_cast<std::int32_t>(raw >= lane.min_raw[c]) &
-                 static_cast<std::int32_t>(raw <= lane.max_raw[c]);
+      keep[c] &= static_cast<std::int32_t>(raw >= table.min_raw[c]) &
+                 static_cast<std::int32_t>(raw <= table.max_raw[c]);
     }
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-      // Written always, kept only when it counts: no branch to mispredict. There is always room for one more.
+      // Always written, counted only if kept: no branch to mispredict. The span has room for one more point.
       *out = {.x = decoded.x[c],
               .y = decoded.y[c],
               .z = decoded.z[c],
               .intensity = decoded.intensity[c],
-              .time_offset_ns = time_ns + lane.time_ns[c],
-              .ring = lane.ring[c]};
+              .time_offset_ns = time_ns + table.time_ns[c],
+              .ring = table.ring[c]};
       out += keep[c];
     }
   }

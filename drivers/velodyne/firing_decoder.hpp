@@ -26,24 +26,24 @@ class AzimuthTable {
   std::vector<SinCos> values_;
 };
 
-/// Turns the blocks of one packet layout into points. All that depends on the laser only is in tables, so
-/// that a point costs a few nanoseconds.
+/// Decodes the blocks of one packet layout into points. Values that depend on the laser only are precomputed,
+/// so that a point costs a few nanoseconds.
 class FiringDecoder {
  public:
   /// `azimuths` must outlive the decoder.
   FiringDecoder(const VelodyneSensor& sensor, const PacketLayout& layout, const AzimuthTable& azimuths,
                 double min_range_m, double max_range_m, ReturnChoice returns);
 
-  /// Azimuth advance from step to step (0.01 degree) for the packets to come.
+  /// Sets the azimuth advance per step (0.01 degree) for the next packets.
   void set_rate(float rate);
 
   struct Counts {
     std::size_t points = 0;
     std::size_t out_of_range = 0;
   };
-  /// Decodes azimuth step `step` of a packet (kDataPacketSize bytes) into `points`, which have room for
-  /// kEntriesPerBlock more than all its entries. `time_ns` is the time of the step's azimuth relative to the
-  /// scan's start. The step's azimuth must not exceed kAzimuthModulus.
+  /// Decodes azimuth step `step` of a packet (kDataPacketSize bytes) into `points`, which must have room for
+  /// kEntriesPerBlock more points than the step has entries. `time_ns` is the time of the step's azimuth
+  /// relative to the scan's start. The step's azimuth must not exceed kAzimuthModulus.
   Counts decode_step(std::span<const std::uint8_t> payload, std::size_t step, std::int32_t time_ns,
                      std::span<core::Point> points) const;
 
@@ -55,8 +55,8 @@ class FiringDecoder {
   using Row = std::array<float, kEntriesPerBlock>;
   using Words = std::array<std::uint32_t, kEntriesPerBlock>;
   using Mask = std::array<std::int32_t, kEntriesPerBlock>;
-  /// For the entries of one of the blocks of an azimuth step.
-  struct Lane {
+  /// Precomputed values of the entries of one block of an azimuth step.
+  struct BlockTable {
     Row distance_correction{};
     Row cos_elevation{};
     Row sin_elevation{};
@@ -69,7 +69,7 @@ class FiringDecoder {
     /// Azimuth correction and interpolation together.
     Row cos_shift{};
     Row sin_shift{};
-    /// Two-point distance correction: what it adds per metre of |x| or |y|, and at zero.
+    /// Two-point distance correction: slope per metre of |x| or |y|, and value at zero.
     Row near_slope_x{};
     Row near_slope_y{};
     Row near_x{};
@@ -83,7 +83,7 @@ class FiringDecoder {
     Mask max_raw{};
     std::array<std::int32_t, kEntriesPerBlock> time_ns{};
     std::array<std::uint16_t, kEntriesPerBlock> ring{};
-    /// Block of the step with the other return of the same lasers; itself when there is none.
+    /// Block of the step with the other return of the same lasers; this block itself without one.
     std::size_t partner = 0;
     BlockContent content = BlockContent::kSingle;
   };
@@ -94,22 +94,22 @@ class FiringDecoder {
     Row intensity;
   };
 
-  void fill_lane(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
-                 double max_range_m, std::size_t block);
+  void fill_table(const VelodyneSensor& sensor, const PacketLayout& layout, double min_range_m,
+                  double max_range_m, std::size_t block);
   void fill_times();
-  void choose_returns(const Lane& lane, const Words& words, const Words& others, Mask& keep) const;
-  void place(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
-  void correct_near_range(const Lane& lane, SinCos azimuth, const Words& words, Points& points) const;
-  void correct_intensity(const Lane& lane, const Words& words, Points& points) const;
+  void choose_returns(const BlockTable& table, const Words& words, const Words& others, Mask& keep) const;
+  void place(const BlockTable& table, SinCos azimuth, const Words& words, Points& points) const;
+  void correct_near_range(const BlockTable& table, SinCos azimuth, const Words& words, Points& points) const;
+  void correct_intensity(const BlockTable& table, const Words& words, Points& points) const;
 
   float resolution_;
   ReturnChoice returns_;
   bool interpolated_ = false;
-  /// Some laser has near-range or intensity corrections.
+  /// At least one laser has near-range or intensity corrections.
   bool near_corrected_ = false;
   float rate_ = 0.0F;
   std::size_t blocks_per_step_;
-  std::vector<Lane> lanes_;
+  std::vector<BlockTable> tables_;
   const AzimuthTable* azimuths_;
   std::int32_t first_firing_ns_ = 0;
   std::int32_t last_firing_ns_ = 0;

@@ -54,7 +54,7 @@ constexpr std::array<LaserRow, 32> kHdl32e{{
 }};
 
 // VLP-32C (user manual 63-9325) and VLP-32B: elevation and azimuth correction; the manual prints the latter
-// with the other sign and adds it.
+// with the opposite sign and adds it.
 constexpr std::array<LaserRow, 32> kVlp32c{{
     {-25.0, -1.4},  {-1.0, 4.2},   {-1.667, -1.4}, {-15.639, 1.4}, {-11.31, -1.4}, {0.0, 1.4},
     {-0.667, -4.2}, {-8.843, 1.4}, {-7.254, -1.4}, {0.333, 4.2},   {-0.333, -1.4}, {-6.148, 1.4},

@@ -44,7 +44,7 @@ std::vector<LaserCalibration> make_lasers(const ModelTable& table) {
   return lasers;
 }
 
-/// Which lasers a block of an azimuth step holds, and which return of them.
+/// Bank of lasers and return of a block of an azimuth step.
 struct BlockPlace {
   std::size_t bank = 0;
   BlockContent content = BlockContent::kSingle;
@@ -76,7 +76,7 @@ std::uint8_t return_mode_byte(const ModelTable& table, ReturnMode mode) {
   return mode == ReturnMode::kSingle ? 0x37 : mode == ReturnMode::kDual ? 0x39 : 0x3B;
 }
 
-/// Firings follow one another in order; a block holds one bank of 32 lasers, or two firings of 16.
+/// Firings are in order; a block holds one bank of 32 lasers, or two firings of 16.
 PacketLayout make_layout(const ModelTable& table, ReturnMode mode) {
   const std::size_t lasers = table.lasers.size();
   const std::int64_t firing_period_ns = table.firing_period_ns[static_cast<std::size_t>(mode)];
@@ -178,7 +178,7 @@ std::optional<VelodyneModel> parse_velodyne_model(std::string_view name) {
   for (const VelodyneModel model : velodyne_models()) {
     if (normalised(velodyne_model_name(model)) == wanted) return model;
   }
-  // What the VLS-128 is sold as.
+  // Product name of the VLS-128.
   if (wanted == "alphaprime") return VelodyneModel::kVls128;
   return std::nullopt;
 }

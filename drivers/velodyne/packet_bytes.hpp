@@ -30,7 +30,7 @@ enum class PacketShape {
 /// `payload` has kDataPacketSize bytes.
 PacketShape packet_shape(std::span<const std::uint8_t> payload);
 
-/// True when every second block repeats the azimuth of the block before, the sign of two returns. Nothing
+/// True when every second block repeats the azimuth of the block before, the sign of two returns. Empty
 /// when all azimuths are equal, as with a stopped motor.
 std::optional<bool> azimuths_in_pairs(std::span<const std::uint8_t> payload, std::size_t blocks_per_return);
 

@@ -24,7 +24,7 @@ ScanCutter::Action ScanCutter::evaluate(std::uint16_t azimuth, std::int64_t time
 
 void ScanCutter::open() {
   std::int64_t revolution = floor_divide(unwrapped_, kAzimuthModulus);
-  // Should the azimuth jitter back, the cut is not passed a second time.
+  // When the azimuth jitters back, the cut is not passed a second time.
   if (state_ == State::kBetween) revolution = std::max(revolution, scan_revolution_ + 1);
   state_ = State::kFilling;
   start_ns_ = last_step_ns_;
@@ -43,8 +43,7 @@ void ScanCutter::restart() {
   has_azimuth_ = false;
 }
 
-/// Continues the azimuth over all revolutions. Where packets are missing, the rate and the time tell how far
-/// it went.
+/// Unwraps the azimuth over all revolutions. Rate and time bridge missing packets.
 void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate,
                        std::int64_t azimuth_period_ns) {
   if (!has_azimuth_) {

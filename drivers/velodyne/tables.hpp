@@ -35,17 +35,17 @@ std::span<const LaserRow> hdl64e_kitti_lasers();
 std::span<const LaserRow> hdl64e_s21_lasers();
 std::span<const LaserRow> hdl64e_s3_lasers();
 
-/// A model as data; make_velodyne_sensor() derives everything else. Another model is another table.
+/// Data of a model, from which make_velodyne_sensor() derives everything else.
 struct ModelTable {
   std::string_view name;
   /// Indexed by laser id, which is also the order of the entries in a packet.
   std::span<const LaserRow> lasers;
   double distance_resolution_m = 0.002;
-  /// Horizontal distance from the axis at which the beams cross; adds tan(-elevation) times this to the
+  /// Horizontal distance of the beams' crossing point from the axis; adds tan(-elevation) times this to the
   /// vertical offset.
   double beam_crossing_m = 0.0;
   bool vertical_offset_across_beam = false;
-  /// From one firing of all lasers to the next, by return mode.
+  /// Time between two firings of all lasers, by return mode.
   std::array<std::int64_t, 3> firing_period_ns{};
   /// Time of a laser inside its firing.
   std::int64_t (*firing_offset_ns)(std::size_t laser, ReturnMode mode) = nullptr;
@@ -60,15 +60,15 @@ struct ModelTable {
   std::size_t firings_per_block = 1;
   /// Return modes the model has, kSingle first.
   std::span<const ReturnMode> modes;
-  /// Whether both returns of a bank follow one another (VLP, VLS), or all banks of the strongest return come
-  /// before those of the last (HDL-64E).
+  /// True if both returns of a bank are adjacent (VLP, VLS); false if all banks of the strongest return
+  /// precede those of the last (HDL-64E).
   bool returns_by_bank = true;
   std::uint8_t product_byte = 0;
 };
 
 ModelTable model_table(VelodyneModel model);
 
-/// Ranks the lasers by elevation and takes their spacing, after the elevations were set.
+/// Sets ranks and spacing of the lasers from their elevations.
 void finish_geometry(VelodyneSensor& sensor);
 
 }  // namespace nilio::drivers

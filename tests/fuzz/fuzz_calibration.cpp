@@ -1,4 +1,4 @@
-// Bytes as a calibration file of each model.
+// Input as a calibration file of each model.
 
 #include "nilio/drivers/velodyne/model.hpp"
 

@@ -1,4 +1,4 @@
-// Bytes as a candump log, as its lines, and as a capture.
+// Input as a candump log, as its lines, and as a capture.
 
 #include "nilio/drivers/can/can_files.hpp"
 

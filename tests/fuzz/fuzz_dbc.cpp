@@ -1,4 +1,4 @@
-// Bytes as a DBC file; its signals decode and encode payloads of every length.
+// Input as a DBC file, whose signals decode and encode payloads of every length.
 
 #include "nilio/drivers/can/dbc/dbc.hpp"
 

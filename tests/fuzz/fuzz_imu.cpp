@@ -1,9 +1,8 @@
-// Bytes as CAN frames of every preset: the decoder's counts add up, times go forward, and nothing is
+// Input as CAN frames of every preset: the decoder's counts add up, times increase, and no memory is
 // allocated.
 
-#include "nilio/drivers/imu/decoder.hpp"
-
 #include "nilio/drivers/capture/capture_reader.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/fuzz/fuzz_support.hpp"
 
@@ -44,7 +43,7 @@ std::optional<core::ImuSample> add(drivers::ImuDecoder& decoder, const drivers::
   return sample;
 }
 
-/// The stamp moves by what the input says, mostly a little.
+/// Advances the stamp by a value from the input, mostly small.
 std::int64_t step_ns(ByteReader& input) {
   const std::uint8_t kind = input.u8();
   if (kind < 0xF0) return kind * std::int64_t{100'000};
@@ -65,7 +64,7 @@ drivers::CanFrame read_frame(ByteReader& input, const drivers::DbcDatabase& data
   frame.length = head >= 0xE0 ? input.u8() : static_cast<std::uint8_t>(message.length);
   const auto data = input.take(std::min<std::size_t>(frame.length, frame.data.size()));
   std::copy(data.begin(), data.end(), frame.data.begin());
-  // Sums of stamps stay 64 bits, as in the sources.
+  // Sums of stamps stay within 64 bits, as in the sources.
   stamp_ns = std::clamp<std::int64_t>(stamp_ns + step_ns(input), -1'000'000'000, 5'000'000'000'000'000'000);
   frame.stamp.ns = stamp_ns;
   return frame;

@@ -1,4 +1,4 @@
-// Packets in any order and state to scans.
+// Input as packets in any order and state, assembled into scans.
 
 #include "nilio/drivers/velodyne/decoder.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
@@ -14,7 +14,7 @@ namespace nilio::fuzz {
 namespace {
 
 constexpr std::size_t kFiringsPerPacket = drivers::kBlocksPerPacket * drivers::kEntriesPerBlock;
-/// Keeps one input from taking seconds.
+/// Limits the run time of one input.
 constexpr std::uint64_t kMostPackets = 600;
 
 class PacketFuzz {
@@ -115,7 +115,7 @@ class PacketFuzz {
     require(scan_.start <= scan_.end, "a scan does not end before it begins");
     require(scan_.coverage_deg >= 0.0F && scan_.coverage_deg <= 360.0F, "coverage is 0 to 360 degrees");
     require(scan_.points.size() <= fed_ * kFiringsPerPacket, "no more points than firings");
-    // What is swapped in has grown to its size by the third scan.
+    // The swapped-in buffers have their final size by the third scan.
     if (taken_ > 2) require(scan_.points.capacity() == point_capacity_, "point buffers do not grow");
     point_capacity_ = scan_.points.capacity();
     const std::int64_t length_ns = (scan_.end - scan_.start).ns;

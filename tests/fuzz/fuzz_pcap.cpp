@@ -1,4 +1,4 @@
-// Bytes as a capture file, and as a frame of every link type.
+// Input as a capture file, and as a frame of every link type.
 
 #include "nilio/drivers/capture/capture_reader.hpp"
 #include "nilio/drivers/capture/pcap.hpp"

@@ -1,4 +1,4 @@
-// Writes the inputs that the fuzz targets start from: fuzz_seeds FOLDER SOURCES makes a folder per target.
+// Writes the seed inputs of the fuzz targets: "fuzz_seeds FOLDER SOURCES" makes one folder per target.
 
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kStampNs = 1'700'000'000'000'000'123;
 constexpr std::uint16_t kDataPort = 2368;
 
-/// A target's inputs, and beside the folder their list in the form that -seed_inputs takes.
+/// Inputs of one target, and next to the folder their list for -seed_inputs.
 class SeedFolder {
  public:
   SeedFolder(const fs::path& root, const std::string& target) : folder_(root / target) {
@@ -45,7 +45,7 @@ class SeedFolder {
     file << content;
     if (!file.flush()) throw fs::filesystem_error("cannot write", folder_ / name, {});
   }
-  /// Copies of the files in `from`.
+  /// Copies the files in `from`.
   void add_files(const fs::path& from) const {
     for (const auto& entry : fs::directory_iterator(from)) {
       std::ifstream file(entry.path(), std::ios::binary);
@@ -58,7 +58,7 @@ class SeedFolder {
   fs::path folder_;
 };
 
-/// A data packet of a layout with all distances the same.
+/// A data packet of a layout with equal distances.
 std::string data_packet(const drivers::VelodyneSensor& sensor, const drivers::PacketLayout& layout,
                         std::uint16_t azimuth) {
   drivers::VelodyneDataPacket packet;
@@ -154,7 +154,7 @@ void write_candump_seeds(const SeedFolder& folder) {
              "(1.000000) can0 7FF##3112233 R\n(2.000000) can1 20000080#0000000000000000\nbroken\n");
 }
 
-/// A CAN frame as it is captured, in network order.
+/// A captured CAN frame, in network order.
 std::string captured_can(std::uint32_t id, const std::string& data, std::size_t size) {
   const std::string length{static_cast<char>(data.size()), '\0', '\0', '\0'};
   return tests::ByteText(true).u32(id).text(length).text(data).pad(size).bytes();
@@ -173,7 +173,7 @@ void write_can_capture_seeds(const SeedFolder& folder) {
   folder.add("pcapng", mixed.packet(1, kStampNs / 1000, frame).packet(1, kStampNs / 1000, flexible).bytes());
 }
 
-/// As fuzz_imu reads them: preset, then for each frame message, data and step of time.
+/// Input of fuzz_imu: preset, then for each frame message, data and time step.
 void write_imu_seeds(const SeedFolder& folder) {
   const std::vector<std::string> names = drivers::imu_preset_names();
   for (std::size_t number = 0; number < names.size(); ++number) {

@@ -1,4 +1,4 @@
-// The HDL-64E's status stream: pairs of type and value, some of them lost.
+// Input as the HDL-64E's status stream: pairs of type and value, with losses.
 
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 

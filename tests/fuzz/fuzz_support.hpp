@@ -11,14 +11,14 @@
 
 namespace nilio::fuzz {
 
-/// A broken invariant ends the run like any other crash, with the input kept.
+/// Aborts on a broken invariant, so that the fuzzer keeps the input.
 inline void require(bool condition, const char* what) {
   if (condition) return;
   std::fprintf(stderr, "invariant broken: %s\n", what);
   std::abort();
 }
 
-/// Takes numbers from the front of the input; zeros when it is used up.
+/// Takes numbers from the front of the input; zeros after its end.
 class ByteReader {
  public:
   explicit ByteReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -38,7 +38,7 @@ class ByteReader {
     const std::uint16_t low = u16();
     return low | (static_cast<std::uint32_t>(u16()) << 16);
   }
-  /// Fewer at the end.
+  /// Takes up to `count` bytes; fewer at the end.
   std::span<const std::uint8_t> take(std::size_t count) {
     const auto taken = bytes_.first(count < bytes_.size() ? count : bytes_.size());
     bytes_ = bytes_.subspan(taken.size());

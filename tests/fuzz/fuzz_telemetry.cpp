@@ -1,4 +1,4 @@
-// Position packets and their NMEA sentences.
+// Input as position packets and NMEA sentences.
 
 #include "nilio/drivers/velodyne/clock/nmea.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"

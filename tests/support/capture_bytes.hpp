@@ -7,7 +7,7 @@
 
 namespace nilio::tests {
 
-/// Link types as capture files number them.
+/// Link types as numbered in capture files.
 inline constexpr int kLinkNull = 0;
 inline constexpr int kLinkEthernet = 1;
 inline constexpr int kLinkRaw = 101;
@@ -17,7 +17,7 @@ inline constexpr int kLinkCan = 227;
 inline constexpr int kLinkIpv4 = 228;
 inline constexpr int kLinkCooked2 = 276;
 
-/// Bytes with numbers in the order chosen.
+/// Bytes with numbers in the selected byte order.
 class ByteText {
  public:
   explicit ByteText(bool big_endian) : big_endian_(big_endian) {}
@@ -57,7 +57,7 @@ inline std::string ipv4_udp(std::uint16_t port, std::string_view payload, std::u
   return ip.bytes();
 }
 
-/// The packet behind the header of a link type.
+/// The packet after the header of a link type.
 inline std::string link_frame(int link_type, const std::string& ip) {
   ByteText header(true);
   switch (link_type) {
@@ -89,7 +89,7 @@ class PcapText {
     text_.u32(static_cast<std::uint32_t>(link_type));
   }
 
-  /// `original_length` 0 = all was captured.
+  /// `original_length` 0 = captured completely.
   PcapText& packet(std::int64_t stamp_ns, const std::string& frame, std::size_t original_length = 0) {
     const std::int64_t fraction = stamp_ns % 1'000'000'000;
     text_.u32(static_cast<std::uint64_t>(stamp_ns / 1'000'000'000));

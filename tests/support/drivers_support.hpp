@@ -19,7 +19,7 @@ namespace nilio::tests {
 /// 2023-11-14 22:13:20 UTC: 800 s past the hour.
 inline constexpr std::int64_t kEpochNs = 1'700'000'000'000'000'000;
 
-/// A file that goes away with its object.
+/// A file that the destructor removes.
 class TemporaryFile {
  public:
   explicit TemporaryFile(std::string_view content, const std::string& suffix = ".tmp") {
@@ -46,8 +46,8 @@ inline std::string read_file(const std::filesystem::path& path) {
   return text.str();
 }
 
-/// A sensor turning evenly at `revolutions_per_second` in a room where each beam returns; every firing is
-/// told apart by its distance.
+/// A sensor turning evenly at `revolutions_per_second`, with a return for each beam; the distance identifies
+/// the firing.
 struct TurningSensor {
   drivers::VelodyneSensor sensor;
   double revolutions_per_second = 10.0;
@@ -81,7 +81,7 @@ struct TurningSensor {
     for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
       data.blocks[b].flag = layout().block_flags[b];
       data.blocks[b].azimuth = azimuth(packet, b / layout().blocks_per_azimuth);
-      // Both returns of a dual packet are the same.
+      // Both returns of a dual packet are equal.
       const std::size_t block =
           mode == drivers::ReturnMode::kSingle ? b : b - b % layout().blocks_per_azimuth;
       for (auto& entry : data.blocks[b].entries) entry = {distance(packet, block), 7};

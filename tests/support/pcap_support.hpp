@@ -12,7 +12,7 @@
 
 namespace nilio::tests {
 
-/// What came out of a capture, and how it ended.
+/// Packets of a capture, and the state at its end.
 struct CaptureContents {
   std::vector<drivers::Packet> packets;
   drivers::SourceState state = drivers::SourceState::kData;

@@ -56,7 +56,7 @@ inline std::vector<Eigen::Vector3f> read_pcd(const std::string& path) {
   return cloud;
 }
 
-/// A point as the sensor saw it: which laser, how far, in which direction.
+/// A point in sensor coordinates: laser, range, direction.
 struct Sighting {
   std::size_t laser = 0;
   std::int64_t range = 0;  ///< in steps of the sensor's resolution
@@ -64,7 +64,7 @@ struct Sighting {
   bool used = false;
 };
 
-/// For points made without vertical offset, so that their elevation names the laser.
+/// For points without vertical offset, whose elevation identifies the laser.
 inline Sighting sighting_of(const Eigen::Vector3d& p, const drivers::VelodyneSensor& sensor) {
   Sighting sighting;
   const double elevation = std::atan2(p.z(), p.head<2>().norm());
@@ -78,7 +78,7 @@ inline Sighting sighting_of(const Eigen::Vector3d& p, const drivers::VelodyneSen
   return sighting;
 }
 
-/// Decoded points to be found again, each once.
+/// Decoded points, to be matched once each.
 class SightingIndex {
  public:
   SightingIndex(const core::Scan& scan, const drivers::VelodyneSensor& sensor) {
@@ -88,8 +88,8 @@ class SightingIndex {
     }
   }
 
-  /// Takes out the point of the same laser at the same range whose azimuth is nearest; false when none is
-  /// within `tolerance_deg`.
+  /// Removes the point of the same laser and range with the nearest azimuth; false when none is within
+  /// `tolerance_deg`.
   bool take(const Sighting& wanted, double tolerance_deg) {
     Sighting* best = nullptr;
     double best_difference = tolerance_deg;
@@ -111,11 +111,11 @@ class SightingIndex {
   std::unordered_multimap<std::uint64_t, Sighting> sightings_;
 };
 
-/// The reference decoder's model where ours is a different one: no vertical offset, and
-/// - VLP-32C: the azimuth moves on with every entry, though pairs fire together;
-/// - VLS-128: the sensor rests for one slot after eight groups instead of two, and only the last bank's
+/// The reference decoder's model where it differs from nilio's: no vertical offset, and
+/// - VLP-32C: the azimuth advances with every entry, although pairs fire together;
+/// - VLS-128: the sensor pauses for one slot after eight groups instead of two, and only the last bank's
 /// azimuth
-///   moves on: the reference takes the rate from the next block, which has the same azimuth in the other
+///   advances: the reference takes the rate from the next block, which has the same azimuth in the other
 ///   banks.
 inline void use_reference_conventions(drivers::VelodyneSensor& sensor) {
   for (drivers::LaserCalibration& laser : sensor.lasers) laser.vertical_offset_m = 0.0;

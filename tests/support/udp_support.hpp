@@ -15,7 +15,7 @@ namespace nilio::tests {
 
 inline constexpr core::Duration kSecond{1'000'000'000};
 
-/// Sends datagrams from an address of the loopback network (any 127.x.y.z will do) to 127.0.0.1 or a group.
+/// Sends datagrams from any loopback address (127.x.y.z) to 127.0.0.1 or a group.
 class UdpSender {
  public:
   explicit UdpSender(const char* source = "127.0.0.1") : socket_(socket(AF_INET, SOCK_DGRAM, 0)) {
@@ -33,7 +33,7 @@ class UdpSender {
                    sizeof(to)) == static_cast<ssize_t>(payload.size()));
   }
 
-  /// For groups: out through the interface with this address.
+  /// For groups: address of the outgoing interface.
   bool send_through(const char* interface_address) {
     const in_addr interface = address(interface_address, 0).sin_addr;
     return setsockopt(socket_, IPPROTO_IP, IP_MULTICAST_IF, &interface, sizeof(interface)) == 0;
@@ -51,7 +51,7 @@ class UdpSender {
   int socket_;
 };
 
-/// `count` different ports that were free a moment ago.
+/// `count` different ports that were free at the time of the call.
 inline std::vector<std::uint16_t> free_ports(std::size_t count) {
   std::vector<int> probes;
   std::vector<std::uint16_t> ports;
@@ -73,7 +73,7 @@ inline drivers::UdpSourceConfig loopback(std::uint16_t port, std::uint16_t posit
   return {.bind_address = "127.0.0.1", .port = port, .position_port = position_port};
 }
 
-/// Reads until `count` packets have come or a read comes back without.
+/// Reads until `count` packets have arrived or a read returns none.
 inline std::vector<drivers::Packet> read_packets(drivers::PacketSource& source, std::size_t count) {
   std::vector<drivers::Packet> packets;
   std::vector<drivers::Packet> slots(70);

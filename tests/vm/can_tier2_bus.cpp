@@ -43,7 +43,7 @@ std::vector<CanFrame> numbered_frames(std::size_t count) {
   return frames;
 }
 
-/// Until the source has bound itself to the new bus, which it does while it is read, frames pass it by.
+/// Reads until the source is bound to the new bus; earlier frames are lost.
 void expect_frames_again(drivers::FrameSource& source) {
   REQUIRE(eventually([&] { return read_frames(source, 1, 0.0).empty() && has_listener("vcan0"); }));
   send_from_another_process("vcan0", numbered_frames(3));
@@ -52,7 +52,8 @@ void expect_frames_again(drivers::FrameSource& source) {
 
 }  // namespace
 
-TEST_CASE("frames of another process arrive once each, in order, unchanged and stamped by the kernel") {
+TEST_CASE("frames of another process arrive once each, in order, unchanged and stamped by the kernel",
+          "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0"});
   const auto sent = numbered_frames(1000);
@@ -74,7 +75,7 @@ TEST_CASE("frames of another process arrive once each, in order, unchanged and s
   CHECK(source->stats().malformed == 0);
 }
 
-TEST_CASE("extended, remote, empty and CAN FD frames keep their kind over the bus") {
+TEST_CASE("extended, remote, empty and CAN FD frames keep their kind over the bus", "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0"});
   CanFrame remote = data_frame(0x12, {});
@@ -95,7 +96,7 @@ TEST_CASE("extended, remote, empty and CAN FD frames keep their kind over the bu
   for (std::size_t i = 0; i < sent.size(); ++i) CHECK(same(received[i], sent[i]));
 }
 
-TEST_CASE("a classic bus refuses CAN FD frames and goes on with classic ones") {
+TEST_CASE("a classic bus rejects CAN FD frames and continues with classic ones", "[can_tier2_bus]") {
   const VirtualBus bus("vcan0", 16);
   const auto source = listen({.interface_name = "vcan0"});
   auto sender = drivers::CanSender::open("vcan0");
@@ -109,7 +110,8 @@ TEST_CASE("a classic bus refuses CAN FD frames and goes on with classic ones") {
   CHECK(received[0].id == 0x11);
 }
 
-TEST_CASE("filters let their identifiers through, standard and extended apart, and error frames always") {
+TEST_CASE("filters let their identifiers through, standard and extended apart, and error frames always",
+          "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto one = listen({.interface_name = "vcan0", .filters = {{.id = 0x32}}});
   const auto group =
@@ -135,7 +137,7 @@ TEST_CASE("filters let their identifiers through, standard and extended apart, a
   CHECK(of_group[4].error);
 }
 
-TEST_CASE("error frames carry their class and are counted in the status") {
+TEST_CASE("error frames carry their class and are counted in the status", "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0"});
   send_error_frame("vcan0", CAN_ERR_CRTL, {0, CAN_ERR_CRTL_RX_WARNING, 0, 0, 0, 0, 100, 100});
@@ -152,7 +154,8 @@ TEST_CASE("error frames carry their class and are counted in the status") {
   CHECK_THAT(source->status(), Contains("3 of them error frames") && Contains("1 times bus-off"));
 }
 
-TEST_CASE("a program does not hear the frames it sends on the same socket, and others hear them once") {
+TEST_CASE("a program does not receive the frames it sends on the same socket, and others receive them once",
+          "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto first = listen({.interface_name = "vcan0"});
   const auto second = listen({.interface_name = "vcan0"});
@@ -165,7 +168,8 @@ TEST_CASE("a program does not hear the frames it sends on the same socket, and o
   }
 }
 
-TEST_CASE("what a full receive buffer loses, the kernel's counter tells to the frame") {
+TEST_CASE("frames lost in a full receive buffer are counted exactly by the kernel's counter",
+          "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0", .receive_buffer_bytes = 8192});
   send_from_another_process("vcan0", numbered_frames(500));
@@ -173,14 +177,15 @@ TEST_CASE("what a full receive buffer loses, the kernel's counter tells to the f
   const std::size_t kept = read_waiting(*source).size();
   CHECK(kept > 0);
   CHECK(kept < 100);
-  // The count comes with the next frame that finds room.
+  // The next received frame carries the count.
   send_from_another_process("vcan0", numbered_frames(1));
   CHECK(read_frames(*source, 1).size() == 1);
   CHECK(source->stats().kernel_dropped == 500 - kept);
   CHECK(source->stats().delivered == kept + 1);
 }
 
-TEST_CASE("an interface that goes down is waited for, and its frames come again when it is up") {
+TEST_CASE("the source waits for an interface that is down, and delivers its frames when it is up again",
+          "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0"});
   auto sender = drivers::CanSender::open("vcan0");
@@ -197,7 +202,8 @@ TEST_CASE("an interface that goes down is waited for, and its frames come again 
   CHECK_THAT(source->status(), Contains("1 times down or gone"));
 }
 
-TEST_CASE("an interface that is unplugged is said to be gone, and taken up again under its new number") {
+TEST_CASE("an unplugged interface is reported as gone, and opened again under its new number",
+          "[can_tier2_bus]") {
   VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0"});
   send_from_another_process("vcan0", numbered_frames(3));
@@ -211,7 +217,7 @@ TEST_CASE("an interface that is unplugged is said to be gone, and taken up again
   }
 }
 
-TEST_CASE("a bus that was replaced while nobody read is noticed") {
+TEST_CASE("a bus replaced while no thread was reading is detected", "[can_tier2_bus]") {
   VirtualBus bus("vcan0");
   const auto source = listen({.interface_name = "vcan0"});
   bus.remove();
@@ -219,7 +225,7 @@ TEST_CASE("a bus that was replaced while nobody read is noticed") {
   expect_frames_again(*source);
 }
 
-TEST_CASE("a virtual bus has no controller, and asking for one is answered at once") {
+TEST_CASE("a virtual bus has no controller, and the query returns at once", "[can_tier2_bus]") {
   const VirtualBus bus("vcan0");
   const auto state = drivers::query_can_interface("vcan0");
   CHECK(state.present);
@@ -228,7 +234,7 @@ TEST_CASE("a virtual bus has no controller, and asking for one is answered at on
   CHECK_FALSE(state.controller);
 }
 
-TEST_CASE("what is no CAN interface is refused on a kernel that has CAN") {
+TEST_CASE("an interface that is not CAN is rejected on a kernel with CAN", "[can_tier2_bus]") {
   const auto source = drivers::open_socketcan({.interface_name = "lo"});
   REQUIRE_FALSE(source.ok());
   CHECK_THAT(source.error().message, Contains("lo: is no CAN interface"));

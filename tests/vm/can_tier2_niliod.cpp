@@ -8,25 +8,26 @@
 using namespace nilio;
 using namespace nilio::tests;
 
-TEST_CASE(
-    "niliod uses an IMU on a live bus, goes on without it while the bus is down, and takes it up again") {
+TEST_CASE("niliod uses an IMU on a live bus, continues without it while the bus is down, and uses it again",
+          "[can_tier2_niliod]") {
   NiliodRun run;
   run.write_drive(12.0);
   const VirtualBus bus("vcan0");
   const auto niliod = run.start_niliod({"imu.interface=vcan0"});
-  REQUIRE(niliod->says("info: CAN vcan0: up"));
+  REQUIRE(niliod->has_line("info: CAN vcan0: up"));
   const auto play = run.start_playing("vcan0");
-  CHECK(niliod->says("tracking: [0-9]+ poses"));
+  CHECK(niliod->has_line("tracking: [0-9]+ poses"));
   if (!imu_is_used(*niliod, run, "vcan0", "whether niliod uses a good IMU")) return;
 
   set_up("vcan0", false);
-  CHECK(niliod->says("warning: CAN vcan0: down; set it up"));
-  // A starved player is silent for as long before, and the line then says that the bus is up.
-  CHECK(niliod->says("warning: IMU silent: no frame with 0x32, 0x34.*odometry goes on without the IMU"));
+  CHECK(niliod->has_line("warning: CAN vcan0: down; set it up"));
+  // A starved player can be silent for the same time before; the line then reports that the bus is up.
+  CHECK(
+      niliod->has_line("warning: IMU silent: no frame with 0x32, 0x34.*odometry continues without the IMU"));
   CHECK(poses_go_on(*niliod));
   set_up("vcan0", true);
-  CHECK(niliod->says("info: CAN vcan0: up", 2));
-  CHECK(niliod->says("info: IMU frames again after"));
+  CHECK(niliod->has_line("info: CAN vcan0: up", 2));
+  CHECK(niliod->has_line("info: IMU frames received again after"));
   if (!imu_is_used(*niliod, run, "vcan0", "whether niliod uses a good IMU again after a silence")) return;
 
   const int status = niliod->stop(SIGTERM);
@@ -51,24 +52,25 @@ TEST_CASE(
     CHECK(imu["checks"][check]["state"] != "bad");
 }
 
-TEST_CASE("niliod says when its CAN interface is gone, goes on without the IMU, and reads the next one") {
+TEST_CASE("niliod reports a missing CAN interface, continues without the IMU, and reads the next interface",
+          "[can_tier2_niliod]") {
   NiliodRun run;
   run.write_drive(6.0);
   VirtualBus bus("vcan0");
   const auto niliod = run.start_niliod({"imu.interface=vcan0"});
-  REQUIRE(niliod->says("info: CAN vcan0: up"));
+  REQUIRE(niliod->has_line("info: CAN vcan0: up"));
   auto play = run.start_playing("vcan0");
-  CHECK(niliod->says("tracking: [0-9]+ poses"));
+  CHECK(niliod->has_line("tracking: [0-9]+ poses"));
   bus.remove();
-  CHECK(niliod->says("warning: CAN vcan0: gone; waiting for it"));
-  CHECK(niliod->says("warning: IMU silent: "));
+  CHECK(niliod->has_line("warning: CAN vcan0: gone; waiting for it"));
+  CHECK(niliod->has_line("warning: IMU silent: "));
   CHECK(poses_go_on(*niliod));
   CHECK(play->stop(SIGTERM) >= 0);
   bus.add();
-  CHECK(niliod->says("info: CAN vcan0: (back, )?up", 2));
+  CHECK(niliod->has_line("info: CAN vcan0: (back, )?up", 2));
   REQUIRE(eventually([] { return has_listener("vcan0"); }));
   play = run.start_playing("vcan0");
-  CHECK(niliod->says("info: IMU frames again after", niliod->count("IMU silent")));
+  CHECK(niliod->has_line("info: IMU frames received again after", niliod->count("IMU silent")));
   CHECK(poses_go_on(*niliod));
 
   const int status = niliod->stop(SIGTERM);
@@ -81,34 +83,35 @@ TEST_CASE("niliod says when its CAN interface is gone, goes on without the IMU, 
   CHECK(counters["imu_samples"].get<int>() > 100);
 }
 
-TEST_CASE("niliod starts before its CAN interface is there, and tells what a wrong IMU sends instead") {
+TEST_CASE("niliod starts before its CAN interface exists, and reports the frames of a wrong IMU",
+          "[can_tier2_niliod]") {
   const NiliodRun run;
   const auto niliod = run.start_niliod({"imu.interface=vcan0", "imu.bitrate=500000"});
-  CHECK(niliod->says("warning: CAN vcan0: gone; waiting for it"));
-  CHECK(niliod->says("warning: IMU silent.*the bus is gone, nothing else is on it"));
+  CHECK(niliod->has_line("warning: CAN vcan0: gone; waiting for it"));
+  CHECK(niliod->has_line("warning: IMU silent.*the bus is gone, no other frames on the bus"));
   const VirtualBus bus("vcan0");
-  CHECK(niliod->says("info: CAN vcan0: (back, )?up"));
-  CHECK(niliod->says("a virtual bus has no bit rate"));
+  CHECK(niliod->has_line("info: CAN vcan0: (back, )?up"));
+  CHECK(niliod->has_line("a virtual bus has no bit rate"));
   REQUIRE(eventually([] { return has_listener("vcan0"); }));
   send_from_another_process("vcan0",
                             {data_frame(0x32, {0, 0, 0, 0, 0, 0}), data_frame(0x34, {0, 0, 0, 0, 0, 0})});
-  CHECK(niliod->says("IMU frames again"));
+  CHECK(niliod->has_line("IMU frames received again"));
   for (int i = 0; i < 5; ++i)
     send_from_another_process("vcan0", {data_frame(0x123, {1}), data_frame(0x456, {2})});
-  CHECK(niliod->says("instead there were [0-9]+ frames of other identifiers \\(0x123, 0x456\\)"));
+  CHECK(niliod->has_line("received instead: [0-9]+ frames of other identifiers \\(0x123, 0x456\\)"));
   CHECK(niliod->stop(SIGTERM) == 0);
   const auto counters = run.summary()["counters"];
   CHECK(counters["can_other_frames"] == 10);
   CHECK(counters["imu_frames"] == 2);
 }
 
-TEST_CASE("niliod refuses an interface that is not of CAN, and says when none is named") {
+TEST_CASE("niliod rejects an interface that is not CAN, and reports a missing name", "[can_tier2_niliod]") {
   const NiliodRun run;
   const auto wrong = run.start_niliod({"imu.interface=lo"});
   CHECK(wrong->wait() == 1);
-  CHECK(wrong->says("niliod: imu.interface: CAN lo: is no CAN interface"));
+  CHECK(wrong->has_line("niliod: imu.interface: CAN lo: is no CAN interface"));
   CHECK(is_up("lo"));
   const auto none = run.start_niliod({});
-  CHECK(none->says("warning: imu.interface is empty: set it to the IMU's CAN interface"));
+  CHECK(none->has_line("warning: imu.interface: empty - set it to the IMU's CAN interface"));
   CHECK(none->stop(SIGTERM) == 0);
 }

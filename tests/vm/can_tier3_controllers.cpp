@@ -36,13 +36,15 @@ std::vector<drivers::CanFrame> numbered_frames(std::size_t count) {
 
 }  // namespace
 
-TEST_CASE("controllers are set to the bit rate asked for, started, and carry frames to each other in order") {
+TEST_CASE(
+    "controllers are set to the requested bit rate, started, and transmit frames to each other in order",
+    "[can_tier3_controllers]") {
   reset_controllers();
   ControllerLog first({.interface_name = "can0", .bitrate = 500000, .restart_ms = 0});
   ControllerLog second({.interface_name = "can1", .bitrate = 500000, .restart_ms = 100});
   for (ControllerLog* log : {&first, &second}) {
-    CHECK(log->says("set to 500000 bit/s and started"));
-    CHECK(log->says("up, error-active, 500000 bit/s"));
+    CHECK(log->has_line("set to 500000 bit/s and started"));
+    CHECK(log->has_line("up, error-active, 500000 bit/s"));
   }
   CHECK(drivers::query_can_interface("can0").restart_ms == 0U);
   CHECK(drivers::query_can_interface("can1").restart_ms == 100U);
@@ -62,15 +64,16 @@ TEST_CASE("controllers are set to the bit rate asked for, started, and carry fra
   CHECK(source->stats().kernel_dropped == 0);
 }
 
-TEST_CASE("a controller refuses a bit rate that its clock cannot make, and keeps the one it had") {
+TEST_CASE("a controller rejects a bit rate that its clock cannot generate, and keeps its old one",
+          "[can_tier3_controllers]") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 250000, 0);
   ControllerLog log({.interface_name = "can0", .bitrate = 1000, .restart_ms = 0});
-  CHECK(log.says("its controller cannot do 1000 bit/s"));
-  CHECK(log.says("up, error-active, 250000 bit/s"));
+  CHECK(log.has_line("its controller cannot do 1000 bit/s"));
+  CHECK(log.has_line("up, error-active, 250000 bit/s"));
 }
 
-TEST_CASE("frames that find the buffer full are lost and counted to the frame") {
+TEST_CASE("frames lost in a full buffer are counted exactly", "[can_tier3_controllers]") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 500000, 0);
   drivers::set_up_can_interface("can1", 500000, 0);
@@ -86,36 +89,38 @@ TEST_CASE("frames that find the buffer full are lost and counted to the frame") 
   CHECK(source->stats().kernel_dropped == 200 - kept);
 }
 
-TEST_CASE("an interface that is switched off and on is told, and not switched on by the watcher") {
+TEST_CASE("switching an interface off and on is reported; the watcher does not switch it on",
+          "[can_tier3_controllers]") {
   reset_controllers();
   ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
-  REQUIRE(log.says("up, error-active"));
+  REQUIRE(log.has_line("up, error-active"));
   drivers::set_up_can_interface("can0", 500000, 0);
   const auto source = listen({.interface_name = "can1"});
   set_up("can1", false);
-  CHECK(log.says("CAN can1: down; set it up"));
+  CHECK(log.has_line("CAN can1: down; set it up"));
   CHECK(read_frames(*source, 1, 0.5).empty());
   CHECK_FALSE(is_up("can1"));
   set_up("can1", true);
-  CHECK(log.says("up, error-active", 2));
+  CHECK(log.has_line("up, error-active", 2));
   send_from_another_process("can0", numbered_frames(3));
   CHECK(read_frames(*source, 3).size() == 3);
   CHECK(log.status().times_down == 1);
 }
 
-TEST_CASE("injected errors reach sockets and log, and bus-off ends by a restart from here") {
+TEST_CASE("injected errors reach sockets and log, and bus-off ends by a restart of nilio",
+          "[can_tier3_controllers]") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 500000, 0);
   ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
-  REQUIRE(log.says("up, error-active"));
+  REQUIRE(log.has_line("up, error-active"));
   const auto source = listen({.interface_name = "can1"});
   inject("can1 warning");
-  CHECK(log.says("error-warning: there are errors on the bus"));
+  CHECK(log.has_line("error-warning: there are errors on the bus"));
   inject("can1 passive");
-  CHECK(log.says("error-passive: there are errors on the bus"));
+  CHECK(log.has_line("error-passive: there are errors on the bus"));
   inject("can1 bus-off");
-  CHECK(log.says("bus-off: the controller has given up"));
-  CHECK(log.says("up, error-active, 500000 bit/s again after once bus-off, restarted once from here"));
+  CHECK(log.has_line("bus-off: the controller has given up"));
+  CHECK(log.has_line("up, error-active, 500000 bit/s again after once bus-off, restarted once by nilio"));
   std::uint32_t classes = 0;
   for (const auto& frame : read_frames(*source, 4)) {
     CHECK(frame.error);
@@ -132,10 +137,11 @@ TEST_CASE("injected errors reach sockets and log, and bus-off ends by a restart 
   CHECK_THAT(source->status(), Contains("1 times bus-off"));
 }
 
-TEST_CASE("a controller that is bus-off again and again is restarted after waits that double") {
+TEST_CASE("a controller that is repeatedly bus-off is restarted after waits that double",
+          "[can_tier3_controllers]") {
   reset_controllers();
   ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
-  REQUIRE(log.says("up, error-active"));
+  REQUIRE(log.has_line("up, error-active"));
   const auto source = listen({.interface_name = "can1"});
   core::Duration wait = core::Duration::from_milliseconds(100.0);
   core::Time restarted;
@@ -145,58 +151,60 @@ TEST_CASE("a controller that is bus-off again and again is restarted after waits
     REQUIRE(frames.size() == 2);
     REQUIRE((frames[0].id & CAN_ERR_BUSOFF) != 0);
     REQUIRE((frames[1].id & CAN_ERR_RESTARTED) != 0);
-    // After 10 s without bus-off waits begin anew.
+    // After 10 s without bus-off the waits begin short again.
     if (round > 1 && (frames[0].stamp - restarted).seconds() > 9.0)
       return say_undecided("whether waits after bus-off double");
     restarted = frames[1].stamp;
-    // The kernel's stamps are of another clock than the waits.
+    // The kernel's stamps use another clock than the waits.
     CHECK((restarted - frames[0].stamp).seconds() > 0.95 * wait.seconds());
-    // A bus-off before the watcher has looked again would look to it as a restart that did nothing.
+    // A bus-off before the watcher's next reading would look like a restart without effect.
     REQUIRE(eventually([&] { return log.status().state == CanBusState::kErrorActive; }));
     CHECK(log.status().restarts == round);
     wait.ns *= 2;
   }
-  CHECK(log.says("error-active, 500000 bit/s again after .* bus-off, restarted .* from here"));
+  CHECK(log.has_line("error-active, 500000 bit/s again after .* bus-off, restarted .* by nilio"));
   CHECK(log.status().bus_offs == 4);
 }
 
-TEST_CASE("a controller with automatic restart is left to it, and bus-offs too short to see are counted") {
+TEST_CASE("a controller with automatic restart is not restarted by nilio, and short bus-offs are counted",
+          "[can_tier3_controllers]") {
   reset_controllers();
   drivers::set_up_can_interface("can0", 500000, 0);
   ControllerLog log({.interface_name = "can1", .bitrate = 500000, .restart_ms = 10});
-  REQUIRE(log.says("up, error-active"));
+  REQUIRE(log.has_line("up, error-active"));
   for (std::uint64_t round = 1; round <= 3; ++round) {
     inject("can1 bus-off");
     CHECK(eventually([&] { return log.status().bus_offs == round; }));
     CHECK(eventually(
         [&] { return drivers::query_can_interface("can1").controller == CAN_STATE_ERROR_ACTIVE; }));
   }
-  CHECK(log.says("was bus-off|restarts itself after 10 ms"));
+  CHECK(log.has_line("was bus-off|restarts itself after 10 ms"));
   CHECK(log.status().restarts == 0);
 }
 
-TEST_CASE("interfaces that vanish with their driver are waited for, set up again and read on") {
+TEST_CASE("interfaces that vanish with their driver are set up and read again when they return",
+          "[can_tier3_controllers]") {
   reset_controllers();
   ControllerLog first({.interface_name = "can0", .bitrate = 500000, .restart_ms = 0});
   ControllerLog second({.interface_name = "can1", .bitrate = 500000, .restart_ms = 0});
-  REQUIRE(first.says("up, error-active"));
-  REQUIRE(second.says("up, error-active"));
+  REQUIRE(first.has_line("up, error-active"));
+  REQUIRE(second.has_line("up, error-active"));
   const auto source = listen({.interface_name = "can1"});
   unplug_controllers();
-  CHECK(second.says("gone; waiting for it"));
+  CHECK(second.has_line("gone; waiting for it"));
   CHECK(read_frames(*source, 1, 0.3).empty());
   CHECK_THAT(source->status(), Contains("gone"));
   plug_in_controllers();
-  CHECK(first.says("up, error-active", 2));
-  CHECK(second.says("set to 500000 bit/s and started", 2));
-  CHECK(second.says("up, error-active", 2));
+  CHECK(first.has_line("up, error-active", 2));
+  CHECK(second.has_line("set to 500000 bit/s and started", 2));
+  CHECK(second.has_line("up, error-active", 2));
   REQUIRE(eventually([&] { return read_frames(*source, 1, 0.0).empty() && has_listener("can1"); }));
   send_from_another_process("can0", numbered_frames(3));
   CHECK(read_frames(*source, 3).size() == 3);
   CHECK(second.status().times_gone == 1);
 }
 
-TEST_CASE("the watcher of a controller is gone as soon as it is let go") {
+TEST_CASE("the watcher of a controller ends as soon as it is released", "[can_tier3_controllers]") {
   reset_controllers();
   const auto entries = [](const std::string& folder) {
     return std::distance(std::filesystem::directory_iterator("/proc/self/" + folder), {});
@@ -204,6 +212,6 @@ TEST_CASE("the watcher of a controller is gone as soon as it is let go") {
   const auto threads = entries("task");
   const auto descriptors = entries("fd");
   for (int i = 0; i < 20; ++i) ControllerLog log({.interface_name = "can0"});
-  // A thread that was starved for longer than its watcher waits for it is a little later.
+  // A thread starved for longer than its watcher waits ends slightly later.
   CHECK(eventually([&] { return entries("task") == threads && entries("fd") == descriptors; }));
 }

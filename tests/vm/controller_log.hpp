@@ -15,7 +15,7 @@
 
 namespace nilio::tests {
 
-/// A controller's watcher and all that it has said.
+/// A controller's watcher and its log lines.
 class ControllerLog {
  public:
   explicit ControllerLog(const drivers::CanControllerConfig& config) {
@@ -25,18 +25,18 @@ class ControllerLog {
   }
 
   /// True once `times` lines have the pattern.
-  bool says(const std::string& pattern, std::size_t times = 1) {
+  bool has_line(const std::string& pattern, std::size_t times = 1) {
     const std::regex expression(pattern);
-    const bool said = eventually([&] {
+    const bool found = eventually([&] {
       const auto lines = events();
       return std::count_if(lines.begin(), lines.end(), [&](const std::string& line) {
                return std::regex_search(line, expression);
              }) >= static_cast<std::ptrdiff_t>(times);
     });
-    if (!said) {
+    if (!found) {
       for (const std::string& line : lines_) UNSCOPED_INFO(line);
     }
-    return said;
+    return found;
   }
   const std::vector<std::string>& events() {
     for (const drivers::CanEvent& event : controller_->take_events()) lines_.push_back(event.message);

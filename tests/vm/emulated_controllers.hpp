@@ -5,13 +5,13 @@
 /// Two PCI controllers of the kvaser_pci driver, can0 and can1, on one bus.
 namespace nilio::tests {
 
-/// Down and without automatic restart, whatever the test before has left.
+/// Sets both down and without automatic restart, whatever state the previous test left.
 void reset_controllers();
 
-/// "can1 bus-off", also warning, passive, active: what the driver does when its controller reports that.
+/// Injects "can1 bus-off", also warning, passive, active, as reported by the controller to its driver.
 void inject(const std::string& text);
 
-/// Takes both away with their driver.
+/// Removes both together with their driver.
 void unplug_controllers();
 void plug_in_controllers();
 

@@ -1,11 +1,11 @@
-# What the scripts of both tiers share; sourced.
+# Shared functions of the scripts of both tiers; sourced.
 
-# Exit status that ctest takes as "skipped".
+# Exit status that ctest reports as "skipped".
 readonly kSkipped=77
-# Seconds after which a guest is given up.
+# Time limit of a guest, s.
 readonly kGuestLimit=${VM_TIMEOUT:-560}
 
-# need PROGRAM:PACKAGE...: ends with one line that names what is missing.
+# need PROGRAM:PACKAGE...: exits with a line that names the missing packages.
 need() {
   local entry missing=()
   for entry in "$@"; do
@@ -16,7 +16,7 @@ need() {
   exit "$kSkipped"
 }
 
-# write_command FOLDER ASSIGNMENT COMMAND [ARGUMENT...]: what the guest's first process executes.
+# write_command FOLDER ASSIGNMENT COMMAND [ARGUMENT...]: writes the command for the guest's first process.
 write_command() {
   local file=$1/command.sh assignment=$2
   shift 2
@@ -30,12 +30,12 @@ write_command() {
   chmod +x "$file"
 }
 
-# run_guest FOLDER PROGRAM [ARGUMENT...]: until the guest has ended, whose console is FOLDER/console.log.
+# run_guest FOLDER PROGRAM [ARGUMENT...]: runs the guest to its end, with the console in FOLDER/console.log.
 run_guest() {
   local folder=$1
   shift
   guest_status=0
-  # A guest that does not start must not leave the result of one before.
+  # Remove the previous result, in case the guest does not start.
   : >"$folder/console.log"
   local TIMEFORMAT='%R %U %S'
   { time timeout -k 5 "$kGuestLimit" "$@" </dev/null >"$folder/program.log" 2>&1 || guest_status=$?; } 2>"$folder/times"
@@ -46,8 +46,8 @@ run_guest() {
 boot_debian_kernel() {
   local folder=$1 kernel=$2
   shift 2
-  # The processor is emulated also where KVM is at hand: it is quick enough, and every machine then does the same. One processor:
-  # with two, a burst overruns the emulated controller's buffer.
+  # The processor is emulated even with KVM: fast enough, and the same on every machine. One processor: with two, a
+  # burst overruns the emulated controller's buffer.
   run_guest "$folder" qemu-system-x86_64 -M q35 -accel tcg,thread=multi -cpu max -smp 1 -m 1024 \
     -display none -vga none -nodefaults -no-user-config -no-reboot -monitor none -serial file:"$folder/console.log" \
     -kernel "$kernel/vmlinux" -initrd "$kernel/initrd.gz" \
@@ -55,15 +55,15 @@ boot_debian_kernel() {
     -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap -device virtio-9p-pci,fsdev=host,mount_tag=host "$@"
 }
 
-# end_as_guest FOLDER: ends with the status of the guest's command, which the guest's console tells. A guest that ended without one
-# may have hung or starved: the run has failed, and how much of a processor the guest was given is said.
+# end_as_guest FOLDER: exits with the status of the guest's command, read from the console. A guest without a status may have
+# hung or starved: the run fails, with a line on the processor time of the guest.
 end_as_guest() {
   local folder=$1 result wall user system
   read -r wall user system < <(tail -1 "$folder/times")
   tr -d '\r' <"$folder/console.log"
   echo "guest: $wall s, of them $user s + $system s of processor time; load average $(cut -d' ' -f1-3 /proc/loadavg)"
   result=$(sed -n 's/.*nilio-guest-status=\([0-9]*\).*/\1/p' "$folder/console.log" | tail -1)
-  # What a starved guest could not decide has not passed, even where all else has.
+  # Undecided checks of a starved guest do not count as passed.
   [[ $result == 0 ]] && grep --quiet '^undecided:' "$folder/console.log" && exit "$kSkipped"
   [[ -n $result ]] && exit "$result"
   tail -5 "$folder/program.log"

@@ -15,17 +15,17 @@ namespace nilio::tests {
 namespace {
 
 constexpr const char* kStatus = "[0-9]+ poses \\(\\+[1-9]";
-/// After losses an IMU needs about as long to be believed again.
+/// Time after which the IMU is used again after losses.
 constexpr double kRecoveryS = 5.0;
 
-/// Counts the seconds in which an interface got plainly fewer frames than are sent in one: a silence of 0.2
-/// s, or a player that cannot keep up.
+/// Counts the seconds in which an interface received clearly fewer frames than were sent: a gap of 0.2 s, or
+/// a player that is too slow.
 class PaceWatch {
  public:
   PaceWatch(std::string can_interface, double frames_per_second)
       : interface_(std::move(can_interface)), rate_(frames_per_second), frames_(count()) {}
 
-  void look() {
+  void update() {
     const auto now = Clock::now();
     const double seconds = std::chrono::duration<double>(now - before_).count();
     if (seconds < 1.0) return;
@@ -66,11 +66,11 @@ int status_lines_with_imu(const std::string& log) {
 }  // namespace
 
 void NiliodRun::write_drive(double seconds) {
-  // The same speeds whatever the duration.
+  // Speeds do not depend on the duration.
   const double size = seconds / 12.0;
   const auto rounds = [=](double time_s) -> core::SE3 {
     const double phase = 2.0 * std::numbers::pi * time_s / seconds;
-    // Three bends a round, sharp enough that a gyro shows its worth in them.
+    // Three bends per round, sharp enough to benefit from a gyro.
     const double yaw = 0.3 * size * std::sin(3.0 * phase);
     return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, core::Vector3::UnitZ())),
             core::Vector3(20.0 - 5.0 * size * std::cos(phase), 3.0 * size * std::sin(phase), 0.0)};
@@ -102,13 +102,13 @@ nlohmann::json NiliodRun::summary() const {
   return nlohmann::json::parse(std::ifstream(folder_.path() / "run" / "latency.json"));
 }
 
-bool poses_go_on(const Program& niliod) { return niliod.says(kStatus, niliod.count(kStatus) + 2); }
+bool poses_go_on(const Program& niliod) { return niliod.has_line(kStatus, niliod.count(kStatus) + 2); }
 
 bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
                  const std::string& what) {
   PaceWatch pace(can_interface, run.can_frames_per_second());
   const bool used = eventually([&] {
-    pace.look();
+    pace.update();
     return status_lines_with_imu(niliod.output()) > 4;
   });
   if (used) return true;

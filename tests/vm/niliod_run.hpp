@@ -12,18 +12,19 @@
 
 namespace nilio::tests {
 
-/// A folder with a drive of a VLP-16 and an IMU, niliod that hears it live, and what niliod leaves.
+/// A folder with a drive of a VLP-16 and an IMU, a niliod that receives it live, and niliod's output.
 class NiliodRun {
  public:
-  /// Writes a drive that ends where it begins, so that playing it again and again has no jumps. At least 1 s.
+  /// Writes a drive that ends at its start, so that playing it repeatedly has no jumps. At least 1 s.
   void write_drive(double seconds);
-  /// With an output folder and the settings ("imu.interface=can0") beside those for a slow computer.
+  /// Starts niliod with an output folder, settings for a slow computer, and the given ones
+  /// ("imu.interface=can0").
   [[nodiscard]] std::unique_ptr<Program> start_niliod(const std::vector<std::string>& settings) const;
-  /// Plays the drive until it is stopped, LiDAR packets over loopback, the IMU's frames on the bus.
+  /// Plays the drive until it is stopped: LiDAR packets over loopback, IMU frames on the bus.
   [[nodiscard]] std::unique_ptr<Program> start_playing(const std::string& can_interface) const;
-  /// latency.json, once niliod has ended.
+  /// latency.json, after niliod has ended.
   [[nodiscard]] nlohmann::json summary() const;
-  /// Of the drive's IMU, on average.
+  /// Mean frame rate of the drive's IMU.
   [[nodiscard]] double can_frames_per_second() const { return can_frames_per_second_; }
 
  private:
@@ -31,11 +32,10 @@ class NiliodRun {
   double can_frames_per_second_ = 0.0;
 };
 
-/// Poses have gone on for some status lines more.
+/// True once poses continued for some more status lines.
 bool poses_go_on(const Program& niliod);
-/// True once niliod has used the IMU for some status lines. When that does not come, the test
-/// fails, unless the kernel's count of frames says that the guest was too slow for the sensors again and
-/// again: then `what` is undecided.
+/// True once niliod has used the IMU for some status lines. Otherwise the test fails, unless the kernel's
+/// frame count shows that the guest was repeatedly too slow for the sensors: then `what` is undecided.
 bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
                  const std::string& what);
 

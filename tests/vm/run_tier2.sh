@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs a command inside user-mode-linux: a Linux kernel as a program, with CAN, as any user and without hardware
-# virtualisation. The guest sees this computer's files; what it writes is gone afterwards. Where that kernel cannot run, Debian's own
-# does in QEMU.
+# virtualisation. The guest sees this computer's files; its writes are discarded. Falls back to Debian's
+# kernel in QEMU.
 #   run_tier2.sh FOLDER KERNEL COMMAND [ARGUMENT...]    KERNEL: folder of tier3_prepare.sh, shared by builds
 # FOLDER takes the guest's console; exit status: the command's, 77 = skipped
 set -euo pipefail
@@ -16,8 +16,8 @@ need linux.uml:user-mode-linux busybox:busybox-static
 mkdir -p "$folder"
 write_command "$folder" "NILIO_DATA='${NILIO_DATA:-}'" "$@"
 
-# The guest's memory is a file, sparse and deleted at once, from which it executes. In containers /dev/shm is often too small or
-# not for that.
+# The guest's memory is a sparse, deleted file with executable pages. In containers /dev/shm is often too small or mounted
+# noexec.
 memory_mib=768
 has_room() {
   [[ -w $1 ]] && (($(df --output=avail --block-size=1M "$1" | tail -1) > memory_mib)) &&
@@ -28,14 +28,14 @@ for TMPDIR in /dev/shm "${TMPDIR:-/tmp}" "$folder"; do
 done
 export TMPDIR
 
-# The kernel and each process of the guest are processes here that run in turns. On one processor they pass the turn directly; else
-# each waits for a processor of its own to be free.
+# Kernel and processes of the guest are processes of this computer that run in turns. On one processor they switch directly;
+# otherwise each waits for a free processor.
 processor=$(taskset --cpu-list --pid $$ | sed 's/.*: //; s/[-,].*//')
 run_guest "$folder" taskset --cpu-list "$processor" linux.uml rootfstype=hostfs root=/dev/root rootflags=/ ro "mem=${memory_mib}M" quiet \
   uml_dir="$folder/" con=null "con0=null,fd:3" init="$here/tier2_init.sh" nilio_run="$folder/command.sh" 3>"$folder/console.log"
 
-# That kernel (6.1) keeps the floating-point registers of its processes in a space of one size, and Linux here refuses to set a part
-# of them: a processor with AMX has more.
+# That kernel (6.1) has a fixed size for the floating-point registers of its processes; Linux refuses to set a part of them, and
+# processors with AMX have more.
 if grep --quiet 'ptrace set fp regs failed' "$folder/console.log"; then
   echo "user-mode-linux cannot run processes on this processor, which has more registers than it knows; Debian's kernel does it, in QEMU"
   need qemu-system-x86_64:qemu-system-x86

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs a command under Debian's own kernel in QEMU, with two emulated PCI CAN controllers on one bus. Needs neither root nor
-# hardware virtualisation. The guest sees this computer's files; what it writes is gone afterwards.
+# hardware virtualisation. The guest sees this computer's files; its writes are discarded.
 #   run_tier3.sh FOLDER KERNEL COMMAND [ARGUMENT...]    KERNEL: folder of tier3_prepare.sh, shared by builds
 # FOLDER takes the guest's console; exit status: the command's, 77 = skipped
 set -euo pipefail

@@ -63,7 +63,7 @@ void SlcanAdapter::say(const std::string& line) const {
   REQUIRE(write(master_, whole.data(), whole.size()) == static_cast<ssize_t>(whole.size()));
 }
 
-std::string SlcanAdapter::heard() const {
+std::string SlcanAdapter::received() const {
   const std::lock_guard lock(mutex_);
   return heard_;
 }

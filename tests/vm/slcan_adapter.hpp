@@ -6,9 +6,8 @@
 
 namespace nilio::tests {
 
-/// An adapter on a serial line as the kernel's slcan driver sees it, at the other end of a pseudo-terminal:
-/// what the driver says is kept, and what the adapter says, errors included, is up to the test. The interface
-/// is gone with its object.
+/// A serial CAN adapter for the kernel's slcan driver, at the other end of a pseudo-terminal. Keeps the
+/// driver's lines; the test sends the adapter's lines, errors included. The destructor removes the interface.
 class SlcanAdapter {
  public:
   SlcanAdapter();
@@ -17,12 +16,12 @@ class SlcanAdapter {
   ~SlcanAdapter();
 
   [[nodiscard]] const std::string& interface_name() const { return name_; }
-  /// A line of the adapter, without its end: "t1232DEAD" a frame, "e1a" no acknowledgement, "sw057100"
+  /// Sends a line of the adapter, without line end: "t1232DEAD" a frame, "e1a" no acknowledgement, "sw057100"
   /// error-warning, "sp130140" error-passive, "sb000256" bus-off, "sa000000" error-active, with the counts
   /// sent and received.
   void say(const std::string& line) const;
-  /// All that the driver has said: "S6" 500 kbit/s, "O" open, "C" close, "t..." frames to send.
-  [[nodiscard]] std::string heard() const;
+  /// All lines of the driver: "S6" 500 kbit/s, "O" open, "C" close, "t..." frames to send.
+  [[nodiscard]] std::string received() const;
 
  private:
   void listen();

@@ -1,6 +1,6 @@
 #!/bin/sh
-# First process of the user-mode-linux guest, whose root is this computer's, read-only. Not busybox sh: that starts itself by
-# /proc/self/exe, which here is the kernel.
+# First process of the user-mode-linux guest, whose root is this computer's, read-only. Not busybox sh, which starts itself by
+# /proc/self/exe, the kernel in this case.
 PATH=/usr/sbin:/usr/bin:/sbin:/bin
 HOME=/root
 export PATH HOME
@@ -18,7 +18,7 @@ for module in net/can/can net/can/can-raw drivers/net/can/dev/can-dev drivers/ne
   busybox insmod "$modules/$module.ko" || finish 97
 done
 
-# Memory over the computer's files: nothing is written to them.
+# An overlay in memory protects the computer's files from writes.
 mount -t tmpfs -o size=50% tmpfs /mnt
 mkdir /mnt/upper /mnt/work /mnt/root
 mount -t overlay -o lowerdir=/,upperdir=/mnt/upper,workdir=/mnt/work overlay /mnt/root || finish 97

@@ -1,5 +1,5 @@
 #!/bin/busybox sh
-# First process of the QEMU guest: its root becomes this computer's files, read-only, with memory over them.
+# First process of the QEMU guest: its root becomes this computer's files, read-only, with an overlay in memory.
 export PATH=/bin:/usr/sbin:/usr/bin:/sbin HOME=/root
 b=/bin/busybox
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Makes what tier 3 boots from Debian's packages: the kernel, a first file system with the CAN drivers, and the module that
-# injects controller states. Nothing is installed. Quick when all is there.
+# Makes the boot files of tier 3 from Debian's packages: the kernel, an initial file system with the CAN drivers, and the
+# module that injects controller states. Installs no package. Quick when the files exist.
 #   tier3_prepare.sh [--offline] FOLDER     writes FOLDER/{vmlinux,initrd.gz,can_inject.ko,kvaser_pci.ko,made}
-# --offline uses packages that were fetched before. Exit status: 77 = cannot be had here, with a line that says why
+# --offline uses packages that were fetched before. Exit status: 77 = not available, with a line that gives the reason
 set -euo pipefail
 here=$(dirname "$(realpath "$0")")
 # shellcheck source=guest.sh
@@ -15,19 +15,19 @@ cd "$1"
 
 newest_image() { find . -maxdepth 1 -name 'linux-image-*_amd64.deb' | sort --version-sort | tail -1; }
 
-# What the files here are made of.
+# Version stamp of the inputs.
 ingredients() { echo "$(newest_image) $(cat "$here/can_inject.c" "$here/tier3_init.sh" "$here/tier3_prepare.sh" | sha256sum)"; }
 
 is_made() { [[ -s vmlinux && -s initrd.gz && -s can_inject.ko && $(cat made 2>/dev/null) == "$(ingredients)" ]]; }
 
 is_made && exit 0
 [[ -w . ]] || { echo "skipped: $PWD is not up to date and of another user; tools/setup.sh --tests as that user makes it"; exit "$kSkipped"; }
-# From two builds at once, the second waits.
+# Of two concurrent builds the second waits.
 exec 9>lock
 flock 9
 is_made && exit 0
 
-# What is depended on by the package $1 and matches $2.
+# Dependencies of package $1 that match $2.
 dependency() { apt-cache depends "$1" 2>/dev/null | sed -n "s/.*Depends: \($2\)\$/\1/p" | tail -1; }
 
 fetch() {
@@ -38,13 +38,13 @@ fetch() {
   [[ -n $image && -n $kbuild ]] || return
   rm -rf fetched
   mkdir fetched
-  # Complete or not at all: a download that was cut off must not count as one.
+  # Rename complete downloads only.
   (cd fetched && apt-get -o APT::Sandbox::User=root download -q "$image" "$headers" "${headers%-amd64}-common" "$kbuild") >&2 || return
   mv fetched/*.deb .
   rmdir fetched
 }
 
-# The lists of packages are missing in fresh containers, and old ones name packages that are there no more.
+# Package lists are missing in fresh containers, and outdated ones name removed packages.
 refresh_lists() {
   if ((EUID == 0)); then
     apt-get update -q >&2
@@ -74,14 +74,14 @@ work=$PWD/work
 root=$work/root
 trap 'rm -rf "$work"' EXIT
 for package in linux-headers-*.deb linux-kbuild-*.deb; do dpkg-deb --extract "$package" "$root"; done
-# Of the image only what is booted: unpacked it has 400 MB.
+# Unpack only the booted files: the whole image has 400 MB.
 dpkg-deb --fsys-tarfile "$image" | tar --extract --directory "$root" --wildcards './boot/vmlinuz*' \
   './lib/modules/*/modules.*' './lib/modules/*/kernel/net/can' './lib/modules/*/kernel/drivers/net/can' \
   './lib/modules/*/kernel/fs/*' './lib/modules/*/kernel/net/9p' './lib/modules/*/kernel/drivers/virtio' \
   './lib/modules/*/kernel/drivers/net/phy' './lib/modules/*/kernel/drivers/char/hw_random'
 sed -i "s|include /usr|include $root/usr|" "$root/usr/src/linux-headers-$release/Makefile"
 
-# Uncompressed, the kernel boots some seconds sooner where the processor is emulated.
+# An uncompressed kernel boots some seconds sooner on an emulated processor.
 compressed=$root/boot/vmlinuz-$release
 for offset in $(grep --only-matching --byte-offset --text --perl-regexp '\xfd7zXZ\x00' "$compressed" | cut -d: -f1); do
   tail --bytes=+$((offset + 1)) "$compressed" | xz --decompress --single-stream --quiet >work/vmlinux 2>/dev/null || true

@@ -33,10 +33,10 @@ namespace {
 
 using drivers::CanFrame;
 
-/// More than a look and the pause after it take where the guest runs.
+/// Longer than one check and its pause in a running guest.
 constexpr std::chrono::duration<double> kLongestLook(0.25);
 
-/// Flags of an interface by SIOCGIFFLAGS; 0 for one that is not there.
+/// Flags of an interface by SIOCGIFFLAGS; 0 for a missing one.
 short interface_flags(int descriptor, const std::string& name, ifreq& request) {
   std::strncpy(request.ifr_name, name.c_str(), IFNAMSIZ - 1);
   return ioctl(descriptor, SIOCGIFFLAGS, &request) == 0 ? request.ifr_flags : short{0};
@@ -108,7 +108,7 @@ std::uint64_t kernel_count(const std::string& interface_name, const std::string&
 }
 
 bool has_listener(const std::string& interface_name) {
-  // Sockets for error frames, as every source has; "(vcan0: no entry)" where there are none.
+  // Sockets for error frames, one per source; "(vcan0: no entry)" without any.
   std::ifstream file("/proc/net/can/rcvlist_err");
   std::string word;
   while (file >> word)
@@ -206,7 +206,7 @@ std::string Program::output() const {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-bool Program::says(const std::string& pattern, std::size_t times) const {
+bool Program::has_line(const std::string& pattern, std::size_t times) const {
   return eventually([&] { return count(pattern) >= times; });
 }
 

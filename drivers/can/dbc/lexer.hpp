@@ -19,8 +19,8 @@ struct DbcToken {
   }
 };
 
-/// Cuts a DBC text into tokens: quoted strings (which may span lines), the symbols that structure it, and
-/// words, which numbers are too. Holds views into the text.
+/// Splits a DBC text into tokens: quoted strings (which may span lines), symbols, and words, which include
+/// numbers. Holds views into the text.
 class DbcLexer {
  public:
   explicit DbcLexer(std::string_view text);

@@ -7,12 +7,12 @@
 namespace nilio::drivers {
 namespace {
 
-/// Multiplexers that select multiplexers; real files have two or three.
+/// Limit of nested multiplexers; real files have two or three levels.
 constexpr std::size_t kDeepest = 16;
 constexpr std::size_t kLargestFrame = 64;
 constexpr std::uint32_t kLargestStandardId = 0x7FF;
 
-/// "3-7", both ends included.
+/// Parses "3-7", both ends included.
 bool parse_range(const DbcToken& token, DbcRange& range) {
   const std::size_t dash = token.text.find('-');
   if (token.kind != DbcTokenKind::kWord || dash == std::string_view::npos) return false;
@@ -40,7 +40,7 @@ bool leads_to_root(const DbcMessage& message, const DbcSignal& signal) {
   return false;
 }
 
-/// The one signal marked M.
+/// Index of the signal marked M.
 std::optional<std::size_t> root_of(const DbcMessage& message) {
   for (std::size_t i = 0; i < message.signals.size(); ++i) {
     if (message.signals[i].multiplexer && !message.signals[i].multiplexed) return i;
@@ -94,7 +94,7 @@ std::optional<core::Error> resolve_multiplexers(DbcDatabase& database) {
   return std::nullopt;
 }
 
-void note_oddities(const DbcMessage& message, int line, DbcNotes& notes) {
+void note_contradictions(const DbcMessage& message, int line, DbcNotes& notes) {
   const std::string name = "message " + quoted(message.name);
   if (!message.extended && message.id > kLargestStandardId) {
     notes.add(line, name + " has the identifier " + std::to_string(message.id) +

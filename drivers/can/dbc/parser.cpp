@@ -13,12 +13,12 @@ namespace {
 
 using core::Error;
 
-/// Vector's tools park signals that belong to no message in this one.
+/// Pseudo-message of Vector's tools for signals without a message.
 constexpr std::uint32_t kIndependentSignals = 0xC0000000U;
 constexpr std::uint16_t kLongestSignal = 64;
 constexpr const char* kMarkExpected = "':' or a multiplexing mark (M, m3 or m3M)";
 
-/// Recursive descent over the statements; the first error ends it.
+/// Recursive-descent parser of the statements; stops at the first error.
 class DbcParser {
  public:
   DbcParser(std::string_view text, const std::string& path) : reader_(text, path) { database_.path = path; }
@@ -31,7 +31,7 @@ class DbcParser {
     }
     if (auto problem = resolve_multiplexers(database_)) return *problem;
     for (std::size_t i = 0; i < database_.messages.size(); ++i) {
-      note_oddities(database_.messages[i], message_lines_[i], notes_);
+      note_contradictions(database_.messages[i], message_lines_[i], notes_);
     }
     attributes_.apply(database_, index_);
     database_.notes = notes_.texts();
@@ -51,7 +51,7 @@ class DbcParser {
     parse_loose_statement(keyword, reader_.take_statement());
   }
 
-  /// Statements that are taken whole, since a file that is odd in them can be used all the same.
+  /// Parses statements whose errors are only noted, because the file remains usable.
   void parse_loose_statement(const DbcToken& keyword, const std::vector<DbcToken>& statement) {
     if (reader_.error()) return;
     if (keyword.is("SG_MUL_VAL_")) {
@@ -67,7 +67,7 @@ class DbcParser {
     if (!header) notes_.add(keyword.line, quoted(keyword.text) + " is not used");
   }
 
-  /// The keywords listed after NS_ are no statements.
+  /// Skips the keywords listed after NS_, which are no statements.
   void skip_new_symbols() {
     if (reader_.peek().is(":")) reader_.take();
     while (reader_.peek().kind == DbcTokenKind::kWord && !reader_.peek().is("BS_") &&
@@ -92,7 +92,7 @@ class DbcParser {
     if (!index_.add(id, database_.messages.size())) {
       notes_.add(keyword.line, "message " + quoted(message.name) +
                                    " has the identifier of a message above, " + std::to_string(id) +
-                                   "; what the file adds to that goes to the first");
+                                   "; further statements about it apply to the first");
     }
     message_lines_.push_back(keyword.line);
     database_.messages.push_back(std::move(message));
@@ -122,8 +122,8 @@ class DbcParser {
     }
   }
 
-  /// "M" is the multiplexer itself and always there; "m3" is there when it says 3, "m3M" besides selects
-  /// others.
+  /// "M" is the multiplexer itself and always present; "m3" is present when its value is 3; "m3M" is a
+  /// multiplexer as well.
   void parse_multiplexing(DbcSignal& signal) {
     if (reader_.error()) return;
     DbcToken mark = reader_.take();
@@ -141,7 +141,7 @@ class DbcParser {
     signal.selected_by.push_back(range);
   }
 
-  /// start|length@order-and-sign, as "7|16@0-".
+  /// Parses start|length@order-and-sign, as "7|16@0-".
   void parse_layout(DbcSignal& signal) {
     signal.start_bit = reader_.take_number<std::uint16_t>("the start bit");
     reader_.expect("|");
@@ -165,7 +165,7 @@ class DbcParser {
     while (!reader_.at_end() && !reader_.peek().first_on_line) reader_.take();
   }
 
-  /// SIG_VALTYPE_ id signal : 1;
+  /// Parses "SIG_VALTYPE_ id signal : 1;".
   void parse_value_type() {
     const auto id = reader_.take_number<std::uint32_t>("the message's identifier");
     const DbcToken name_token = reader_.peek();

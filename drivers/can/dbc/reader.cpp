@@ -8,10 +8,10 @@ namespace nilio::drivers {
 namespace {
 
 constexpr std::size_t kQuotedLength = 40;
-/// Different notes kept of one file.
+/// Number of different notes kept for one file.
 constexpr std::size_t kMostNotes = 64;
 
-/// Bytes of the UTF-8 character that begins `text`, 0 when it is none.
+/// Length in bytes of the UTF-8 character at the front of `text`; 0 for invalid UTF-8.
 std::size_t utf8_length(std::string_view text) {
   const auto lead = static_cast<std::uint8_t>(text.front());
   std::size_t length = 0;
@@ -113,7 +113,7 @@ void DbcNotes::add(int line, const std::string& text) {
   } else if (notes_.size() < kMostNotes) {
     notes_.emplace(text, Note{line, 1});
   } else {
-    ++left_out_;
+    ++omitted_;
   }
 }
 
@@ -128,7 +128,7 @@ std::vector<std::string> DbcNotes::texts() const {
   std::vector<std::string> texts;
   texts.reserve(sorted.size() + 1);
   for (auto& [line, text] : sorted) texts.push_back(std::move(text));
-  if (left_out_ > 0) texts.push_back("and " + std::to_string(left_out_) + " further remarks");
+  if (omitted_ > 0) texts.push_back("and " + std::to_string(omitted_) + " further remarks");
   return texts;
 }
 

@@ -17,13 +17,13 @@
 
 namespace nilio::drivers {
 
-/// In quotes, cut to what fits a message, without bytes that a terminal could take amiss.
+/// Text in quotes for messages, cut to 40 characters, with other than printable ASCII replaced by '?'.
 std::string quoted(std::string_view text);
 
-/// UTF-8 as it is; anything else as Latin-1, which most DBC files are in.
+/// Returns UTF-8 unchanged and converts any other text from Latin-1, the encoding of most DBC files.
 std::string to_utf8(std::string_view text);
 
-/// A whole word as a number, which may have a plus sign.
+/// Parses a whole word as a number, with an optional plus sign.
 template <class Number>
 bool parse_dbc_number(const DbcToken& token, Number& value) {
   std::string_view text = token.text;
@@ -35,8 +35,7 @@ bool parse_dbc_number(const DbcToken& token, Number& value) {
   return valid;
 }
 
-/// Takes what is expected off the tokens of a file. The first thing that is not there is the error; after it
-/// nothing is taken any more.
+/// Takes expected tokens from a file. The first missing token is the error; after it no token is taken.
 class DbcReader {
  public:
   DbcReader(std::string_view text, std::string path) : lexer_(text), path_(std::move(path)) {}
@@ -57,8 +56,8 @@ class DbcReader {
   std::string take_word(const char* what);
   std::string take_string(const char* what);
   void expect(std::string_view symbol);
-  /// The tokens up to the semicolon, or to the next line that begins as a statement does: VERSION, BU_ and
-  /// BS_ have no semicolon, and others get lost.
+  /// Takes the tokens up to the semicolon, or to the next line that begins with a keyword: VERSION, BU_ and
+  /// BS_ have no semicolon, and some files omit others.
   std::vector<DbcToken> take_statement();
 
   void fail(const DbcToken& token, const std::string& what);
@@ -70,7 +69,7 @@ class DbcReader {
   std::optional<core::Error> error_;
 };
 
-/// Remarks about a file; equal ones are put together.
+/// Remarks about a file; equal remarks are merged.
 class DbcNotes {
  public:
   void add(int line, const std::string& text);
@@ -82,7 +81,7 @@ class DbcNotes {
     std::size_t count = 0;
   };
   std::map<std::string, Note, std::less<>> notes_;
-  std::size_t left_out_ = 0;
+  std::size_t omitted_ = 0;
 };
 
 }  // namespace nilio::drivers

@@ -10,7 +10,7 @@ namespace {
 
 constexpr unsigned low_mask(unsigned bits) { return (1U << bits) - 1U; }
 
-/// Position of a Motorola signal's most significant bit counted in transmission order.
+/// Position of a Motorola signal's most significant bit in transmission order.
 unsigned network_position(const DbcSignal& signal) {
   return 8U * (signal.start_bit / 8U) + 7U - signal.start_bit % 8U;
 }
@@ -90,7 +90,7 @@ std::size_t required_length(const DbcSignal& signal) {
 
 bool is_selected(const DbcMessage& message, const DbcSignal& signal, std::span<const std::uint8_t> data) {
   const DbcSignal* selected = &signal;
-  // As many steps as there are signals: a database not made by parse_dbc may go round in circles.
+  // The number of steps is limited: in a database not made by parse_dbc() selectors may form a cycle.
   for (std::size_t step = 0; step <= message.signals.size(); ++step) {
     if (!selected->multiplexed) return true;
     if (!selected->selector || *selected->selector >= message.signals.size()) return false;

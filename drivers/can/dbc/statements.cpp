@@ -12,13 +12,13 @@ constexpr std::string_view kCycleTime = "GenMsgCycleTime";
 
 bool is_used(std::string_view attribute) { return attribute == kFrameFormat || attribute == kCycleTime; }
 
-/// What Vector's tools number 0 to 15; most files repeat it in BA_DEF_.
+/// Default names of the frame formats 0 to 15 in Vector's tools; most files repeat them in BA_DEF_.
 constexpr std::array<std::string_view, 16> kFrameFormats{
     "StandardCAN", "ExtendedCAN", "reserved",       "J1939PG",       "reserved", "reserved",
     "reserved",    "reserved",    "reserved",       "reserved",      "reserved", "reserved",
     "reserved",    "reserved",    "StandardCAN_FD", "ExtendedCAN_FD"};
 
-/// Pairs of number and text from `begin` on; false when there is something else.
+/// Reads pairs of number and text from `begin` on; false for any other token.
 bool read_value_names(const std::vector<DbcToken>& statement, std::size_t begin,
                       std::vector<DbcValueName>& values) {
   for (std::size_t i = begin; i < statement.size(); i += 2) {

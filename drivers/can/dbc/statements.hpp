@@ -15,10 +15,10 @@ namespace nilio::drivers {
 inline constexpr std::uint32_t kDbcExtendedFlag = 0x80000000U;
 inline constexpr std::uint32_t kDbcIdMask = 0x1FFFFFFFU;
 
-/// Finds messages by the identifier as it is in the file, with bit 31 for extended ones.
+/// Finds messages by the identifier as written in the file, with bit 31 for extended identifiers.
 class DbcMessageIndex {
  public:
-  /// False when the identifier is taken already.
+  /// False when the identifier exists already.
   bool add(std::uint32_t file_id, std::size_t index) { return indices_.emplace(file_id, index).second; }
   [[nodiscard]] DbcMessage* find(DbcDatabase& database, std::uint32_t file_id) const;
   [[nodiscard]] DbcSignal* find(DbcDatabase& database, std::uint32_t file_id, std::string_view signal) const;
@@ -27,7 +27,7 @@ class DbcMessageIndex {
   std::unordered_map<std::uint32_t, std::size_t> indices_;
 };
 
-/// The attributes that say how frames are sent. A message without its own value has the default.
+/// Attributes of how frames are sent. A message without its own value has the default.
 class DbcAttributes {
  public:
   /// BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN", ...
@@ -53,7 +53,7 @@ class DbcAttributes {
 
   std::vector<std::string> frame_formats_;
   std::map<std::string, Value, std::less<>> defaults_;
-  /// By attribute and message.
+  /// Values by attribute and message.
   std::map<std::string, Values, std::less<>> assigned_;
 };
 
@@ -70,19 +70,20 @@ class DbcValueTables {
   std::map<std::string, std::vector<DbcValueName>, std::less<>> tables_;
 };
 
-/// CM_ BO_ id "text", CM_ SG_ id signal "text"; those of the file, of nodes and of variables are passed over.
+/// Reads CM_ BO_ id "text" and CM_ SG_ id signal "text"; comments on the file, nodes and variables are
+/// ignored.
 void read_comment(const std::vector<DbcToken>& statement, DbcDatabase& database, const DbcMessageIndex& index,
                   DbcNotes& notes);
 
-/// SG_MUL_VAL_ id signal multiplexer 0-3, 7-7
+/// Reads SG_MUL_VAL_ id signal multiplexer 0-3, 7-7.
 void read_extended_multiplexing(const DbcToken& keyword, const std::vector<DbcToken>& statement,
                                 DbcDatabase& database, const DbcMessageIndex& index, DbcReader& reader);
 
-/// Gives the signals marked m3 the message's multiplexer where no other was named. The error of multiplexers
-/// that select each other.
+/// Assigns the message's multiplexer to signals marked m3 without another one. Returns an error for
+/// multiplexers that select each other.
 std::optional<core::Error> resolve_multiplexers(DbcDatabase& database);
 
-/// What cannot be right, though it can be read.
-void note_oddities(const DbcMessage& message, int line, DbcNotes& notes);
+/// Notes contradictions in a readable message.
+void note_contradictions(const DbcMessage& message, int line, DbcNotes& notes);
 
 }  // namespace nilio::drivers

@@ -12,7 +12,7 @@
 
 namespace nilio::drivers {
 
-/// Converts the kernel's frame of `size` bytes (16 = CAN, 72 = CAN FD), without stamps. Nothing for other
+/// Converts the kernel's frame of `size` bytes (16 = CAN, 72 = CAN FD), without stamps. Empty for other
 /// sizes and for lengths beyond the frame.
 std::optional<CanFrame> from_kernel_frame(const canfd_frame& frame, std::size_t size);
 
@@ -22,7 +22,7 @@ struct KernelFrame {
   std::size_t size = 0;
 };
 
-/// The inverse. Nothing for error frames, which only a controller makes, and for invalid identifiers and
+/// The inverse. Empty for error frames, which only a controller makes, and for invalid identifiers and
 /// lengths.
 std::optional<KernelFrame> to_kernel_frame(const CanFrame& frame);
 

@@ -221,7 +221,7 @@ core::Result<int> configure(int descriptor, const SocketCanConfig& config) {
     }
     if (setsockopt(descriptor, SOL_CAN_RAW, CAN_RAW_FILTER, filters.data(),
                    static_cast<socklen_t>(filters.size() * sizeof(can_filter))) != 0)
-      return Error{where + std::to_string(filters.size()) + " filters are refused: " + std::strerror(errno) +
+      return Error{where + std::to_string(filters.size()) + " filters are rejected: " + std::strerror(errno) +
                    "; the kernel takes 512"};
   }
   return request_receive_buffer(descriptor, config.receive_buffer_bytes).value_or(0);

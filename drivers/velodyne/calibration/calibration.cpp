@@ -12,7 +12,7 @@ namespace {
 
 using core::Error;
 
-/// A calibration of 128 lasers has 50 kB.
+/// Size limit of a file; a calibration of 128 lasers has 50 kB.
 constexpr std::size_t kLargestFile = std::size_t{4} << 20;
 
 core::Result<std::string> read_text(const std::string& path) {
@@ -24,7 +24,7 @@ core::Result<std::string> read_text(const std::string& path) {
   if (file.bad() || (file.fail() && !file.eof())) return unreadable;
   text.resize(static_cast<std::size_t>(file.gcount()));
   if (text.size() > kLargestFile) {
-    return Error{path + ": more than 4 MB, which no calibration has; check that it is the right file"};
+    return Error{path + ": larger than 4 MB, hence no calibration; check that it is the right file"};
   }
   return text;
 }

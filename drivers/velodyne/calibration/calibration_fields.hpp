@@ -13,8 +13,7 @@ namespace nilio::drivers {
 
 enum class Quantity { kAngle, kLength, kRatio };
 
-/// One number of a laser: its key in either kind of file, where it goes, and the range beyond which it cannot
-/// be meant, in SI units.
+/// One number of a laser: its key in either kind of file, its member, and its plausible range in SI units.
 struct CalibrationField {
   const char* yaml_key;
   const char* xml_key;
@@ -44,13 +43,13 @@ inline constexpr std::array<CalibrationField, 9> kCalibrationFields{{
      Quantity::kLength, -1.0, 1.0, false, true},
     {"horiz_offset_correction", "horizOffsetCorrection_", &LaserCalibration::horizontal_offset_m,
      Quantity::kLength, -1.0, 1.0, false, true},
-    // Factory values reach 24 m; more is centimetres, as some old YAML files have them.
+    // Factory values reach 24 m; larger ones are centimetres, as in some old YAML files.
     {"focal_distance", "focalDistance_", &LaserCalibration::focal_distance_m, Quantity::kLength, 0.0, 25.0,
      false, false},
     {"focal_slope", "focalSlope_", &LaserCalibration::focal_slope, Quantity::kRatio, 0.0, 20.0, false, false},
 }};
 
-/// Units of a kind of file: what its numbers are multiplied by for SI, and their names in messages.
+/// Units of a kind of file: factors to SI, and names for messages.
 struct FileUnits {
   double angle = 1.0;
   double length = 1.0;
@@ -61,16 +60,16 @@ struct FileUnits {
 inline constexpr FileUnits kYamlUnits{1.0, 1.0, "radians", "metres"};
 inline constexpr FileUnits kXmlUnits{std::numbers::pi / 180.0, 0.01, "degrees", "centimetres"};
 
-/// `value` of a file in SI units, or what is wrong with it ("is 152, expected ... metres").
+/// Converts `value` to SI units; the error is "is 152, expected ... metres".
 core::Result<double> to_si(const CalibrationField& field, double value, const FileUnits& units);
 
-/// What is wrong with a laser as a whole, if anything.
+/// Describes a contradiction between the values of a laser; nothing if there is none.
 std::optional<std::string> laser_fault(const LaserCalibration& laser);
 
-/// An intensity limit of a file, where it is a whole number of 0 to 255.
+/// An intensity limit; nothing unless it is a whole number of 0 to 255.
 std::optional<std::uint8_t> to_intensity(double value);
 
-/// Shortest text that reads back as the same number.
+/// Shortest text that parses to the same number.
 std::string format_number(double value);
 
 core::Result<VelodyneSensor> read_yaml_calibration(VelodyneSensor sensor, const std::string& text,

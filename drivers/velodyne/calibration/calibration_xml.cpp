@@ -13,12 +13,12 @@ namespace {
 
 using core::Error;
 
-/// The file's arrays have this many items whatever the model.
+/// Size of the file's arrays, the same for every model.
 constexpr std::size_t kItems = 64;
-/// Every model's beams span more; less means that the angles are not degrees.
+/// Every model's beams span more; a smaller span means that the angles are not in degrees.
 constexpr double kSmallestSpanRad = 5.0 * kXmlUnits.angle;
 
-/// The document with what messages need.
+/// The document, with text and path for error messages.
 struct Document {
   pugi::xml_node db;
   const std::string& text;
@@ -37,7 +37,7 @@ struct Document {
   }
 };
 
-/// Independent of the locale, as pugixml's own conversions are not.
+/// Parses a number independently of the locale, unlike pugixml.
 std::optional<double> number(pugi::xml_node node) {
   std::string_view text = node.child_value();
   const std::size_t first = text.find_first_not_of(" \t\r\n");
@@ -56,8 +56,7 @@ std::vector<pugi::xml_node> items(pugi::xml_node list) {
   return found;
 }
 
-/// The lists beside the lasers: one whole number of `lowest` to 255 per laser id; absent lists leave the
-/// default.
+/// Reads a list of one whole number of 0 to 255 per laser id; an absent list gives the value `absent`.
 core::Result<std::vector<std::uint8_t>> read_list(const Document& in, const char* key, std::uint8_t absent) {
   const pugi::xml_node list = in.db.child(key);
   if (!list) return std::vector<std::uint8_t>(kItems, absent);
@@ -124,7 +123,7 @@ core::Result<LaserCalibration> read_laser(const Document& in, pugi::xml_node px,
   return laser;
 }
 
-/// The lasers by id. Files of smaller sensors list 64 too, the surplus switched off.
+/// Reads the lasers by id. Files of smaller sensors also list 64, with the surplus switched off.
 core::Result<VelodyneSensor> read_points(const Document& in, VelodyneSensor sensor) {
   const core::Result<Lists> lists = read_lists(in);
   if (!lists) return lists.error();
@@ -158,7 +157,7 @@ std::optional<Error> check_resolution(const Document& in, const VelodyneSensor& 
   if (!node) return std::nullopt;
   const std::optional<double> value = number(node);
   if (!value) return in.error(node, "distLSB_ is not a number");
-  // Files come with single precision.
+  // Files have single precision.
   const double expected = sensor.distance_resolution_m / kXmlUnits.length;
   if (std::abs(*value - expected) < 1e-6) return std::nullopt;
   return in.error(node, "distLSB_ is " + format_number(*value) + " cm, but a " + sensor.name +

@@ -18,11 +18,11 @@ constexpr const char* kMaxIntensity = "max_intensity";
 constexpr const char* kTwoPoint = "two_pt_correction_available";
 constexpr const char* kEnabled = "enabled";
 
-/// Keys beside the numbers of kCalibrationFields; close_slope is known and not used.
+/// Keys other than those of kCalibrationFields; close_slope is accepted and ignored.
 constexpr std::array<const char*, 6> kOtherKeys{"laser_id", kMinIntensity, kMaxIntensity,
                                                 kTwoPoint,  kEnabled,      "close_slope"};
 
-/// A laser being read, for messages and their places.
+/// A laser being read, with path and id for error messages.
 struct LaserNode {
   YAML::Node node;
   const std::string& path;

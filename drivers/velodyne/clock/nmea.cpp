@@ -21,7 +21,7 @@ std::optional<int> hex_digit(char c) {
   return std::nullopt;
 }
 
-/// What is between '$' and '*', if the checksum is right and nothing but the line end follows.
+/// Text between '$' and '*'; nothing if the checksum is wrong or text other than the line end follows.
 std::optional<std::string_view> checked_body(std::string_view text) {
   text = text.substr(0, text.find('\0'));
   while (!text.empty() && (text.back() == '\r' || text.back() == '\n')) text.remove_suffix(1);
@@ -40,7 +40,7 @@ std::optional<std::string_view> checked_body(std::string_view text) {
   return text.substr(0, star);
 }
 
-/// The fields between the commas; those beyond the last are empty.
+/// Comma-separated fields; fields beyond the last are empty.
 class Fields {
  public:
   explicit Fields(std::string_view body) {
@@ -55,17 +55,17 @@ class Fields {
   [[nodiscard]] std::string_view operator[](std::size_t i) const { return fields_[i]; }
 
  private:
-  /// RMC has 14 at most in its longest form, GGA 15.
+  /// The longest form of RMC has 14 fields, GGA 15.
   std::array<std::string_view, 16> fields_{};
   std::size_t count_ = 0;
 };
 
-/// Reads fields until one is not what it should be.
+/// Parses fields; ok() turns false at the first malformed one.
 class Reader {
  public:
   [[nodiscard]] bool ok() const { return ok_; }
 
-  /// Digits, a point, a sign where `lowest` is negative; nothing for an empty field.
+  /// Parses digits, a point, and a sign if `lowest` is negative; nothing for an empty field.
   std::optional<double> number(std::string_view field, double lowest, double highest) {
     if (field.empty()) return std::nullopt;
     double value = 0.0;
@@ -76,7 +76,7 @@ class Reader {
     return value;
   }
 
-  /// `dddmm.mmm` and its hemisphere, one of `signs` (positive, negative).
+  /// Parses `dddmm.mmm` and its hemisphere, one of `signs` (positive, negative).
   std::optional<double> angle(std::string_view field, std::string_view hemisphere, std::string_view signs,
                               double highest_deg) {
     if (field.empty() || hemisphere.empty()) return std::nullopt;
@@ -89,7 +89,7 @@ class Reader {
     return (hemisphere[0] == signs[0] ? 1.0 : -1.0) * (degrees + minutes / 60.0);
   }
 
-  /// `hhmmss` or `hhmmss.sss`; a leap second (60) is the next minute's first.
+  /// Parses `hhmmss` or `hhmmss.sss`; a leap second (60) is the first of the next minute.
   std::optional<core::Duration> time_of_day(std::string_view field) {
     if (field.empty()) return std::nullopt;
     const auto hours = pair(field, 0, 23);
@@ -103,7 +103,7 @@ class Reader {
     return core::Duration{((*hours * 60 + *minutes) * 60 + *seconds) * kNsPerSecond + *fraction};
   }
 
-  /// `ddmmyy`: its midnight.
+  /// Parses `ddmmyy`; returns its midnight.
   std::optional<core::Time> date(std::string_view field) {
     if (field.empty()) return std::nullopt;
     const auto day = pair(field, 0, 31);
@@ -123,7 +123,7 @@ class Reader {
     return core::Time{std::chrono::sys_days{date}.time_since_epoch().count() * kDayNs};
   }
 
-  /// One of two letters: whether it is the first; an empty field is the second.
+  /// Parses one of two letters; true for `yes`, false for `no` and an empty field.
   bool flag(std::string_view field, char yes, char no) {
     if (field.empty()) return false;
     ok_ = ok_ && field.size() == 1 && (field[0] == yes || field[0] == no);
@@ -139,7 +139,7 @@ class Reader {
     return value <= highest ? std::optional(value) : std::nullopt;
   }
 
-  /// ".sss"; digits below a nanosecond are dropped.
+  /// Parses ".sss"; digits below a nanosecond are dropped.
   static std::optional<std::int64_t> fraction_ns(std::string_view text) {
     if (text.front() != '.') return std::nullopt;
     text.remove_prefix(1);
@@ -157,7 +157,8 @@ class Reader {
   bool ok_ = true;
 };
 
-/// The multiple of 1024 weeks to add, if that is what is between the receiver's date and the host's.
+/// Multiple of 1024 weeks between the receiver's date and the host's, to within a day; 0 for any other
+/// difference.
 core::Duration week_rollover(core::Time receiver, core::Time host) {
   const std::int64_t difference = (host - receiver).ns;
   const std::int64_t half = difference < 0 ? -kGpsEraNs / 2 : kGpsEraNs / 2;

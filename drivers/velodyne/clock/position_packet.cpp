@@ -16,8 +16,9 @@ constexpr std::size_t kTimestampOffset = 0xC6;
 constexpr std::size_t kPpsOffset = 0xCA;
 constexpr std::size_t kNmeaOffset = 0xCE;
 
-/// HDL-32E manual, "positioning packet": 12-bit numbers; the recordings have 0, 1, 2, 3 in the upper four
-/// bits of a board's gyro, temperature and accelerations, which tells these words from other sensors' zeros.
+/// Scale of a motion field (HDL-32E manual, "positioning packet"): 12-bit numbers. Recordings have 0, 1, 2, 3
+/// in the upper four bits of a board's gyro, temperature and accelerations, unlike the zeros of other
+/// sensors.
 struct MotionScale {
   double unit = 0.0;
   double zero = 0.0;

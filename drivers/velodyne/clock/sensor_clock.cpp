@@ -10,15 +10,16 @@ constexpr std::int64_t kHourUs = 3'600'000'000;
 constexpr std::int64_t kHourNs = kHourUs * 1000;
 constexpr std::int64_t kSecondNs = 1'000'000'000;
 constexpr std::int64_t kReorderWindowNs = 50'000'000;
-/// Sensor and host clocks run alike; when their steps differ by more than this, one of them was set.
+/// A larger difference between the steps of sensor and host clock means that one of them was set.
 constexpr std::int64_t kClockSetNs = 500'000'000;
-/// A step of the sensor's clock that its packets explain; beyond it, it may have been the sensor's clock.
+/// Largest step of the sensor's clock between packets; beyond it, the sensor's clock itself may have been
+/// set.
 constexpr std::int64_t kPlausibleStepNs = 2 * kSecondNs;
-/// Closer than this, sensor time is taken for synchronised with the host's.
+/// Within this difference sensor time counts as synchronised with the host's.
 constexpr std::int64_t kSynchronisedNs = 200'000'000;
-/// How fast the shift may follow the fit.
+/// Largest rate at which the shift follows the fit.
 constexpr double kSlew = 200e-6;
-/// A GPS report counts for this long: position packets come many times a second.
+/// Validity of a GPS report; position packets arrive many times a second.
 constexpr std::int64_t kReportLifetimeNs = 5 * kSecondNs;
 
 std::int64_t floor_divide(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0 ? 1 : 0); }
@@ -52,7 +53,7 @@ PacketArrival SensorClock::arrive(std::uint32_t timestamp_us, std::uint16_t firs
     }
     line_ns_ += step_ns;
     arrival.since_previous_ns = step_ns;
-    // A pause is known from the azimuth, to a few per cent.
+    // The azimuth gives the pause to a few per cent.
     const std::int64_t unexplained_ns = step_ns - previous_pause_ns - previous_pause_ns / 20;
     const std::int64_t periods = (unexplained_ns + packet_period_ns_ / 2) / packet_period_ns_;
     arrival.gap_packets = static_cast<std::uint32_t>(std::max<std::int64_t>(periods - 1, 0));
@@ -72,7 +73,7 @@ std::int64_t SensorClock::restart(std::uint32_t timestamp_us, std::uint16_t firs
   return line_ns_;
 }
 
-/// Receive times less a packet's duration, smoothed: packets follow one another at an even rate.
+/// Smooths receive times minus a packet's duration: packets have an even rate.
 PacketArrival SensorClock::arrive_without_clock(core::Time stamp) {
   constexpr std::int64_t kLockNs = 5'000'000;
   constexpr std::int64_t kSmoothing = 16;
@@ -88,7 +89,7 @@ PacketArrival SensorClock::arrive_without_clock(core::Time stamp) {
         std::abs(error_ns) < kLockNs ? predicted_ns + error_ns / kSmoothing : observed_ns;
     if (error_ns < -kClockSetNs || error_ns > kPlausibleStepNs) {
       arrival.host_jump = true;
-      // Not backwards.
+      // Time must not go back.
       shift_ns_ += std::max<std::int64_t>(predicted_ns - next_ns, 0);
     } else {
       arrival.since_previous_ns = std::max<std::int64_t>(next_ns - line_ns_, 1);
@@ -117,20 +118,20 @@ void SensorClock::remember(std::uint32_t timestamp_us, std::uint16_t azimuth, co
   last_stamp_ = stamp;
 }
 
-/// Where sensor time is asked for, a locked receiver knows better than the host.
-bool SensorClock::gps_tells_hour(core::Time stamp) const {
+/// True when sensor time is configured and a locked receiver provides the hour.
+bool SensorClock::has_gps_hour(core::Time stamp) const {
   return source_ == TimeSource::kSensor && gps_ && gps_->pulse_locked && gps_->utc &&
          std::abs((stamp - gps_received_).ns) < kReportLifetimeNs;
 }
 
-/// The hour was the host's guess, and the first position packet says another one.
+/// True when the hour taken from the host differs from that of a later position packet.
 bool SensorClock::is_wrong_hour(std::int64_t line_ns, core::Time stamp) const {
-  return gps_tells_hour(stamp) && std::abs(line_ns - gps_->utc->ns) > kHourNs / 2 + kReportLifetimeNs;
+  return has_gps_hour(stamp) && std::abs(line_ns - gps_->utc->ns) > kHourNs / 2 + kReportLifetimeNs;
 }
 
 void SensorClock::anchor(std::uint32_t timestamp_us, core::Time stamp) {
-  const core::Time about = gps_tells_hour(stamp) ? *gps_->utc : stamp;
-  // Values just beyond the hour do occur at the rollover.
+  const core::Time about = has_gps_hour(stamp) ? *gps_->utc : stamp;
+  // Values slightly beyond one hour occur at the rollover.
   const std::int64_t past_hour_ns = static_cast<std::int64_t>(timestamp_us) % kHourUs * 1000;
   line_ns_ = past_hour_ns + floor_divide(about.ns - past_hour_ns + kHourNs / 2, kHourNs) * kHourNs;
   anchored_ = true;
@@ -161,11 +162,11 @@ void SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end
     const auto limit =
         static_cast<std::int64_t>(kSlew * static_cast<double>(scan_end_ns - shift_updated_ns_));
     const std::int64_t change_ns = wanted_ns - shift_ns_;
-    // The host's clock was set forward: no slewing would ever get there.
+    // The host's clock was set forward: too far for slewing.
     const bool step = change_ns > kClockSetNs;
     shift_ns_ += step ? change_ns : std::clamp(change_ns, -limit, limit);
   }
-  // After a backward jump time continues from where it was.
+  // After a backward jump, time continues from the last published one.
   if (emitted_ns_ != INT64_MIN) shift_ns_ = std::max(shift_ns_, emitted_ns_ + 1 - scan_start_ns);
   shift_updated_ns_ = scan_end_ns;
   emitted_ns_ = scan_end_ns + shift_ns_;
@@ -173,9 +174,9 @@ void SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end
 
 core::ClockSource SensorClock::source() const {
   if (!has_clock_ || source_ == TimeSource::kHost) return core::ClockSource::kHost;
-  const bool heard = gps_ && std::abs((last_stamp_ - gps_received_).ns) < kReportLifetimeNs;
-  if (heard && gps_->pulse_locked) return core::ClockSource::kPpsLocked;
-  if (heard && gps_->utc) return core::ClockSource::kNmeaOnly;
+  const bool has_report = gps_ && std::abs((last_stamp_ - gps_received_).ns) < kReportLifetimeNs;
+  if (has_report && gps_->pulse_locked) return core::ClockSource::kPpsLocked;
+  if (has_report && gps_->utc) return core::ClockSource::kNmeaOnly;
   return agrees_ ? core::ClockSource::kPtp : core::ClockSource::kFreeRunning;
 }
 

@@ -5,11 +5,11 @@
 namespace nilio::drivers {
 namespace {
 
-/// Whether the type can be at this place of the cycle, or of any where it is not known.
+/// True if the type is valid at this place of the cycle, or of any cycle while it is unknown.
 bool fits_table(std::uint8_t type, std::size_t place, std::optional<std::size_t> cycle) {
   if (type == '1' + place) return true;
   if (cycle) return type == hdl64e_type(*cycle, place);
-  // One cycle of each kind that has other types.
+  // One cycle of each kind with special types.
   constexpr std::array<std::size_t, 4> kKinds{0, 4, 257, 259};
   return std::any_of(kKinds.begin(), kKinds.end(),
                      [&](std::size_t kind) { return type == hdl64e_type(kind, place); });
@@ -33,8 +33,8 @@ bool is_marker(std::span<const std::uint8_t> bytes) {
                     [](char c, std::uint8_t byte) { return static_cast<std::uint8_t>(c) == byte; });
 }
 
-/// Whether the bytes can be those of the cycle, as far as they tell.
-bool belongs(std::span<const std::uint8_t> bytes, std::size_t cycle) {
+/// False if the bytes contradict the cycle.
+bool matches_cycle(std::span<const std::uint8_t> bytes, std::size_t cycle) {
   if (cycle == 0) return is_marker(bytes);
   const std::optional<std::size_t> laser = hdl64e_laser_of_cycle(cycle);
   return !laser || bytes[0] == *laser;
@@ -45,7 +45,7 @@ bool belongs(std::span<const std::uint8_t> bytes, std::size_t cycle) {
 void Hdl64eStatusReader::add(std::uint8_t type, std::uint8_t value) {
   if (position_ && !fits(type, *position_, cycle_)) {
     break_order();
-    // The place in the cycle still holds where only the table is not where it was thought to be.
+    // The position in the cycle remains valid when only the cycle number was wrong.
     if (!fits(type, *position_, cycle_)) position_.reset();
   }
   if (!position_) {
@@ -71,8 +71,8 @@ void Hdl64eStatusReader::break_order() {
   cycle_.reset();
 }
 
-/// The bytes of the clock come one after the other: where a minute ends between two of them they show a time
-/// that never was. Hence only a time that is that of the cycle before, or the second after, is believed.
+/// The bytes of the clock arrive one by one: a minute that ends between two of them makes an invalid time.
+/// Hence a time is accepted only if it equals that of the previous cycle or is one second later.
 void Hdl64eStatusReader::finish_clock() {
   const std::array<std::uint8_t, 6> time{values_[5], values_[4], values_[3],
                                          values_[0], values_[1], values_[2]};
@@ -93,7 +93,7 @@ void Hdl64eStatusReader::finish_clock() {
 
 void Hdl64eStatusReader::finish_cycle() {
   const auto bytes = std::span(values_).subspan<kHdl64eClockBytes>();
-  if (cycle_ && !belongs(bytes, *cycle_)) break_order();
+  if (cycle_ && !matches_cycle(bytes, *cycle_)) break_order();
   if (!cycle_) {
     if (!is_marker(bytes)) return;
     cycle_ = 0;

@@ -34,7 +34,7 @@ core::Result<Hdl64eStatusWriter> Hdl64eStatusWriter::create(std::span<const Lase
   if (!table) return table.error();
   const auto rounded = hdl64e_lasers(*table);
   if (!rounded) {
-    return core::Error{"HDL-64E status stream: no laser is like one of these; check the calibration's units"};
+    return core::Error{"HDL-64E status stream: implausible laser geometry; check the calibration's units"};
   }
   Hdl64eStatusWriter writer;
   writer.table_ = *table;

@@ -19,7 +19,7 @@ constexpr std::size_t kAddressCycle = 258;
 constexpr std::size_t kLastCycle = 259;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
-/// A word of a laser in the order of the stream.
+/// A word of a laser, in stream order.
 struct LaserWord {
   double LaserCalibration::*target;
   double step;

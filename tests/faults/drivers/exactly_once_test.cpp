@@ -27,7 +27,7 @@ constexpr std::array<Stream, 7> kStreams{{{VelodyneModel::kVlp16, ReturnMode::kS
                                           {VelodyneModel::kHdl64eS2, ReturnMode::kSingle},
                                           {VelodyneModel::kHdl64eS3, ReturnMode::kDual}}};
 
-/// What the generator did to the packets.
+/// Faults that the generator put into the packets.
 struct Faults {
   std::uint64_t lost = 0;
   std::uint64_t duplicated = 0;
@@ -53,7 +53,7 @@ struct Generated {
   }
 };
 
-/// Damages one block so that its azimuth step cannot be used.
+/// Damages one block so that its azimuth step is unusable.
 void damage(VelodyneDataPacket& data, const PacketLayout& layout, std::mt19937& random) {
   std::size_t block = random() % kBlocksPerPacket;
   while (layout.contents[block] == BlockContent::kPadding) block = random() % kBlocksPerPacket;
@@ -70,8 +70,8 @@ void damage(VelodyneDataPacket& data, const PacketLayout& layout, std::mt19937& 
   }
 }
 
-/// A stream with one packet in thirty mistreated, each in one way; the first and the last stay, so that every
-/// gap is seen.
+/// A stream with one fault in every thirty packets; the first and the last packet are kept, so that every gap
+/// is visible.
 Generated generate(const TurningSensor& source, std::uint32_t seed) {
   std::mt19937 random(seed);
   Generated result;
@@ -134,8 +134,7 @@ Outcome run(const TurningSensor& source, const std::vector<Packet>& packets,
   return outcome;
 }
 
-/// Every point is a firing that was sent, none is there twice, and no scan begins before the one before it
-/// ended.
+/// Checks that every point is a firing that was sent, without duplicates, and that scans do not overlap.
 void require_exactly_once(const Outcome& outcome) {
   std::set<std::tuple<std::int64_t, int>> seen;
   std::uint64_t points = 0;
@@ -158,7 +157,7 @@ void require_exactly_once(const Outcome& outcome) {
 
 }  // namespace
 
-TEST_CASE("every firing is in one scan or counted, whatever happens to the packets on the way") {
+TEST_CASE("every firing is in one scan or counted, whatever happens to the packets", "[exactly_once]") {
   for (const Stream& stream : kStreams) {
     for (const std::uint32_t seed : {1U, 2U}) {
       const TurningSensor source{
@@ -184,7 +183,7 @@ TEST_CASE("every firing is in one scan or counted, whatever happens to the packe
   }
 }
 
-TEST_CASE("time never goes back and no firing is lost when clocks are set") {
+TEST_CASE("time never goes back and no firing is lost when clocks are set", "[exactly_once]") {
   for (const TimeSource time_source : {TimeSource::kAuto, TimeSource::kSensor, TimeSource::kHost}) {
     for (const std::int64_t sensor_ahead_ns : {std::int64_t{0}, std::int64_t{1'234'000'000'000}}) {
       TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp16),
@@ -198,7 +197,7 @@ TEST_CASE("time never goes back and no firing is lost when clocks are set") {
       std::int64_t host_shift_ns = 0;
       for (std::size_t i = 0; i < kPackets; ++i) {
         if (i > 0 && i % 1000 == 0) {
-          // 3 s to 20 min, either way.
+          // 3 s to 20 min, forward or backward.
           const std::int64_t size_ns = (3 + static_cast<std::int64_t>(random() % 1200)) * 1'000'000'000;
           const std::int64_t jump_ns = random() % 2 == 0 ? size_ns : -size_ns;
           if (i % 2000 == 0) {

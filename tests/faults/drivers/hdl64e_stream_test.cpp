@@ -10,7 +10,7 @@ using namespace nilio;
 using namespace nilio::drivers;
 using namespace nilio::tests;
 
-TEST_CASE("any packet lost never gives a wrong table, and the next pass succeeds") {
+TEST_CASE("the loss of any packet never gives a wrong table, and the next pass succeeds", "[hdl64e_stream]") {
   const Hdl64eStatusWriter writer = make_writer();
   const auto stream = one_pass(writer);
   for (std::size_t lost = 0; lost < kHdl64eStatusPackets; ++lost) {
@@ -21,12 +21,12 @@ TEST_CASE("any packet lost never gives a wrong table, and the next pass succeeds
     feed(reader, stream);
     REQUIRE(reader.calibration().has_value());
     REQUIRE(*reader.calibration() == writer.calibration());
-    // Before the first 'H' nothing is known that could have a gap.
+    // Before the first 'H' a gap is not detectable.
     REQUIRE(reader.counters().gaps == (lost == 0 ? 0 : 1));
   }
 }
 
-TEST_CASE("losses of whole cycles never give a wrong table") {
+TEST_CASE("losses of complete cycles never give a wrong table", "[hdl64e_stream]") {
   const Hdl64eStatusWriter writer = make_writer();
   const auto stream = one_pass(writer);
   for (const std::size_t cycles : {1U, 2U, 3U, 4U, 8U, 64U, 259U}) {
@@ -43,7 +43,7 @@ TEST_CASE("losses of whole cycles never give a wrong table") {
   }
 }
 
-TEST_CASE("packets repeated or swapped start the table again") {
+TEST_CASE("repeated or swapped packets restart the table", "[hdl64e_stream]") {
   const Hdl64eStatusWriter writer = make_writer();
   const auto stream = one_pass(writer);
   for (std::size_t at = 1; at + 2 < stream.size(); at += 11) {
@@ -63,7 +63,7 @@ TEST_CASE("packets repeated or swapped start the table again") {
   }
 }
 
-TEST_CASE("a loss that the caller knows of starts the table again") {
+TEST_CASE("a loss reported by the caller restarts the table", "[hdl64e_stream]") {
   const auto stream = one_pass(make_writer());
   Hdl64eStatusReader reader;
   reader.note_loss();
@@ -77,7 +77,7 @@ TEST_CASE("a loss that the caller knows of starts the table again") {
   CHECK(reader.calibration().has_value());
 }
 
-TEST_CASE("any calibration byte changed is caught") {
+TEST_CASE("a change of any calibration byte is detected", "[hdl64e_stream]") {
   const auto stream = one_pass(make_writer());
   for (std::size_t laser = 0; laser < kHdl64eLasers; ++laser) {
     for (std::size_t i = 0; i < 21; ++i) {
@@ -88,7 +88,7 @@ TEST_CASE("any calibration byte changed is caught") {
         Hdl64eStatusReader reader;
         feed(reader, bad);
         REQUIRE_FALSE(reader.calibration().has_value());
-        // A wrong id is a cycle out of place.
+        // A wrong id counts as a cycle out of order.
         REQUIRE(reader.counters().wrong_crc == (i == 0 ? 0 : 1));
         REQUIRE(reader.counters().gaps == (i == 0 ? 1 : 0));
       }
@@ -96,7 +96,7 @@ TEST_CASE("any calibration byte changed is caught") {
   }
 }
 
-TEST_CASE("a wrong CRC is counted and the next pass is read") {
+TEST_CASE("a wrong CRC is counted and the next pass is read", "[hdl64e_stream]") {
   const auto stream = one_pass(make_writer());
   for (const std::size_t place : {5U, 6U}) {
     auto bad = stream;
@@ -107,7 +107,7 @@ TEST_CASE("a wrong CRC is counted and the next pass is read") {
     CHECK(reader.counters().wrong_crc == 1);
     feed(reader, stream);
     CHECK(reader.calibration().has_value());
-    // What was right stays when a later pass is not.
+    // The good table remains when a later pass is bad.
     feed(reader, bad);
     CHECK(reader.calibration().has_value());
     CHECK(reader.counters().wrong_crc == 2);
@@ -115,13 +115,13 @@ TEST_CASE("a wrong CRC is counted and the next pass is read") {
   }
 }
 
-TEST_CASE("any bytes are survived and give no table") {
+TEST_CASE("random bytes give no table", "[hdl64e_stream]") {
   Hdl64eStatusReader reader;
   std::uint32_t state = 7;
   const std::string types = "HMSDNYGTV1234567W";
   for (int i = 0; i < 500'000; ++i) {
     state = state * 1'664'525 + 1'013'904'223;
-    // The factory bytes of another model among them.
+    // Includes the factory bytes of another model.
     const auto type =
         i % 1000 < 500 ? static_cast<std::uint8_t>(types[(state >> 8) % types.size()]) : std::uint8_t{0x37};
     reader.add(type, static_cast<std::uint8_t>(state >> 24));

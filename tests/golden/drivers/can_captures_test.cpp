@@ -1,4 +1,4 @@
-// CAN frames in every kind of capture that LiDAR and CAN are recorded into together.
+// CAN frames in every kind of capture that can hold LiDAR and CAN.
 
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
@@ -49,8 +49,8 @@ constexpr std::uint32_t kExtendedFlag = 0x80000000U;
 constexpr std::uint32_t kRemoteFlag = 0x40000000U;
 constexpr std::uint32_t kErrorFlag = 0x20000000U;
 
-/// A frame as SocketCAN has it: 16 bytes, or 72 for CAN FD. The identifier is in network order where the link
-/// type is SocketCAN, and as in the memory of the machine that captured in cooked headers.
+/// A frame of SocketCAN: 16 bytes, or 72 for CAN FD. The identifier is in network order for the link type
+/// SocketCAN, and in the byte order of the capturing machine after cooked headers.
 std::string can(std::uint32_t id, const std::string& data, bool big_endian_id, bool flexible = false,
                 std::uint8_t flags = 0) {
   ByteText text(big_endian_id);
@@ -72,7 +72,7 @@ const std::string kAcceleration{"\x00\x00\x00\x00\x09\xCF", 6};
 
 }  // namespace
 
-TEST_CASE("captures of a CAN interface give frames of every kind") {
+TEST_CASE("captures of a CAN interface give frames of every kind", "[can_captures]") {
   PcapText capture(kLinkCan);
   capture.packet(kEpochNs + 1, can(0x32, kRate, true))
       .packet(kEpochNs + 2, can(0x1ABCDEF0U | kExtendedFlag, "x", true))
@@ -80,7 +80,7 @@ TEST_CASE("captures of a CAN interface give frames of every kind") {
       .packet(kEpochNs + 4, can(0x4U | kErrorFlag, std::string(8, '\0'), true))
       .packet(kEpochNs + 5, can(0x7FF, std::string(64, 'y'), true, true))
       .packet(kEpochNs + 6, can(0x7FE, "FD", true, true, 0))
-      // Without the unused bytes; told as CAN FD by its flag.
+      // Without the unused bytes; the flag marks CAN FD.
       .packet(kEpochNs + 7, can(0x7FD, std::string(12, 'z'), true, true, 4).substr(0, 20));
   const Contents contents = read_can_bytes(capture.bytes(), "can0");
   REQUIRE(contents.frames.size() == 7);
@@ -104,7 +104,7 @@ TEST_CASE("captures of a CAN interface give frames of every kind") {
   CHECK(frames[6].length == 12);
 }
 
-TEST_CASE("one capture of all interfaces feeds LiDAR and IMU") {
+TEST_CASE("one capture of all interfaces provides LiDAR and IMU data", "[can_captures]") {
   const std::string lidar = link_frame(kLinkCooked2, ipv4_udp(2368, std::string(1206, 'v')));
   PcapText capture(kLinkCooked2);
   for (int i = 0; i < 10; ++i) {
@@ -139,7 +139,7 @@ TEST_CASE("one capture of all interfaces feeds LiDAR and IMU") {
              Contains("wanted '7'") && Contains("20 of #3") && Contains("set the CAN interface"));
 }
 
-TEST_CASE("the older cooked header carries CAN and CAN FD, too") {
+TEST_CASE("the older cooked header carries CAN and CAN FD, too", "[can_captures]") {
   PcapText capture(kLinkCooked);
   capture.packet(1, cooked(0x000C, can(0x123, "abc", false)))
       .packet(2, cooked(0x000D, can(0x124, std::string(48, 'd'), false, true)))
@@ -155,7 +155,8 @@ TEST_CASE("the older cooked header carries CAN and CAN FD, too") {
   CHECK(contents.stats.malformed == 2);
 }
 
-TEST_CASE("a pcapng with LiDAR and CAN interfaces gives the frames of the interface that is named") {
+TEST_CASE("a pcapng with LiDAR and CAN interfaces gives the frames of the named interface",
+          "[can_captures]") {
   for (const bool big_endian : {false, true}) {
     CAPTURE(big_endian);
     PcapngText capture(big_endian);
@@ -172,7 +173,7 @@ TEST_CASE("a pcapng with LiDAR and CAN interfaces gives the frames of the interf
     }
     capture.simple_packet(link_frame(kLinkEthernet, ipv4_udp(2368, "simple")))
         .packet(2, 7, can(0x102, "", true));
-    // A second section numbers its interfaces anew.
+    // A second section restarts the numbering of interfaces.
     capture.section(!big_endian)
         .interface(kLinkCan, capture.option(2, "can1"))
         .packet(0, 8, can(0x103, "", true));
@@ -198,7 +199,7 @@ TEST_CASE("a pcapng with LiDAR and CAN interfaces gives the frames of the interf
   }
 }
 
-TEST_CASE("cooked frames of a big-endian machine have their identifier the other way round") {
+TEST_CASE("cooked frames of a big-endian machine have a big-endian identifier", "[can_captures]") {
   PcapngText capture(true);
   capture.interface(kLinkCooked2, capture.option(2, "any"));
   capture.packet(0, 1, cooked2(0x000C, 3, can(0x123, "abc", true)));
@@ -207,7 +208,7 @@ TEST_CASE("cooked frames of a big-endian machine have their identifier the other
   CHECK(contents.frames[0].id == 0x123);
 }
 
-TEST_CASE("files that hold no CAN say what is wrong and what to do") {
+TEST_CASE("errors for files without CAN give the reason and the remedy", "[can_captures]") {
   const auto error_of = [](const std::string& path) {
     const auto source = open_can_capture(path, "");
     REQUIRE_FALSE(source.ok());

@@ -1,6 +1,7 @@
 // Real DBC files and a minute of a real car's bus.
 
 #include "nilio/drivers/can/can_files.hpp"
+
 #include "nilio/drivers/can/dbc/dbc.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
@@ -75,7 +76,7 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
 
 }  // namespace
 
-TEST_CASE("real DBC files are read whole") {
+TEST_CASE("real DBC files are read completely", "[can_files]") {
   NILIO_REQUIRE_DATA(folder, "can");
   std::size_t files = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
@@ -83,7 +84,7 @@ TEST_CASE("real DBC files are read whole") {
     CAPTURE(entry.path());
     const auto database = load_dbc(entry.path().string());
     REQUIRE(database.ok());
-    // Each BO_ is a message, except for the one that collects signals of none.
+    // Each BO_ is a message, except for the pseudo-message of unassigned signals.
     const std::string text = nilio::tests::read_file(entry.path());
     std::size_t messages = 0;
     for (std::size_t at = text.find("\nBO_ "); at != std::string::npos; at = text.find("\nBO_ ", at + 1))
@@ -106,7 +107,7 @@ TEST_CASE("real DBC files are read whole") {
         "C");
 }
 
-TEST_CASE("a car's yaw rate is decoded from every frame and follows a phone's gyro") {
+TEST_CASE("a car's yaw rate is decoded from every frame and agrees with a phone's gyro", "[can_files]") {
   NILIO_REQUIRE_DATA(folder, "can");
   const TemporaryFile log("", ".log");
   const TemporaryFile phone("", ".csv");
@@ -143,7 +144,7 @@ TEST_CASE("a car's yaw rate is decoded from every frame and follows a phone's gy
   CHECK(correlation(car.values, at_car) == Approx(-0.78).margin(0.01));
 }
 
-TEST_CASE("a car's three axes are samples that can be looked at, with their gaps") {
+TEST_CASE("a car's three axes give samples for inspection, with their gaps", "[can_files]") {
   NILIO_REQUIRE_DATA(folder, "can");
   const TemporaryFile log("", ".log");
   unpack(folder / "toyota_rav4_60s_candump.log.xz", log);
@@ -169,12 +170,12 @@ TEST_CASE("a car's three axes are samples that can be looked at, with their gaps
   CHECK(stats.out_of_order == 0);
   CHECK(stats.saturated == 0);
   CHECK(stats.frozen == 0);
-  // The log's stamps are those of a gateway that hands frames on in batches.
+  // The log's stamps are those of a gateway that forwards frames in batches.
   CHECK(stats.gaps == 664);
   CHECK(stats.longest_gap.milliseconds() == Approx(29.27).margin(0.01));
 }
 
-TEST_CASE("our DBC files lay signals out as the manufacturers' do") {
+TEST_CASE("our DBC files have the signal layout of the manufacturers' files", "[can_files]") {
   NILIO_REQUIRE_DATA(folder, "can");
   for (const char* name : {"xsens_mti", "sbg_ellipse"}) {
     CAPTURE(name);

@@ -23,7 +23,7 @@ std::size_t count_port(const std::vector<Packet>& packets, std::uint16_t port, s
 
 }  // namespace
 
-TEST_CASE("a short VLP-16 capture is read whole and recognised") {
+TEST_CASE("a short VLP-16 capture is read completely and recognised", "[captures]") {
   NILIO_REQUIRE_DATA(path, "velodyne/vlp16_short.pcap");
   auto source = open_pcap(path.string(), {});
   REQUIRE(source.ok());
@@ -32,11 +32,11 @@ TEST_CASE("a short VLP-16 capture is read whole and recognised") {
   CHECK(count_port(packets, 8308, kPositionPacketSize) == 16);
   CHECK((*source)->stats().delivered == 100);
   CHECK((*source)->stats().malformed == 0);
-  // Its product byte says HDL-32E; its packet period does not.
+  // The product byte is that of an HDL-32E; the packet period is not.
   CHECK(detect_velodyne(packets).model == VelodyneModel::kVlp16);
 }
 
-TEST_CASE("a VLP-16 capture gives whole revolutions of plausible points") {
+TEST_CASE("a VLP-16 capture gives complete revolutions of plausible points", "[captures]") {
   NILIO_REQUIRE_DATA(path, "velodyne/vlp16_gps_stationary.pcap");
   auto source = open_pcap(path.string(), {});
   REQUIRE(source.ok());
@@ -63,7 +63,7 @@ TEST_CASE("a VLP-16 capture gives whole revolutions of plausible points") {
   }
 }
 
-TEST_CASE("a capture whose IP lengths are wrong is read by its UDP lengths") {
+TEST_CASE("a capture whose IP lengths are wrong is read by its UDP lengths", "[captures]") {
   NILIO_REQUIRE_DATA(path, "velodyne/vlp16_preproduction_20hz_50rev.pcap");
   auto source = open_pcap(path.string(), {});
   REQUIRE(source.ok());
@@ -76,7 +76,7 @@ TEST_CASE("a capture whose IP lengths are wrong is read by its UDP lengths") {
   CHECK(scans.size() >= 48);
 }
 
-TEST_CASE("every real capture is recognised and decoded without loss") {
+TEST_CASE("every real capture is recognised and decoded without loss", "[captures]") {
   struct Fact {
     const char* file;
     VelodyneModel model;

@@ -22,7 +22,7 @@ struct ReferenceCase {
   VelodyneModel model;
   std::size_t points;
   double cut_azimuth_deg;
-  /// Which of our scans the reference cloud is.
+  /// Index of the scan that matches the reference cloud.
   std::size_t scan;
 };
 
@@ -38,7 +38,7 @@ std::vector<core::Scan> decode(const VelodyneSensor& sensor, const std::vector<P
   return scans;
 }
 
-/// Where the points of a reference cloud were found.
+/// Number of matched points by kind of match.
 struct Account {
   std::size_t interpolated = 0;
   std::size_t at_block_azimuth = 0;
@@ -64,7 +64,7 @@ Account account_for(const ReferenceCase& reference, const std::vector<Packet>& p
   SightingIndex plain_next(plain_scans[reference.scan + 1], sensor);
   std::vector<Sighting> left;
   for (const Eigen::Vector3f& p : points) left.push_back(nilio::tests::sighting_of(p.cast<double>(), sensor));
-  // One explanation after the other, so that no point is taken by a worse one.
+  // Exact matches first, so that no point is used by a weaker match.
   const auto take_all = [&left](auto&& takes) {
     const std::size_t before = left.size();
     std::erase_if(left, takes);
@@ -86,15 +86,15 @@ Account account_for(const ReferenceCase& reference, const std::vector<Packet>& p
 // Laser and range must be the same exactly, the azimuth within 0.04 degree (one VLS-128 firing turns 0.19):
 // the reference rounds azimuths to 0.01 before it looks up sine and cosine (0.005), and takes the rate of
 // turn from two neighbouring blocks, each a whole hundredth (0.01 each at a block's end, times 1.3 with its
-// VLP-32C entries), where we take a packet's mean. What is found elsewhere:
-// - at the block's azimuth: the last block of a packet has no next one to take the rate from, and the
-// reference does
-//   not interpolate there;
-// - one azimuth step on: of two different returns of a VLP-16, the reference gives the first of a packet the
-// next
-//   block's azimuth;
-// - in the next scan: the reference cuts some firings later than the cut azimuth.
-TEST_CASE("every point of the reference clouds is decoded at the same place") {
+// VLP-32C entries), where nilio uses a packet's mean. Points at another position:
+// - at the block's azimuth: the last block of a packet has no next block for the rate, and the reference does
+// not
+//   interpolate there;
+// - one azimuth step later: of two different returns of a VLP-16, the reference gives the first of a packet
+// the
+//   next block's azimuth;
+// - in the next scan: the reference cuts some firings after the cut azimuth.
+TEST_CASE("every point of the reference clouds is decoded at the same position", "[reference_clouds]") {
   const std::array<ReferenceCase, 3> references{{
       {"vlp16.pcap", "vlp16_dual_scan_1673400472138016708.pcd", VelodyneModel::kVlp16, 14831, 0.0, 3},
       {"vlp32.pcap", "vlp32c_scan_1713492677464078412.pcd", VelodyneModel::kVlp32c, 26216, 180.0, 0},
@@ -114,7 +114,7 @@ TEST_CASE("every point of the reference clouds is decoded at the same place") {
   }
 }
 
-TEST_CASE("the built-in tables are those of the published calibrations") {
+TEST_CASE("the built-in tables equal the published calibrations", "[reference_clouds]") {
   struct Pair {
     const char* file;
     VelodyneModel model;
@@ -133,7 +133,7 @@ TEST_CASE("the built-in tables are those of the published calibrations") {
       INFO("laser " << i);
       const LaserCalibration& ours = built_in.lasers[i];
       const LaserCalibration& theirs = published->lasers[i];
-      // Some files have the HDL-32E's lasers 5 and 6 at -6.66 and -26.66, rounded down instead of to nearest.
+      // Some files have the HDL-32E's lasers 5 and 6 at -6.66 and -26.66, truncated instead of rounded.
       const double tolerance = pair.model == VelodyneModel::kHdl32e ? 0.0101 : 0.001;
       CHECK(std::abs(ours.elevation_rad - theirs.elevation_rad) < tolerance * nilio::kRadiansPerDegree);
       CHECK(std::abs(ours.azimuth_correction_rad - theirs.azimuth_correction_rad) <

@@ -13,7 +13,7 @@ using nilio::tests::TurningSensor;
 
 namespace {
 
-/// Everything the packet holds, in one partial scan.
+/// All points of the packet, in one partial scan.
 core::Scan decode_one(const VelodyneSensor& sensor, const VelodyneDataPacket& data) {
   ScanAssembler assembler(sensor, {.min_coverage = 0.0});
   Packet packet = TurningSensor::wrap(data);
@@ -44,7 +44,7 @@ VelodyneDataPacket empty_packet(const VelodyneSensor& sensor, int first_azimuth,
 
 }  // namespace
 
-TEST_CASE("a data packet's header bytes are little-endian") {
+TEST_CASE("a data packet's header bytes are little-endian", "[velodyne_geometry]") {
   VelodyneDataPacket data;
   data.blocks[0].azimuth = 12345;
   data.blocks[0].entries[0].distance = 5000;
@@ -53,7 +53,7 @@ TEST_CASE("a data packet's header bytes are little-endian") {
         std::vector<int>{0xFF, 0xEE, 0x39, 0x30, 0x88, 0x13});
 }
 
-TEST_CASE("VLP-16 firings have the points of the manual's formulas") {
+TEST_CASE("VLP-16 firings give the points of the manual's formulas", "[velodyne_geometry]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
   VelodyneDataPacket data = empty_packet(sensor, 12345, 40);
   for (const std::size_t entry : {0U, 3U, 16U, 31U}) data.blocks[0].entries[entry] = {5000, 42};
@@ -70,7 +70,7 @@ TEST_CASE("VLP-16 firings have the points of the manual's formulas") {
   CHECK(scan.beam_spacing_rad == Approx(2.0 * std::numbers::pi / 180.0));
 }
 
-TEST_CASE("VLP-16 firing times are those of the manual") {
+TEST_CASE("VLP-16 firing times are those of the manual", "[velodyne_geometry]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
   CHECK(sensor.single().entries[3][17].time_offset_ns == 389376);
   CHECK(sensor.single().entries[11][31].time_offset_ns == 1306368);
@@ -79,7 +79,7 @@ TEST_CASE("VLP-16 firing times are those of the manual") {
   CHECK(sensor.single().entries[5][31].laser == 15);
 }
 
-TEST_CASE("HDL-64E firings have the points of KITTI's geometry") {
+TEST_CASE("HDL-64E firings give the points of KITTI's geometry", "[velodyne_geometry]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
   VelodyneDataPacket data = empty_packet(sensor, 9000, 18);
   data.blocks[0].entries[29] = {10000, 1};
@@ -96,7 +96,7 @@ TEST_CASE("HDL-64E firings have the points of KITTI's geometry") {
   CHECK(scan.points[0].ring == 0);
 }
 
-TEST_CASE("HDL-64E banks fire together and its azimuth is not interpolated") {
+TEST_CASE("HDL-64E banks fire together and its azimuth is not interpolated", "[velodyne_geometry]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
   CHECK(sensor.single().packet_period_ns == 288000);
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
@@ -108,8 +108,8 @@ TEST_CASE("HDL-64E banks fire together and its azimuth is not interpolated") {
   CHECK(sensor.single().entries[11][31].time_offset_ns == 5 * 48000 + 7 * 6000 + 3660);
 }
 
-// Computed from the manuals' formulas in double precision, apart from this code.
-TEST_CASE("every model's firings have the points and times of the manuals' formulas") {
+// Computed from the manuals' formulas in double precision, independently of this code.
+TEST_CASE("every model's firings give the points and times of the manuals' formulas", "[velodyne_geometry]") {
   struct KnownAnswer {
     VelodyneModel model;
     ReturnMode mode;
@@ -382,7 +382,8 @@ TEST_CASE("every model's firings have the points and times of the manuals' formu
   }
 }
 
-TEST_CASE("the HDL-64E's intensity is corrected for focus and kept within its laser's limits") {
+TEST_CASE("the HDL-64E's intensity is corrected for focus and kept within its laser's limits",
+          "[velodyne_geometry]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS21);
   VelodyneDataPacket data = empty_packet(sensor, 9000, 18);
   data.blocks[0].entries[0] = {10000, 40};

@@ -1,4 +1,4 @@
-// Counts calls of operator new; the sanitizers have their own.
+// Counts calls of operator new. Excluded with sanitizers, which replace it, too.
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 
 #include "tests/support/capture_bytes.hpp"
@@ -29,7 +29,7 @@ using namespace nilio;
 using namespace nilio::drivers;
 using namespace nilio::tests;
 
-TEST_CASE("a UDP source does not allocate when it reads, waits or ignores") {
+TEST_CASE("a UDP source does not allocate when it reads, waits or ignores", "[allocation]") {
   const auto ports = free_ports(2);
   UdpSourceConfig config = loopback(ports[0], ports[1]);
   config.sender_address = "127.0.0.3";
@@ -55,7 +55,7 @@ TEST_CASE("a UDP source does not allocate when it reads, waits or ignores") {
   CHECK(allocated == 0);
 }
 
-TEST_CASE("a capture is read without allocation after the first packet") {
+TEST_CASE("a capture is read without allocation after the first packet", "[allocation]") {
   const std::string frame = link_frame(kLinkEthernet, ipv4_udp(2368, std::string(1206, 'x')));
   PcapText classic(kLinkEthernet);
   PcapngText next_generation;

@@ -1,6 +1,5 @@
-#include "nilio/drivers/velodyne/model.hpp"
-
 #include "nilio/core/units.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
 
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/test_data.hpp"
@@ -53,7 +52,7 @@ const std::vector<XmlRow> kXmlRows{
     {61, 2.5722, -9.0717, 135.855, 141.352, 141.705, 12.423, -2.6, 200, 0.9, 0, 255},
 };
 
-/// The row of a laser, or one in between for those that are not in the table.
+/// Row of a laser; an interpolated one for lasers that are not in the table.
 XmlRow xml_row(int id) {
   const auto found =
       std::find_if(kXmlRows.begin(), kXmlRows.end(), [&](const auto& r) { return r.id == id; });
@@ -65,7 +64,7 @@ std::string tag(const std::string& name, const std::string& content) {
   return "<" + name + ">" + content + "</" + name + ">\n";
 }
 
-/// A db.xml as Velodyne's software writes it. One line of each thing.
+/// A db.xml in the form of Velodyne's software, one line per element.
 std::string db_xml(const std::vector<int>& disabled = {}) {
   std::string enabled, lowest, highest, points;
   for (int id = 0; id < 64; ++id) {
@@ -93,7 +92,7 @@ std::string db_xml(const std::vector<int>& disabled = {}) {
          tag("points_", count + points) + "</DB>\n</boost_serialization>\n";
 }
 
-/// The error of a db.xml in which the first `from` after `after` is replaced.
+/// Error of a db.xml in which the first `from` after `after` is replaced.
 std::string xml_error(const std::string& after, const std::string& from, const std::string& to) {
   std::string text = db_xml();
   const std::size_t at = text.find(from, text.find(after));
@@ -108,7 +107,7 @@ std::string xml_error(const std::string& after, const std::string& from, const s
 
 }  // namespace
 
-TEST_CASE("model names are understood however they are written") {
+TEST_CASE("model names are parsed in any spelling", "[calibration]") {
   CHECK(parse_velodyne_model("vlp16") == VelodyneModel::kVlp16);
   CHECK(parse_velodyne_model("VLP-16") == VelodyneModel::kVlp16);
   CHECK(parse_velodyne_model("hdl_64e_s2") == VelodyneModel::kHdl64eS2);
@@ -120,7 +119,7 @@ TEST_CASE("model names are understood however they are written") {
   }
 }
 
-TEST_CASE("the calibration file of KITTI's scanner is the built-in one") {
+TEST_CASE("the calibration file of KITTI's scanner equals the built-in one", "[calibration]") {
   const VelodyneSensor built_in = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
   VelodyneSensor blank = built_in;
   blank.lasers.assign(64, {});
@@ -140,7 +139,7 @@ TEST_CASE("the calibration file of KITTI's scanner is the built-in one") {
   CHECK(loaded->beam_spacing_rad == Approx(built_in.beam_spacing_rad));
 }
 
-TEST_CASE("calibration files of the ROS driver are read") {
+TEST_CASE("calibration files of the ROS driver are read", "[calibration]") {
   NILIO_REQUIRE_DATA(folder, "velodyne/golden");
   const VelodyneSensor vlp16 = make_velodyne_sensor(VelodyneModel::kVlp16);
   const auto loaded = with_calibration_file(vlp16, (folder / "VLP16.yaml").string());
@@ -170,7 +169,7 @@ TEST_CASE("calibration files of the ROS driver are read") {
   CHECK_THAT(wrong.error().message, Contains("32 lasers") && Contains("VLP-16 has 16"));
 }
 
-TEST_CASE("errors in a calibration name the line and the key") {
+TEST_CASE("errors in a calibration name the line and the key", "[calibration]") {
   CHECK_THAT(error_of(calibration(3, "  - {laser_id: 3, rot_corection: 0.0, vert_correction: 0.0}")),
              Contains(":5: laser 3: has no rot_correction"));
   CHECK_THAT(error_of(calibration(
@@ -197,7 +196,7 @@ TEST_CASE("errors in a calibration name the line and the key") {
   CHECK_THAT(missing.error().message, Contains("/nonexistent.yaml") && Contains("cannot be read"));
 }
 
-TEST_CASE("errors in the values of a calibration name the laser") {
+TEST_CASE("errors in the values of a calibration name the laser", "[calibration]") {
   const auto with = [](const std::string& extra) {
     return error_of(
         calibration(7, "  - {laser_id: 7, rot_correction: 0, vert_correction: 0, " + extra + "}"));
@@ -212,7 +211,7 @@ TEST_CASE("errors in the values of a calibration name the laser") {
   CHECK_THAT(with("two_pt_correction_available: perhaps"), Contains("neither true nor false"));
 }
 
-TEST_CASE("near corrections that a file calls unavailable are not used") {
+TEST_CASE("near corrections marked unavailable in the file are not used", "[calibration]") {
   const TemporaryFile file(
       calibration(2,
                   "  - {laser_id: 2, rot_correction: 0, vert_correction: 0, dist_correction_x: 1.5, "
@@ -226,7 +225,7 @@ TEST_CASE("near corrections that a file calls unavailable are not used") {
   CHECK(sensor->lasers[2].max_intensity == 255);
 }
 
-TEST_CASE("a db.xml is recognised by its content and read in degrees and centimetres") {
+TEST_CASE("a db.xml is recognised by its content and read in degrees and centimetres", "[calibration]") {
   const TemporaryFile marked("\xEF\xBB\xBF" + db_xml({5, 40}), ".yaml");
   const auto sensor = with_calibration_file(make_velodyne_sensor(VelodyneModel::kHdl64eS2), marked.path());
   REQUIRE(sensor.ok());
@@ -249,7 +248,7 @@ TEST_CASE("a db.xml is recognised by its content and read in degrees and centime
   CHECK(sensor->lasers[3].ring == 63);
 }
 
-TEST_CASE("a db.xml and the YAML file of the same unit agree") {
+TEST_CASE("a db.xml and the YAML file of the same unit agree", "[calibration]") {
   NILIO_REQUIRE_DATA(path, "velodyne/golden/HDL64e_s2.yaml");
   const VelodyneSensor model = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
   const TemporaryFile file(db_xml(), ".xml");
@@ -276,7 +275,7 @@ TEST_CASE("a db.xml and the YAML file of the same unit agree") {
   }
 }
 
-TEST_CASE("errors in a db.xml name the line, the laser and the key") {
+TEST_CASE("errors in a db.xml name the line, the laser and the key", "[calibration]") {
   CHECK_THAT(xml_error("<id_>3<", "<vertCorrection_>2.977100<", "<vertCorrection_>flat<"),
              Contains("laser 3: vertCorrection_ is not a number"));
   CHECK_THAT(xml_error("<id_>3<", "<vertCorrection_>2.977100<", "<vertCorrection_>297.71<"),
@@ -299,7 +298,7 @@ TEST_CASE("errors in a db.xml name the line, the laser and the key") {
   CHECK_THAT(html.error().message, Contains("boost_serialization"));
 }
 
-TEST_CASE("a db.xml of another model or in other units is refused") {
+TEST_CASE("a db.xml of another model or in other units is rejected", "[calibration]") {
   const TemporaryFile file(db_xml(), ".xml");
   const auto vlp16 = with_calibration_file(make_velodyne_sensor(VelodyneModel::kVlp16), file.path());
   REQUIRE_FALSE(vlp16.ok());
@@ -323,7 +322,7 @@ TEST_CASE("a db.xml of another model or in other units is refused") {
   CHECK_THAT(refused.error().message, Contains("vertCorrection_ spans only") && Contains("degrees"));
 }
 
-TEST_CASE("a written calibration reads back bit for bit") {
+TEST_CASE("a written calibration reads back bit for bit", "[calibration]") {
   VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
   const TemporaryFile xml(db_xml({9}), ".xml");
   for (const bool from_file : {false, true}) {
@@ -337,7 +336,7 @@ TEST_CASE("a written calibration reads back bit for bit") {
   }
 }
 
-TEST_CASE("a calibration that cannot be written says where") {
+TEST_CASE("the error for a calibration that cannot be written names the file", "[calibration]") {
   const auto result =
       write_calibration_yaml(make_velodyne_sensor(VelodyneModel::kVlp16), "/nonexistent/calibration.yaml");
   REQUIRE_FALSE(result.ok());
@@ -345,7 +344,7 @@ TEST_CASE("a calibration that cannot be written says where") {
              Contains("/nonexistent/calibration.yaml") && Contains("cannot be written"));
 }
 
-TEST_CASE("a db.xml cut anywhere gives an error") {
+TEST_CASE("a db.xml truncated at any byte gives an error", "[calibration]") {
   const std::string xml = db_xml();
   const VelodyneSensor model = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
   std::size_t accepted = 0;

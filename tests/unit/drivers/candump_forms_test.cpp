@@ -1,4 +1,4 @@
-// Logs that are not of the form that candump -L writes.
+// Logs in other forms than that of candump -L.
 
 #include "nilio/drivers/can/can_files.hpp"
 
@@ -44,7 +44,7 @@ using Stamps = std::vector<std::int64_t>;
 
 }  // namespace
 
-TEST_CASE("what candump shows on a terminal is read with its absolute times") {
+TEST_CASE("candump's terminal output is read with its absolute times", "[candump_forms]") {
   const Contents contents = read_log(
       " (1700000000.123456)  can0  034   [6]  00 00 00 00 09 CF\n"
       " (1700000000.223456)  can0  1ABCDEF0   [2]  01 02   '..'\n"
@@ -73,7 +73,7 @@ TEST_CASE("what candump shows on a terminal is read with its absolute times") {
   CHECK(frames[6].data[0] == 0xFF);
 }
 
-TEST_CASE("differences of time are added up, and times since the first frame are not") {
+TEST_CASE("time differences are added up, times since the first frame are not", "[candump_forms]") {
   const auto line = [](const char* stamp) { return std::string(" (") + stamp + ")  can0  001   [1]  00\n"; };
   const Contents steps =
       read_log(line("000.000000") + line("000.010000") + line("000.009000") + line("001.500000"));
@@ -83,13 +83,13 @@ TEST_CASE("differences of time are added up, and times since the first frame are
   CHECK(stamps_of(times) == Stamps{0, 10'000'000, 19'000'000, 1'500'000'000});
 }
 
-TEST_CASE("frames without a time are read, and status() says what they are good for") {
+TEST_CASE("frames without a time are read, and status() warns about them", "[candump_forms]") {
   const Contents contents = read_log("  can0  034   [6]  00 00 00 00 09 CF\n  can0  035   [0]\n");
   REQUIRE(contents.frames.size() == 2);
   CHECK_THAT(contents.status, Contains("2 frames without a time") && Contains("candump -L"));
 }
 
-TEST_CASE("a log can come through a pipe") {
+TEST_CASE("a log is read from a pipe", "[candump_forms]") {
   const TemporaryFile log("(1.0) can0 001#11\n(2.0) can0 002#22\n", ".log");
   const TemporaryFile pipe("", ".fifo");
   const std::string make = "rm '" + pipe.path() + "' && mkfifo '" + pipe.path() + "'";
@@ -103,7 +103,7 @@ TEST_CASE("a log can come through a pipe") {
   CHECK(slots[1].id == 2);
 }
 
-TEST_CASE("broken lines of a terminal's log are counted") {
+TEST_CASE("broken lines of terminal output are counted", "[candump_forms]") {
   for (const char* line :
        {"  can0  034   [6]  00 00 00 00 09", "  can0  034   [9]  00 00 00 00 09 00 00 00 00",
         "  can0  034   [x]  00", "  can0  0034   [1]  00", "  can0  034   [1]  0", "  can0  034   [1]  00 11",
@@ -116,8 +116,8 @@ TEST_CASE("broken lines of a terminal's log are counted") {
   CHECK(read_log(" a comment\n  another [1 of 2\n").stats.malformed == 1);
 }
 
-TEST_CASE("an ASC log is read as asc2log reads it") {
-  // As log2asc writes it.
+TEST_CASE("an ASC log is read as by asc2log", "[candump_forms]") {
+  // Output of log2asc.
   const std::string header =
       "date Tue Nov 14 22:13:20 2023\nbase hex  timestamps absolute\nno internal events logged\n";
   const Contents contents = read_log(
@@ -154,7 +154,7 @@ TEST_CASE("an ASC log is read as asc2log reads it") {
   CHECK(read_log(header + "0.1 1 123 Rx d 1 01\n0.2 2 123 Rx d 1 02\n", "can1").frames.size() == 1);
 }
 
-TEST_CASE("ASC logs with decimal numbers, steps of time and other dates are understood") {
+TEST_CASE("ASC logs with decimal numbers, time steps and other date formats are read", "[candump_forms]") {
   const Contents contents = read_log(
       "date Mit Mai 1 10:00:00.250 pm 2024\nbase dec  timestamps relative\n0.5 1 291 Rx d 2 10 255\n"
       "0.25 1 292 Rx d 0\n");

@@ -38,7 +38,7 @@ Contents read_log(const std::string& path, const std::string& interface_name) {
 
 }  // namespace
 
-TEST_CASE("a candump line is read exactly") {
+TEST_CASE("a candump line is read exactly", "[candump]") {
   const auto line = parse_candump_line("(1700000000.123456) can0 034#0000000009CF\n");
   REQUIRE(line.has_value());
   CHECK(line->frame.stamp.ns == 1700000000123456000);
@@ -49,7 +49,7 @@ TEST_CASE("a candump line is read exactly") {
   CHECK_FALSE(line->frame.extended);
 }
 
-TEST_CASE("the dialects of candump are understood") {
+TEST_CASE("the dialects of candump are parsed", "[candump]") {
   CHECK(parse_candump_line("(1.123456789) can0 123#11 R")->frame.stamp.ns == 1123456789);
   CHECK(parse_candump_line("(46408.584930) vcan1 1F334455#1122 T\r\n")->frame.extended);
   CHECK(parse_candump_line("(1.0) can0 7FF#")->frame.length == 0);
@@ -70,7 +70,7 @@ TEST_CASE("the dialects of candump are understood") {
   CHECK(wide->frame.length == 64);
 }
 
-TEST_CASE("broken candump lines are refused") {
+TEST_CASE("broken candump lines are rejected", "[candump]") {
   for (const char* line : {"",
                            "(",
                            "()",
@@ -101,7 +101,7 @@ TEST_CASE("broken candump lines are refused") {
   }
 }
 
-TEST_CASE("formatting a frame and parsing it again gives the same frame") {
+TEST_CASE("formatting a frame and parsing it again gives the same frame", "[candump]") {
   CanFrame frame;
   frame.id = 0x123;
   frame.length = 3;
@@ -130,7 +130,7 @@ TEST_CASE("formatting a frame and parsing it again gives the same frame") {
   CHECK(parse_candump_line(format_candump_line(error, "can0"))->frame.error);
 }
 
-TEST_CASE("a log with comments, broken lines and other interfaces gives the frames that are meant") {
+TEST_CASE("a log with comments, broken lines and other interfaces gives the selected frames", "[candump]") {
   const TemporaryFile file(
       "# a comment\n\n(1.000000) can0 032#01\n(1.0005\n(1.001000) can1 032#02\n(1.002000) can0 0zz#03\n" +
           std::string(2000, '(') + "\n(1.003000) can0 034#04",
@@ -146,7 +146,7 @@ TEST_CASE("a log with comments, broken lines and other interfaces gives the fram
   CHECK(read_log(file.path(), "").frames.size() == 3);
 }
 
-TEST_CASE("logs without a frame say what was expected") {
+TEST_CASE("status() of a log without frames gives the expected format", "[candump]") {
   const TemporaryFile text("hello\nworld\n", ".log");
   CHECK_THAT(read_log(text.path(), "").status, Contains("0 frames") && Contains("candump -L"));
   const TemporaryFile other("(1.0) can1 123#11\n", ".log");
@@ -156,7 +156,7 @@ TEST_CASE("logs without a frame say what was expected") {
   CHECK_THAT(open_candump("/", "").error().message, Contains("folder"));
 }
 
-TEST_CASE("a minute of a real car's bus is read without a broken line") {
+TEST_CASE("a minute of a real car's bus is read without a broken line", "[candump]") {
   NILIO_REQUIRE_DATA(archive, "can/toyota_rav4_60s_candump.log.xz");
   const TemporaryFile log("", ".log");
   const std::string command = "xz -dc '" + archive.string() + "' > '" + log.path() + "'";

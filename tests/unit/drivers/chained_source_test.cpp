@@ -1,9 +1,6 @@
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
-#include "nilio/drivers/can/can_files.hpp"
-#include "nilio/drivers/capture/pcap.hpp"
-
 #include "tests/support/drivers_support.hpp"
 
 #include <catch2/catch.hpp>
@@ -52,7 +49,7 @@ std::vector<int> counting(int first, int last) {
 
 }  // namespace
 
-TEST_CASE("captures in a chain are read as one, in order and with one count") {
+TEST_CASE("captures in a chain are read as one, in order and with one count", "[chained_source]") {
   const TemporaryFile a(capture_of(0, 5), ".pcap");
   const TemporaryFile b(capture_of(5, 1), ".pcap");
   const TemporaryFile c(capture_of(6, 7), ".pcap");
@@ -66,7 +63,7 @@ TEST_CASE("captures in a chain are read as one, in order and with one count") {
   CHECK_THAT((*source)->status(), Contains("13 from 3 files"));
 }
 
-TEST_CASE("a file of a chain that fails is named and counted, and the others are read") {
+TEST_CASE("a failing file of a chain is named and counted, and the others are read", "[chained_source]") {
   const TemporaryFile a(capture_of(0, 3), ".pcap");
   const TemporaryFile empty("", ".pcap");
   const std::string cut = capture_of(3, 4);
@@ -82,7 +79,7 @@ TEST_CASE("a file of a chain that fails is named and counted, and the others are
                                       Contains(b.path()) && Contains("middle of a packet"));
 }
 
-TEST_CASE("a chain without a readable file is an error that names the first") {
+TEST_CASE("a chain without a readable file is an error that names the first", "[chained_source]") {
   const TemporaryFile empty("", ".pcap");
   const auto source = chain_captures({empty.path(), "/nonexistent/x.pcap"}, {});
   REQUIRE_FALSE(source.ok());
@@ -93,7 +90,7 @@ TEST_CASE("a chain without a readable file is an error that names the first") {
   CHECK(one.error().message == open_pcap("/nonexistent/x.pcap", {}).error().message);
 }
 
-TEST_CASE("a chain of one file says what the file alone would say") {
+TEST_CASE("a chain of one file has the status of the file", "[chained_source]") {
   const TemporaryFile file(capture_of(0, 5), ".pcap");
   auto chained = chain_captures({file.path()}, {});
   auto alone = open_pcap(file.path(), {});
@@ -104,7 +101,8 @@ TEST_CASE("a chain of one file says what the file alone would say") {
   CHECK((*chained)->status() == (*alone)->status());
 }
 
-TEST_CASE("CAN logs in a chain are read as one, a line cut at the end of one being counted") {
+TEST_CASE("CAN logs in a chain are read as one, a line cut at the end of one being counted",
+          "[chained_source]") {
   const TemporaryFile a("(1700000000.000001) can0 001#11\n(1700000000.000002) can0 00", ".log");
   const TemporaryFile b("(1700000000.000003) can0 003#33\n", ".log");
   auto source = chain_can_logs({a.path(), b.path()}, "");
@@ -119,7 +117,8 @@ TEST_CASE("CAN logs in a chain are read as one, a line cut at the end of one bei
   CHECK((*source)->stats().malformed == 1);
 }
 
-TEST_CASE("a received packet is written with its sender and ports, and read back as it was") {
+TEST_CASE("a received packet is written with its sender and ports, and reads back unchanged",
+          "[chained_source]") {
   Packet packet;
   packet.stamp.ns = kEpochNs + 987'654'321;
   packet.sender_address = 0x0A010203;
@@ -143,7 +142,7 @@ TEST_CASE("a received packet is written with its sender and ports, and read back
   CHECK(std::equal(packet.data.begin(), packet.data.begin() + packet.size, slots[0].data.begin()));
 }
 
-TEST_CASE("a datagram that did not fit its slot is written as captured in part") {
+TEST_CASE("a datagram that did not fit its slot is written as captured in part", "[chained_source]") {
   Packet packet;
   packet.stamp.ns = kEpochNs;
   packet.size = kPacketCapacity;

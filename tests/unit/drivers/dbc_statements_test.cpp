@@ -42,7 +42,7 @@ std::string signal(const std::string& name_and_mark, const std::string& layout) 
 
 }  // namespace
 
-TEST_CASE("a multiplexed signal has a value only in the frames that select it") {
+TEST_CASE("a multiplexed signal has a value only in the frames that select it", "[dbc_statements]") {
   const DbcDatabase database = parsed("BO_ 1 M: 8 X\n" + signal("a m0", "8|8@1+") + signal("b m1", "8|8@1+") +
                                       signal("always", "16|8@1+") + signal("mode M", "0|8@1+"));
   CHECK(value(database, "a", {0, 7, 9}) == 7.0);
@@ -59,7 +59,8 @@ TEST_CASE("a multiplexed signal has a value only in the frames that select it") 
   CHECK_FALSE(mode->multiplexed);
 }
 
-TEST_CASE("extended multiplexing selects by ranges of a multiplexer, which may itself be selected") {
+TEST_CASE("extended multiplexing selects by ranges of a multiplexer, which may itself be selected",
+          "[dbc_statements]") {
   const std::string text = "BO_ 1 M: 8 X\n" + signal("root M", "0|8@1+") + signal("sub m2M", "8|8@1+") +
                            signal("leaf m0", "16|8@1+") + signal("other m2", "24|8@1+") +
                            "SG_MUL_VAL_ 1 leaf sub 3-5, 9-9;\nSG_MUL_VAL_ 1 sub root 2-2;\n";
@@ -76,7 +77,7 @@ TEST_CASE("extended multiplexing selects by ranges of a multiplexer, which may i
   }
 }
 
-TEST_CASE("multiplexing that cannot be is refused with the place") {
+TEST_CASE("invalid multiplexing is rejected with its place in the file", "[dbc_statements]") {
   const std::string message = "BO_ 1 M: 8 X\n" + signal("root M", "0|8@1+") + signal("a m0M", "8|8@1+");
   CHECK_THAT(error_of(message + "SG_MUL_VAL_ 1 a a 0-0;\n"),
              Contains("'a'") && Contains("select each other"));
@@ -97,7 +98,7 @@ TEST_CASE("multiplexing that cannot be is refused with the place") {
   CHECK_THAT(joined(rootless.notes), Contains("'a'") && Contains("no multiplexer"));
 }
 
-TEST_CASE("CAN FD frames hold signals beyond the eighth byte") {
+TEST_CASE("CAN FD frames hold signals beyond the eighth byte", "[dbc_statements]") {
   const DbcDatabase database =
       parsed("BO_ 1 M: 64 X\n" + signal("late", "496|16@1+") + signal("motorola", "71|16@0-") +
              "BA_DEF_ BO_ \"VFrameFormat\" ENUM \"StandardCAN\",\"ExtendedCAN\";\n");
@@ -112,7 +113,7 @@ TEST_CASE("CAN FD frames hold signals beyond the eighth byte") {
   CHECK_FALSE(value(database, "late", payload).has_value());
 }
 
-TEST_CASE("frame format and cycle time come from the attributes or their defaults") {
+TEST_CASE("frame format and cycle time come from the attributes or their defaults", "[dbc_statements]") {
   const DbcDatabase database = parsed(
       "BO_ 1 A: 8 X\nBO_ 2 B: 64 X\nBO_ 2566844926 C: 8 X\nBO_ 4 D: 8 X\n"
       "BA_DEF_ BO_ \"VFrameFormat\" ENUM "
@@ -130,11 +131,11 @@ TEST_CASE("frame format and cycle time come from the attributes or their default
   CHECK(database.messages[1].flexible_data_rate);
   CHECK(database.messages[1].cycle_ms == 20.0);
   CHECK(database.messages[2].j1939);
-  // An identifier of 11 bits holds no group.
+  // An identifier of 11 bits has no parameter group.
   CHECK_FALSE(database.messages[3].j1939);
 }
 
-TEST_CASE("value tables and comments are kept with their signals, in UTF-8") {
+TEST_CASE("value tables and comments are kept with their signals, in UTF-8", "[dbc_statements]") {
   const DbcDatabase database =
       parsed("VAL_TABLE_ onoff 1 \"on\" 0 \"off\" ;\r\nBO_ 1 M: 8 X\r\n" + signal("a", "0|8@1-") +
              signal("b", "8|8@1+") +
@@ -154,7 +155,7 @@ TEST_CASE("value tables and comments are kept with their signals, in UTF-8") {
   CHECK_THAT(joined(database.notes), Contains("environment variable"));
 }
 
-TEST_CASE("what is not used or cannot be right is named in the notes") {
+TEST_CASE("unused and contradictory statements are named in the notes", "[dbc_statements]") {
   const DbcDatabase database = parsed(
       "BO_ 1 M: 8 X\n" + signal("a", "60|8@1+") + signal("b", "0|8@1+") + signal("b", "8|8@1+") +
       "BO_ 1 Again: 8 X\nBO_ 2048 Wide: 8 X\nBO_ 5 Long: 1785 X\nSIG_GROUP_ 1 g 1 : a;\nSIG_GROUP_ 1 h 1 : "
@@ -176,7 +177,7 @@ TEST_CASE("what is not used or cannot be right is named in the notes") {
   CHECK_THAT(flooded.notes.back(), Contains("further"));
 }
 
-TEST_CASE("double and float signals are read in both byte orders") {
+TEST_CASE("double and float signals are read in both byte orders", "[dbc_statements]") {
   const DbcDatabase database =
       parsed("BO_ 1 M: 24 X\n" + signal("little", "0|64@1-") + signal("big", "71|64@0-") +
              signal("single", "128|32@1-") +

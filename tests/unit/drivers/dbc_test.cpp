@@ -29,7 +29,7 @@ std::string error_of(const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("raw values follow the DBC bit numbering") {
+TEST_CASE("raw values follow the DBC bit numbering", "[dbc]") {
   const Bytes payload{0x12, 0x34, 0x56, 0x78, 0x90, 0xAB, 0xCD, 0xEF};
   const std::vector<std::pair<const char*, std::int64_t>> cases{
       {"0|16@1+", 13330},
@@ -50,10 +50,10 @@ TEST_CASE("raw values follow the DBC bit numbering") {
     CAPTURE(layout);
     const DbcSignal signal = signal_of(layout);
     CHECK(decode_raw(signal, payload) == expected);
-    // Writing the value back onto ones and onto zeros changes the signal's bits only.
+    // Writing the value onto ones and onto zeros changes the signal's bits only.
     for (const std::uint8_t background : Bytes{0x00, 0xFF}) {
       Bytes written(8, background);
-      if (signal.length == 64) continue;  // beyond what a double holds
+      if (signal.length == 64) continue;  // beyond the precision of a double
       REQUIRE(encode_physical(signal, static_cast<double>(expected), written));
       CHECK(decode_raw(signal, written) == expected);
       Bytes cleared = written;
@@ -63,7 +63,7 @@ TEST_CASE("raw values follow the DBC bit numbering") {
   }
 }
 
-TEST_CASE("a payload shorter than a signal has no value") {
+TEST_CASE("a payload shorter than a signal has no value", "[dbc]") {
   const Bytes payload{0x12, 0x34, 0x56};
   CHECK(decode_raw(signal_of("7|16@0+"), payload).has_value());
   CHECK_FALSE(decode_raw(signal_of("23|16@0+"), payload).has_value());
@@ -73,7 +73,7 @@ TEST_CASE("a payload shorter than a signal has no value") {
   CHECK_FALSE(encode_physical(signal_of("7|16@0+"), 1.0, short_payload));
 }
 
-TEST_CASE("physical values are scaled, rounded to nearest and saturated") {
+TEST_CASE("physical values are scaled, rounded to nearest and saturated", "[dbc]") {
   const DbcSignal yaw_rate = signal_of("51|12@0-", "(0.0625,0)");
   Bytes payload(8);
   REQUIRE(encode_physical(yaw_rate, -1.0, payload));
@@ -94,7 +94,7 @@ TEST_CASE("physical values are scaled, rounded to nearest and saturated") {
   CHECK(payload == Bytes{0x80, 0, 0, 0, 0, 0, 0, 0});
 }
 
-TEST_CASE("floating-point signals carry their value as it is") {
+TEST_CASE("floating-point signals hold their value unchanged", "[dbc]") {
   const auto database = parse_dbc(
       "BO_ 25 Acc: 8 X\n SG_ x : 7|32@0- (1,0) [0|0] \"\" X\n SG_ y : 39|32@0- (1,0) [0|0] \"\" X\n"
       "SIG_VALTYPE_ 25 x : 1;\nSIG_VALTYPE_ 25 y : 1;\n",
@@ -109,7 +109,7 @@ TEST_CASE("floating-point signals carry their value as it is") {
   CHECK(written == payload);
 }
 
-TEST_CASE("what files of the field contain is read or passed over") {
+TEST_CASE("statements of real files are read or skipped", "[dbc]") {
   const auto database = parse_dbc(
       "\xEF\xBB\xBFVERSION \"1;2\"\r\nNS_ :\r\n\tCM_\r\n\tBA_\r\n\tSIG_VALTYPE_\r\nBS_:\r\nBU_: A B\r\n"
       "VAL_TABLE_ t 1 \"one\" 0 \"zero\" ;\r\n"
@@ -139,7 +139,7 @@ TEST_CASE("what files of the field contain is read or passed over") {
   CHECK(database->find("Ext", "Lost") == nullptr);
 }
 
-TEST_CASE("errors name file, line and token") {
+TEST_CASE("errors name file, line and token", "[dbc]") {
   CHECK_THAT(error_of("BO_ 1 M: 8 X\n SG_ s : 7|x@0- (1,0) [0|0] \"\" X\n"),
              Contains("t.dbc:2") && Contains("'x'"));
   CHECK_THAT(error_of("BO_ 1 M: 8 X\n\n SG_ s : 7|65@0- (1,0) [0|0] \"\" X\n"),
@@ -158,7 +158,7 @@ TEST_CASE("errors name file, line and token") {
              Contains("/nonexistent.dbc") && Contains("No such file"));
 }
 
-TEST_CASE("every beginning of a DBC file is read or refused") {
+TEST_CASE("every truncation of a DBC file is read or rejected", "[dbc]") {
   const std::string text =
       nilio::tests::read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");
   REQUIRE(text.size() > 1000);

@@ -20,7 +20,7 @@ constexpr std::int64_t kSecondNs = 1'000'000'000;
 
 }  // namespace
 
-TEST_CASE("the CRC of the status stream is that of the manual") {
+TEST_CASE("the CRC of the status stream is that of the manual", "[hdl64e_status]") {
   const std::string digits = "123456789";
   CHECK(hdl64e_crc(std::vector<std::uint8_t>(digits.begin(), digits.end())) == 0xFEE8);
   CHECK(hdl64e_crc(std::vector<std::uint8_t>{0x06, 0x07}) == 0x9411);
@@ -34,7 +34,7 @@ TEST_CASE("the CRC of the status stream is that of the manual") {
   CHECK(hdl64e_crc(lasers) == 0xA542);
 }
 
-TEST_CASE("the status stream has the manual's types and bytes at the manual's places") {
+TEST_CASE("the status stream has the manual's types and bytes at the manual's places", "[hdl64e_status]") {
   std::vector<LaserCalibration> lasers = some_lasers();
   // The first laser of the manual's CRC example.
   LaserCalibration& laser = lasers[5];
@@ -79,7 +79,7 @@ TEST_CASE("the status stream has the manual's types and bytes at the manual's pl
   CHECK(stream[packet_of(259, 4)] == Hdl64eStatusByte{0xF8, 0xA8});
 }
 
-TEST_CASE("a reader gets back what a writer sends, wherever it comes in") {
+TEST_CASE("a reader that joins at any packet receives the data of the writer", "[hdl64e_status]") {
   const Hdl64eStatusWriter writer = make_writer();
   const auto stream = one_pass(writer);
   for (std::size_t start = 0; start < kHdl64eStatusPackets; start += 7) {
@@ -97,14 +97,15 @@ TEST_CASE("a reader gets back what a writer sends, wherever it comes in") {
   CHECK(writer.calibration().checksum == Hdl64eChecksum::kCrc);
 }
 
-TEST_CASE("a calibration loses half a step of the stream at most") {
+TEST_CASE("a calibration loses at most half a step of the stream", "[hdl64e_status]") {
   const Hdl64eStatusWriter writer = make_writer();
   const std::vector<LaserCalibration> lasers = some_lasers();
   for (std::size_t id = 0; id < lasers.size(); ++id) {
     const LaserCalibration& sent = lasers[id];
     const LaserCalibration& got = writer.calibration().lasers[id];
     CHECK(got.elevation_rad == Approx(sent.elevation_rad).margin(0.0051 * nilio::kRadiansPerDegree));
-    CHECK(got.azimuth_correction_rad == Approx(sent.azimuth_correction_rad).margin(0.0051 * nilio::kRadiansPerDegree));
+    CHECK(got.azimuth_correction_rad ==
+          Approx(sent.azimuth_correction_rad).margin(0.0051 * nilio::kRadiansPerDegree));
     CHECK(got.distance_correction_m == Approx(sent.distance_correction_m).margin(0.00051));
     CHECK(got.near_distance_correction_y_m == Approx(sent.near_distance_correction_y_m).margin(0.00051));
     CHECK(got.focal_distance_m == Approx(sent.focal_distance_m).margin(0.00051));
@@ -116,8 +117,8 @@ TEST_CASE("a calibration loses half a step of the stream at most") {
   CHECK(again->calibration() == writer.calibration());
 }
 
-TEST_CASE(
-    "the CRC covers the lasers with high bytes first; one over the bytes as they are sent is accepted") {
+TEST_CASE("the CRC covers the lasers with high bytes first; a CRC over the bytes as sent is also accepted",
+          "[hdl64e_status]") {
   auto stream = one_pass(make_writer());
   std::vector<std::uint8_t> as_sent;
   std::vector<std::uint8_t> high_first;
@@ -142,12 +143,12 @@ TEST_CASE(
   CHECK(reader.calibration()->checksum == Hdl64eChecksum::kCrc);
 }
 
-TEST_CASE("a table with 1820 in place of a CRC is accepted and said to have none") {
+TEST_CASE("a table with 1820 in place of a CRC is accepted and reported as without CRC", "[hdl64e_status]") {
   const Hdl64eStatusWriter writer = make_writer(Hdl64eChecksum::kNone);
   auto stream = one_pass(writer);
   CHECK(stream[packet_of(259, 5)].value == (1820 & 0xFF));
   CHECK(stream[packet_of(259, 6)].value == 1820 >> 8);
-  // Plain digits for types, as firmware without the special ones may send.
+  // Plain digits as types, as older firmware may send.
   for (std::size_t i = 0; i < stream.size(); ++i) {
     if (i % 16 >= 9) stream[i].type = static_cast<std::uint8_t>('1' + (i % 16 - 9));
   }
@@ -165,7 +166,7 @@ TEST_CASE("a table with 1820 in place of a CRC is accepted and said to have none
   CHECK(other.counters().implausible == 1);
 }
 
-TEST_CASE("focus values that no laser has are left unknown") {
+TEST_CASE("implausible focus values are left unknown", "[hdl64e_status]") {
   auto stream = one_pass(make_writer(Hdl64eChecksum::kNone));
   stream[packet_of_laser(8, 18)].value = 0x40;
   stream[packet_of_laser(9, 19)].value = 200;
@@ -181,9 +182,9 @@ TEST_CASE("focus values that no laser has are left unknown") {
   CHECK(int{lasers[9].max_intensity} == 255);
 }
 
-TEST_CASE("the clock of the stream ticks and never shows a time that never was") {
-  // 22:59:58 to 23:00:02, 20 cycles a second; the sensor does not hold its clock during a cycle. With every
-  // shift the hour ends before another packet of a cycle.
+TEST_CASE("the clock of the stream advances and never shows an invalid time", "[hdl64e_status]") {
+  // 22:59:58 to 23:00:02, 20 cycles a second; the sensor updates its clock during a cycle. With every shift
+  // the hour ends before another packet of a cycle.
   for (std::int64_t shift = 0; shift < 16; ++shift) {
     Hdl64eStatusWriter writer = make_writer();
     Hdl64eStatusReader reader;
@@ -211,7 +212,7 @@ TEST_CASE("the clock of the stream ticks and never shows a time that never was")
   }
 }
 
-TEST_CASE("the readings of every cycle are those of its sensor") {
+TEST_CASE("the readings of every cycle are those of its sensor", "[hdl64e_status]") {
   Hdl64eStatusWriter writer = make_writer();
   for (const Hdl64eGps gps : {Hdl64eGps::kNone, Hdl64eGps::kPulseAndTime, Hdl64eGps::kTimeOnly,
                               Hdl64eGps::kPulseOnly, Hdl64eGps::kUnknown}) {
@@ -227,7 +228,7 @@ TEST_CASE("the readings of every cycle are those of its sensor") {
     CHECK(int{reader.readings()->temperature_degc} == 60);
     CHECK(int{reader.readings()->firmware} == 0x52);
   }
-  // A 31st of February is no time.
+  // 31 February is an invalid date.
   Hdl64eStatusReader reader;
   for (int cycle = 0; cycle < 3; ++cycle) {
     for (const auto& [type, value] : {std::pair{'H', 1},
@@ -247,7 +248,7 @@ TEST_CASE("the readings of every cycle are those of its sensor") {
   CHECK_FALSE(reader.readings()->clock.has_value());
 }
 
-TEST_CASE("a calibration from the stream can be saved and loaded exactly") {
+TEST_CASE("a calibration from the stream can be saved and loaded exactly", "[hdl64e_status]") {
   NILIO_REQUIRE_DATA(folder, "velodyne/golden");
   for (const char* name : {"HDL64e_s2.yaml", "HDL64e_s3.yaml"}) {
     const VelodyneSensor model = make_velodyne_sensor(VelodyneModel::kHdl64eS2);
@@ -273,7 +274,7 @@ TEST_CASE("a calibration from the stream can be saved and loaded exactly") {
   }
 }
 
-TEST_CASE("what does not fit the stream is refused") {
+TEST_CASE("values that do not fit the stream are rejected", "[hdl64e_status]") {
   std::vector<LaserCalibration> lasers = some_lasers();
   lasers[7].focal_distance_m = 40.0;
   const auto too_far = Hdl64eStatusWriter::create(lasers, some_unit());

@@ -1,4 +1,4 @@
-// What goes wrong between an IMU and us, and how it is counted.
+// Faults between an IMU and the decoder, and their counters.
 
 #include "tests/support/imu_support.hpp"
 
@@ -27,7 +27,7 @@ std::vector<CanFrame> bosch(std::uint64_t number, std::int64_t stamp_ns) {
   return frames;
 }
 
-/// An SBG Ellipse whose clock began somewhere and is fast by `drift`.
+/// An SBG Ellipse with a random clock offset and a clock that is fast by `drift`.
 struct Ellipse {
   double drift = 0.0;
   std::uint64_t first_us = 4'294'000'000;
@@ -61,7 +61,7 @@ std::optional<core::ImuSample> feed(ImuDecoder& decoder, const std::vector<CanFr
 
 }  // namespace
 
-TEST_CASE("frames are grouped by their counter, whatever frame is lost") {
+TEST_CASE("frames are grouped by their counter whichever frame is lost", "[imu_faults]") {
   for (std::size_t lost = 0; lost < 3; ++lost) {
     CAPTURE(lost);
     ImuDecoder decoder = decoder_of(preset_of("bosch_mm7_10"));
@@ -84,7 +84,7 @@ TEST_CASE("frames are grouped by their counter, whatever frame is lost") {
   }
 }
 
-TEST_CASE("whole samples that are missing are counted by the counter across its wrap") {
+TEST_CASE("missing samples are counted by the counter across its wrap", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("bosch_mm7_10"));
   for (std::uint64_t n = 0; n < 64; ++n) {
     if (n == 15 || n == 16 || n == 40) continue;
@@ -97,7 +97,7 @@ TEST_CASE("whole samples that are missing are counted by the counter across its 
   CHECK(decoder.stats().longest_gap.ns == 3 * kPeriodNs);
 }
 
-TEST_CASE("samples whose counter stands are dropped as repeated") {
+TEST_CASE("samples whose counter does not advance are dropped as repeated", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("bosch_mm7_10"));
   for (std::int64_t i = 0; i < 30; ++i) {
     const std::uint64_t number = i < 10 ? static_cast<std::uint64_t>(i) : 9;
@@ -108,14 +108,14 @@ TEST_CASE("samples whose counter stands are dropped as repeated") {
   CHECK(decoder.stats().lost_samples == 0);
 }
 
-TEST_CASE("samples that the device calls bad are dropped and counted") {
+TEST_CASE("samples with a bad status are dropped and counted", "[imu_faults]") {
   for (const std::size_t byte : {std::size_t{2}, std::size_t{6}}) {
     for (std::size_t message = 0; message < 3; ++message) {
       for (const std::uint8_t fault : Bytes{1, 2, 4, 8}) {
         ImuDecoder decoder = decoder_of(preset_of("bosch_mm7_10"));
         std::vector<CanFrame> frames = bosch(3, kStartNs);
         frames[message].data[byte] |= static_cast<std::uint8_t>(fault << 4);
-        // Bit 3 is none of the faults.
+        // Bit 3 is not a fault.
         CHECK(feed(decoder, frames).has_value() == (fault == 8));
         CHECK(decoder.stats().bad_status == (fault == 8 ? 0 : 1));
         CHECK(feed(decoder, bosch(4, kStartNs + kPeriodNs)).has_value());
@@ -131,7 +131,7 @@ TEST_CASE("samples that the device calls bad are dropped and counted") {
   CHECK(ellipse.stats().saturated == 1);
 }
 
-TEST_CASE("values at the limit of their bits or of the device are counted and kept") {
+TEST_CASE("values at the limit of their bits or of the device are counted and kept", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
   const Bytes still{0, 0, 0, 0, 0x09, 0xCF};
   std::int64_t stamp = kStartNs;
@@ -139,7 +139,7 @@ TEST_CASE("values at the limit of their bits or of the device are counted and ke
     decoder.add(frame_of(0x32, rate, stamp += kPeriodNs));
     return decoder.add(frame_of(0x34, acceleration, stamp + 200'000)).has_value();
   };
-  // 34.99 rad/s, 35 rad/s, and both ends of the bits.
+  // 34.99 rad/s, 35 rad/s, and both limits of the bits.
   CHECK(sample({0, 0, 0, 0, 0x45, 0xFF}, still));
   CHECK(decoder.stats().saturated == 0);
   CHECK(sample({0, 0, 0, 0, 0x46, 0x00}, still));
@@ -147,7 +147,7 @@ TEST_CASE("values at the limit of their bits or of the device are counted and ke
   CHECK(sample(Bytes(6), {0x80, 0x00, 0, 0, 0, 0}));
   CHECK(decoder.stats().saturated == 3);
   CHECK(decoder.stats().samples == 4);
-  // No stated range: only the ends of the bits, which one step before is not.
+  // Without a stated range only the limits of the bits count, not one step before them.
   for (const auto& [low_byte, saturated] : {std::pair{0xFF, 1}, std::pair{0xFE, 0}}) {
     ImuDecoder oxts = decoder_of(preset_of("oxts_rt3003"));
     oxts.add(frame_of(0x605, {static_cast<std::uint8_t>(low_byte), 0x7F, 0, 0, 0x2B, 0xFC}, stamp));
@@ -156,7 +156,7 @@ TEST_CASE("values at the limit of their bits or of the device are counted and ke
   }
 }
 
-TEST_CASE("values that do not move at all are counted from the hundredth on, and passed on") {
+TEST_CASE("constant values are counted from the hundredth sample on, and passed on", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
   for (std::int64_t i = 0; i < 150; ++i) {
     decoder.add(frame_of(0x32, Bytes(6), kStartNs + i * kPeriodNs));
@@ -167,7 +167,7 @@ TEST_CASE("values that do not move at all are counted from the hundredth on, and
   CHECK(decoder.stats().repeated == 0);
 }
 
-TEST_CASE("a device's clock takes the jitter of arrival out of the sample times") {
+TEST_CASE("a device's clock removes the arrival jitter from the sample times", "[imu_faults]") {
   Ellipse device;
   device.drift = 50e-6;
   ImuDecoder decoder = decoder_of(preset_of("sbg_ellipse"));
@@ -198,7 +198,7 @@ TEST_CASE("a device's clock takes the jitter of arrival out of the sample times"
   CHECK(decoder.stats().clock_jumps == 0);
 }
 
-TEST_CASE("frames that come less late than before move the sample times evenly") {
+TEST_CASE("a smaller arrival delay shifts the sample times gradually", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("sbg_ellipse"));
   const Ellipse device;
   std::size_t uneven = 0;
@@ -214,7 +214,7 @@ TEST_CASE("frames that come less late than before move the sample times evenly")
   CHECK(std::abs(last - device.time_ns(2999)) < 50'000);
 }
 
-TEST_CASE("a counter that begins again is not taken for lost samples") {
+TEST_CASE("a counter that restarts does not count as lost samples", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
   for (std::int64_t i = 0; i < 40; ++i) {
     const auto counter = static_cast<std::uint64_t>(i < 20 ? 500 + i : i - 20);
@@ -226,7 +226,7 @@ TEST_CASE("a counter that begins again is not taken for lost samples") {
   CHECK(decoder.stats().lost_samples == 0);
 }
 
-TEST_CASE("the unit of a device's time is told by the times of arrival") {
+TEST_CASE("the unit of a device's time is detected from the times of arrival", "[imu_faults]") {
   for (const std::int64_t tick_ns : {1'000, 100'000}) {
     CAPTURE(tick_ns);
     ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
@@ -251,7 +251,7 @@ TEST_CASE("the unit of a device's time is told by the times of arrival") {
   }
 }
 
-TEST_CASE("a device's time that agrees with no unit is not used") {
+TEST_CASE("a device's time that agrees with no unit is not used", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("sbg_ellipse"));
   Ellipse device;
   device.drift = 0.5;
@@ -263,7 +263,7 @@ TEST_CASE("a device's time that agrees with no unit is not used") {
   CHECK(decoder.stats().device_stamped == 0);
 }
 
-TEST_CASE("a device that starts again and a host clock that is set back do not break the sample times") {
+TEST_CASE("a device restart and a host clock set back do not break the sample times", "[imu_faults]") {
   Ellipse device;
   ImuDecoder decoder = decoder_of(preset_of("sbg_ellipse"));
   std::int64_t last = 0;
@@ -273,7 +273,7 @@ TEST_CASE("a device that starts again and a host clock that is set back do not b
     const std::int64_t delay = i < 2500 ? 0 : -3'600'000'000'000;
     const auto sample = feed(decoder, device.frames(i, delay));
     REQUIRE(sample.has_value());
-    // From the first of the sample's frames to the device's own time, once.
+    // One transition from the first frame's stamp to the device's time.
     const bool first_device_stamp = decoder.stats().device_stamped == 1;
     const std::int64_t step_ns = sample->stamp.ns - last - device.period_ns;
     if (i > 0 && std::abs(step_ns) > (first_device_stamp ? 210'000 : 20'000)) ++uneven;
@@ -285,7 +285,7 @@ TEST_CASE("a device that starts again and a host clock that is set back do not b
   CHECK(decoder.stats().out_of_order == 0);
 }
 
-TEST_CASE("a device's time that comes at the end of a sample is not taken for the next one's") {
+TEST_CASE("a device's time at the end of a sample is not used for the next one", "[imu_faults]") {
   ImuDecoder decoder = decoder_of(preset_of("sbg_ellipse"));
   const Ellipse device;
   std::size_t right = 0;
@@ -303,7 +303,7 @@ TEST_CASE("a device's time that comes at the end of a sample is not taken for th
   CHECK(right > 980);
 }
 
-TEST_CASE("a multiplexed message gives a sample when each part has come") {
+TEST_CASE("a multiplexed message gives a sample when each part has arrived", "[imu_faults]") {
   const auto database = parse_dbc(
       "BO_ 1 Imu: 8 X\n SG_ part M : 0|8@1+ (1,0) [0|1] \"\" X\n SG_ gx m0 : 8|16@1- (0.01,0) [0|0] \"\" X\n"
       " SG_ gy m0 : 24|16@1- (0.01,0) [0|0] \"\" X\n SG_ gz m0 : 40|16@1- (0.01,0) [0|0] \"\" X\n"

@@ -1,4 +1,4 @@
-// Every example of bytes that the devices' descriptions give, and what each preset makes of them.
+// The examples of bytes in the devices' descriptions, and the values that the presets decode.
 
 #include "nilio/core/units.hpp"
 
@@ -35,7 +35,7 @@ CanFrame extended(CanFrame frame) {
 
 }  // namespace
 
-TEST_CASE("SBG frames are turned to x forward, y left, z up") {
+TEST_CASE("SBG frames are converted to x forward, y left, z up", "[imu_presets]") {
   const ImuPreset preset = preset_of("sbg_ellipse");
   const Bytes gyro{0x64, 0x00, 0x38, 0xFF, 0x2C, 0x01};
   CHECK(decoded(preset, "ImuGyro", "GyroX", gyro) == Approx(0.1));
@@ -58,7 +58,8 @@ TEST_CASE("SBG frames are turned to x forward, y left, z up") {
   CHECK(decoder.stats().saturated == 0);
 }
 
-TEST_CASE("Bosch MM7.10 frames give yaw, roll, pitch and three accelerations, the roll turned round") {
+TEST_CASE("Bosch MM7.10 frames give yaw, roll, pitch and three accelerations, with the sign of roll inverted",
+          "[imu_presets]") {
   const ImuPreset preset = preset_of("bosch_mm7_10");
   const Bytes yaw{0xD0, 0x87, 0x00, 0x00, 0x53, 0x8F, 0x00, 0x00};
   CHECK(decoded(preset, "YawRateAy", "YawRate", yaw) == Approx(10.0));
@@ -79,7 +80,7 @@ TEST_CASE("Bosch MM7.10 frames give yaw, roll, pitch and three accelerations, th
   CHECK(decoder.temperature_degc() == -50.0);
 }
 
-TEST_CASE("an IMU without a pitch rate is used with 0 for it, and says so") {
+TEST_CASE("an IMU without a pitch rate is used with 0 in its place, and reports it", "[imu_presets]") {
   const ImuPreset preset = preset_of("bosch_mm5_10");
   auto decoder = ImuDecoder::create(preset.mapping, preset.database);
   REQUIRE(decoder.ok());
@@ -95,7 +96,8 @@ TEST_CASE("an IMU without a pitch rate is used with 0 for it, and says so") {
   }
 }
 
-TEST_CASE("a device that lacks another axis is refused by name, and can be looked at without it") {
+TEST_CASE("a device that lacks another axis is rejected by name, and can be inspected without it",
+          "[imu_presets]") {
   const ImuPreset preset = preset_of("bosch_mm5_10");
   ImuMapping lacking = preset.mapping;
   lacking.angular_velocity[0] = {};
@@ -127,7 +129,7 @@ TEST_CASE("a device that lacks another axis is refused by name, and can be looke
   CHECK_THAT(ImuDecoder::create_partial(empty, preset.database).error().message, Contains("no axis"));
 }
 
-TEST_CASE("Aceinna frames are known by their group, whatever their priority and source") {
+TEST_CASE("Aceinna frames are recognised by their group at any priority and source", "[imu_presets]") {
   const ImuPreset preset = preset_of("aceinna_openimu");
   const Bytes rates{0x00, 0x82, 0x00, 0x7D, 0x00, 0x7D, 0, 0};
   const Bytes accelerations{0x00, 0x7D, 0x00, 0x7D, 0xD5, 0x80, 0, 0};
@@ -142,7 +144,7 @@ TEST_CASE("Aceinna frames are known by their group, whatever their priority and 
     REQUIRE(sample.has_value());
     CHECK(sample->angular_velocity[0] == Approx(10.0 * nilio::kRadiansPerDegree));
     CHECK(sample->linear_acceleration[2] == Approx(-9.81));
-    // The same bits as an identifier of 11 bits, another group and another format are not it.
+    // An 11-bit identifier with the same bits, another group and another format do not match.
     decoder.add(frame_of(rate_id & 0x7FF, rates, 30));
     decoder.add(extended(frame_of(0x0CF02980, rates, 40)));
     decoder.add(extended(frame_of(0x0DF02A80, rates, 50)));
@@ -150,7 +152,8 @@ TEST_CASE("Aceinna frames are known by their group, whatever their priority and 
   }
 }
 
-TEST_CASE("of two J1939 devices one is followed until it is silent, or the one that is wanted") {
+TEST_CASE("of two J1939 devices the configured one is used, or the first until it is silent",
+          "[imu_presets]") {
   ImuPreset preset = preset_of("aceinna_openimu");
   const core::ImuSample still{{0}, {}, {0.0, 0.0, 9.81}};
   const auto frames = [&](std::uint8_t source, std::int64_t stamp_ns) {
@@ -177,7 +180,7 @@ TEST_CASE("of two J1939 devices one is followed until it is silent, or the one t
   CHECK((encode_imu_sample(still, preset)[0].id & 0xFFU) == 0xE2);
 }
 
-TEST_CASE("J1939 codes for error and not available are no measurement") {
+TEST_CASE("J1939 codes for error and not available are not measurements", "[imu_presets]") {
   ImuDecoder decoder = decoder_of(preset_of("aceinna_openimu"));
   const Bytes good{0x00, 0x7D, 0x00, 0x7D, 0xD5, 0x80, 0, 0};
   std::int64_t stamp = 0;
@@ -191,7 +194,7 @@ TEST_CASE("J1939 codes for error and not available are no measurement") {
   CHECK(decoder.add(extended(frame_of(0x08F02D80, good, stamp += 10))).has_value());
 }
 
-TEST_CASE("every preset encodes what it decodes, to its resolution") {
+TEST_CASE("encoding and decoding are inverse for every preset, to its resolution", "[imu_presets]") {
   REQUIRE(imu_preset_names().size() == 6);
   for (const std::string& name : imu_preset_names()) {
     CAPTURE(name);

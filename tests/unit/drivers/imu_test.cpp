@@ -22,7 +22,7 @@ CanFrame acceleration(std::int64_t stamp_ns) { return frame_of(0x34, kXsensAccel
 
 }  // namespace
 
-TEST_CASE("Xsens frames give SI values, and the same bytes come from encoding them") {
+TEST_CASE("Xsens frames give SI values, and encoding them gives the same bytes", "[imu]") {
   const ImuPreset preset = preset_of("xsens_mti");
   ImuDecoder decoder = decoder_of(preset);
   CHECK_FALSE(decoder.add(rate(1000)).has_value());
@@ -40,7 +40,7 @@ TEST_CASE("Xsens frames give SI values, and the same bytes come from encoding th
   CHECK(frames[1].stamp.ns == 1000);
 }
 
-TEST_CASE("OxTS frames are turned to x forward, y left, z up and to radians") {
+TEST_CASE("OxTS frames are converted to x forward, y left, z up and to radians", "[imu]") {
   const ImuPreset preset = preset_of("oxts_rt3003");
   ImuDecoder decoder = decoder_of(preset);
   const std::vector<std::uint8_t> acceleration_bytes{0x32, 0x00, 0xEC, 0xFF, 0x2B, 0xFC};
@@ -60,7 +60,7 @@ TEST_CASE("OxTS frames are turned to x forward, y left, z up and to radians") {
   CHECK(bytes_of(frames[1]) == acceleration_bytes);
 }
 
-TEST_CASE("a lost frame leaves one group incomplete") {
+TEST_CASE("a lost frame leaves one group incomplete", "[imu]") {
   ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
   decoder.add(rate(0));
   decoder.add(rate(10'000'000));
@@ -69,7 +69,7 @@ TEST_CASE("a lost frame leaves one group incomplete") {
   CHECK(decoder.stats().samples == 1);
 }
 
-TEST_CASE("grouping that slipped by a lost first frame is put right") {
+TEST_CASE("grouping that slipped by a lost first frame is corrected", "[imu]") {
   ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
   std::vector<std::int64_t> spans;
   std::optional<std::int64_t> pending;
@@ -85,7 +85,7 @@ TEST_CASE("grouping that slipped by a lost first frame is put right") {
   CHECK(decoder.stats().incomplete == 1);
 }
 
-TEST_CASE("frames that are not the IMU's, too short or back in time give no sample") {
+TEST_CASE("frames of other devices, short frames and frames back in time give no sample", "[imu]") {
   ImuDecoder decoder = decoder_of(preset_of("xsens_mti"));
   CHECK_FALSE(decoder.add(frame_of(0x33, kXsensRate, 0)).has_value());
   CanFrame extended = rate(0);
@@ -107,7 +107,7 @@ TEST_CASE("frames that are not the IMU's, too short or back in time give no samp
   CHECK(decoder.stats().out_of_order == 1);
 }
 
-TEST_CASE("a mapped name that is not there is named with the nearest one") {
+TEST_CASE("the error for a missing mapped name gives the nearest one", "[imu]") {
   const ImuPreset preset = preset_of("xsens_mti");
   ImuMapping mapping = preset.mapping;
   mapping.linear_acceleration[1].signal = "accy";
@@ -123,7 +123,7 @@ TEST_CASE("a mapped name that is not there is named with the nearest one") {
   CHECK_THAT(imu_preset("xsens").error().message, Contains("xsens_mti"));
 }
 
-TEST_CASE("signals that cannot serve are refused when the decoder is made") {
+TEST_CASE("unusable signals are rejected when the decoder is created", "[imu]") {
   const auto database = parse_dbc(
       "BO_ 1 M: 6 X\n SG_ a : 7|16@0- (1,0) [0|0] \"\" X\n SG_ b m1 : 23|16@0- (1,0) [0|0] \"\" X\n"
       " SG_ c : 47|16@0- (1,0) [0|0] \"\" X\n",
@@ -140,7 +140,7 @@ TEST_CASE("signals that cannot serve are refused when the decoder is made") {
   CHECK_THAT(ImuDecoder::create(mapping, *database).error().message, Contains("scale"));
 }
 
-TEST_CASE("the nearest name is found for slips and not for strangers") {
+TEST_CASE("the nearest name is found for misspellings and not for unrelated names", "[imu]") {
   const std::vector<std::string> names{"budget_ms", "voxel_size", "port"};
   CHECK(nearest_name("budgetms", names) == "budget_ms");
   CHECK(nearest_name("VOXEL_SIZE", names) == "voxel_size");

@@ -21,7 +21,7 @@ std::string text_of(const Packet& packet) { return {packet.data.begin(), packet.
 
 }  // namespace
 
-TEST_CASE("captures of every link type are read") {
+TEST_CASE("captures of every link type are read", "[pcap_formats]") {
   for (const int link :
        {kLinkNull, kLinkEthernet, kLinkRaw, kLinkLoop, kLinkCooked, kLinkIpv4, kLinkCooked2}) {
     for (const bool next_generation : {false, true}) {
@@ -39,7 +39,8 @@ TEST_CASE("captures of every link type are read") {
   }
 }
 
-TEST_CASE("a loopback capture of a machine with the other byte order is read, other families are not") {
+TEST_CASE("a loopback capture of a machine with the other byte order is read, other families are not",
+          "[pcap_formats]") {
   const std::string ip = ipv4_udp(kPort, "payload");
   const std::string swapped = ByteText(true).u32(2).text(ip).bytes();
   const std::string version_6 = ByteText(true).u32(30).text(ip).bytes();
@@ -48,7 +49,7 @@ TEST_CASE("a loopback capture of a machine with the other byte order is read, ot
   CHECK(read_capture(PcapText(kLinkNull).packet(0, "\x02").bytes()).stats.other == 1);
 }
 
-TEST_CASE("stacked VLAN tags are seen through on every link type that has them") {
+TEST_CASE("stacked VLAN tags are skipped on every link type that has them", "[pcap_formats]") {
   const std::string ip = ipv4_udp(kPort, "payload");
   const std::string tags = ByteText(true).u16(0x8100).u16(5).u16(0x88A8).u16(6).u16(0x9100).u16(7).bytes();
   const std::string rest = ByteText(true).u16(0x0800).text(ip).bytes();
@@ -62,7 +63,7 @@ TEST_CASE("stacked VLAN tags are seen through on every link type that has them")
   }
 }
 
-TEST_CASE("both byte orders and both resolutions of a capture give its stamps") {
+TEST_CASE("both byte orders and both resolutions of a capture give its stamps", "[pcap_formats]") {
   for (const bool big_endian : {false, true}) {
     for (const bool nanoseconds : {false, true}) {
       PcapText capture(kLinkEthernet, big_endian, nanoseconds);
@@ -76,7 +77,7 @@ TEST_CASE("both byte orders and both resolutions of a capture give its stamps") 
   }
 }
 
-TEST_CASE("pcapng stamps are read in every resolution, with offsets, in both byte orders") {
+TEST_CASE("pcapng stamps are read in every resolution, with offsets, in both byte orders", "[pcap_formats]") {
   const std::string frame = frame_of(kLinkEthernet);
   struct Clock {
     std::uint8_t resolution;
@@ -114,7 +115,7 @@ TEST_CASE("pcapng stamps are read in every resolution, with offsets, in both byt
   }
 }
 
-TEST_CASE("stamps and interfaces that cannot be spoil only their own packets") {
+TEST_CASE("invalid stamps and interfaces affect only their own packets", "[pcap_formats]") {
   const std::string frame = frame_of(kLinkEthernet);
   PcapngText capture;
   capture.interface(kLinkEthernet, capture.option(9, "\x14"));
@@ -131,7 +132,8 @@ TEST_CASE("stamps and interfaces that cannot be spoil only their own packets") {
   CHECK(contents.state == SourceState::kEnd);
 }
 
-TEST_CASE("pcapng with interfaces of the same and of different link types, and several sections, is read") {
+TEST_CASE("pcapng with interfaces of the same and of different link types, and several sections, is read",
+          "[pcap_formats]") {
   PcapngText capture;
   capture.interface(kLinkCan).interface(kLinkEthernet).interface(kLinkEthernet).interface(kLinkCooked2);
   capture.packet(0, 1, std::string(16, '\0'));
@@ -151,7 +153,7 @@ TEST_CASE("pcapng with interfaces of the same and of different link types, and s
   CHECK(contents.stats.malformed == 0);
 }
 
-TEST_CASE("older packet blocks of pcapng are read") {
+TEST_CASE("older packet blocks of pcapng are read", "[pcap_formats]") {
   const std::string frame = frame_of(kLinkEthernet);
   PcapngText capture;
   capture.interface(kLinkEthernet).packet(0, 7, frame).simple_packet(frame);
@@ -164,7 +166,8 @@ TEST_CASE("older packet blocks of pcapng are read") {
   CHECK(contents.packets[2].stamp.ns == 9000);
 }
 
-TEST_CASE("a pcapng file cut off at any byte delivers the packets before and says so") {
+TEST_CASE("a pcapng file truncated at any byte delivers the packets before it and reports it",
+          "[pcap_formats]") {
   PcapngText capture;
   const std::string head = capture.interface(kLinkEthernet).bytes();
   const std::string first = capture.packet(0, 1, frame_of(kLinkEthernet)).bytes();
@@ -182,7 +185,7 @@ TEST_CASE("a pcapng file cut off at any byte delivers the packets before and say
   }
 }
 
-TEST_CASE("a damaged pcapng file fails where the damage is") {
+TEST_CASE("a damaged pcapng file fails where the damage is", "[pcap_formats]") {
   PcapngText capture;
   capture.interface(kLinkEthernet).packet(0, 1, frame_of(kLinkEthernet));
   const std::string good = capture.bytes();
@@ -207,7 +210,7 @@ TEST_CASE("a damaged pcapng file fails where the damage is") {
   CHECK_THAT(refused("\n"), Contains("begins like pcapng, but is not"));
 }
 
-TEST_CASE("packets longer than any buffer are passed over and what follows is read") {
+TEST_CASE("packets longer than the buffer are skipped and the next ones are read", "[pcap_formats]") {
   PcapngText capture;
   capture.interface(kLinkEthernet).packet(0, 1, frame_of(kLinkEthernet) + std::string(400'000, 'x'));
   capture.block(77, std::string(500'000, 'y')).packet(0, 2, frame_of(kLinkEthernet));
@@ -216,7 +219,8 @@ TEST_CASE("packets longer than any buffer are passed over and what follows is re
   CHECK(contents.state == SourceState::kEnd);
 }
 
-TEST_CASE("packets that the recording cut short are malformed, with the option that avoids it") {
+TEST_CASE("packets cut short by the recording are malformed, and status() names the option that avoids it",
+          "[pcap_formats]") {
   const std::string frame = frame_of(kLinkEthernet, std::string(1206, 'x'));
   PcapText classic(kLinkEthernet);
   PcapngText next_generation;
@@ -225,7 +229,7 @@ TEST_CASE("packets that the recording cut short are malformed, with the option t
     classic.packet(0, frame.substr(0, kept), frame.size());
     next_generation.packet(0, 0, frame.substr(0, kept), frame.size());
   }
-  // Only a trailer of the link is missing.
+  // Only the trailer of the link layer is missing.
   classic.packet(0, frame, frame.size() + 4);
   next_generation.packet(0, 0, frame, frame.size() + 4);
   for (const std::string& bytes : {classic.bytes(), next_generation.bytes()}) {
@@ -237,7 +241,7 @@ TEST_CASE("packets that the recording cut short are malformed, with the option t
   }
 }
 
-TEST_CASE("fragments are counted and told, not taken for packets") {
+TEST_CASE("fragments are counted and reported, not delivered", "[pcap_formats]") {
   PcapText capture(kLinkEthernet);
   capture.packet(0, link_frame(kLinkEthernet, ipv4_udp(kPort, "first", 201, 0x2000)));
   capture.packet(0, link_frame(kLinkEthernet, ipv4_udp(kPort, "last", 201, 0x0001)));
@@ -248,7 +252,7 @@ TEST_CASE("fragments are counted and told, not taken for packets") {
   CHECK_THAT(contents.status, Contains("2 fragments of datagrams") && Contains("MTU"));
 }
 
-TEST_CASE("several sensors in one capture are told apart by the sender's address") {
+TEST_CASE("several sensors in one capture are separated by the sender's address", "[pcap_formats]") {
   PcapText capture(kLinkEthernet);
   for (int i = 0; i < 5; ++i) capture.packet(i, frame_of(kLinkEthernet, "left", 201));
   for (int i = 0; i < 3; ++i) capture.packet(i, frame_of(kLinkEthernet, "right", 202));
@@ -269,14 +273,14 @@ TEST_CASE("several sensors in one capture are told apart by the sender's address
              Contains(file.path()) && Contains("'left' is no IPv4 address"));
 }
 
-TEST_CASE("a capture of one sensor does not speak of several") {
+TEST_CASE("the status of a capture of one sensor does not mention several", "[pcap_formats]") {
   PcapText capture(kLinkEthernet);
   capture.packet(0, frame_of(kLinkEthernet)).packet(1, link_frame(kLinkEthernet, ipv4_udp(53, "name", 7)));
   const CaptureContents contents = read_capture(capture.bytes());
   CHECK_THAT(contents.status, !Contains("several sensors") && Contains("1 to port 53"));
 }
 
-TEST_CASE("without a position port its packets are other traffic") {
+TEST_CASE("without a position port its packets are other traffic", "[pcap_formats]") {
   PcapText capture(kLinkEthernet);
   capture.packet(0, frame_of(kLinkEthernet));
   capture.packet(0, link_frame(kLinkEthernet, ipv4_udp(8308, "position")));
@@ -287,7 +291,7 @@ TEST_CASE("without a position port its packets are other traffic") {
   CHECK(contents.stats.other == 2);
 }
 
-TEST_CASE("a capture without anything that can be read names the link types it has") {
+TEST_CASE("the status of a capture without readable packets names its link types", "[pcap_formats]") {
   PcapngText capture;
   capture.interface(kLinkCan).packet(0, 1, std::string(16, '\0')).packet(0, 2, std::string(16, '\0'));
   const CaptureContents contents = read_capture(capture.bytes());

@@ -41,7 +41,7 @@ constexpr std::size_t kFileHeader = 24;
 constexpr std::size_t kRecordHeader = 16;
 constexpr std::size_t kLinkHeader = 14;
 
-/// The first record's frame replaced, with the link type given.
+/// Replaces the first record's frame and sets the link type.
 std::string with_frame(std::string bytes, std::uint8_t link_type, const std::string& frame) {
   bytes.resize(kFileHeader + kRecordHeader);
   bytes[20] = static_cast<char>(link_type);
@@ -54,7 +54,7 @@ std::string with_frame(std::string bytes, std::uint8_t link_type, const std::str
 
 }  // namespace
 
-TEST_CASE("a written capture reads back with nanoseconds, ports and addresses") {
+TEST_CASE("a written capture reads back with nanoseconds, ports and addresses", "[pcap]") {
   const CaptureContents contents = read_capture(capture(7, 2368));
   REQUIRE(contents.packets.size() == 7);
   CHECK(contents.state == SourceState::kEnd);
@@ -71,7 +71,7 @@ TEST_CASE("a written capture reads back with nanoseconds, ports and addresses") 
   CHECK(contents.stats.delivered == 7);
 }
 
-TEST_CASE("what a capture cannot hold is refused") {
+TEST_CASE("records that a capture cannot hold are rejected", "[pcap]") {
   const TemporaryFile file("", ".pcap");
   auto writer = PcapWriter::create(file.path());
   REQUIRE(writer.ok());
@@ -84,7 +84,7 @@ TEST_CASE("what a capture cannot hold is refused") {
   CHECK_FALSE(PcapWriter::create(file.path() + "/x.pcap").ok());
 }
 
-TEST_CASE("datagrams longer than a slot are cut and marked") {
+TEST_CASE("datagrams longer than a slot are cut and marked", "[pcap]") {
   const TemporaryFile file("", ".pcap");
   auto writer = PcapWriter::create(file.path());
   REQUIRE(writer.ok());
@@ -96,7 +96,8 @@ TEST_CASE("datagrams longer than a slot are cut and marked") {
   CHECK(contents.packets[0].size == kPacketCapacity);
 }
 
-TEST_CASE("a capture cut off in the middle of a packet delivers what is whole and says so") {
+TEST_CASE("a capture truncated in the middle of a packet delivers the complete ones and reports it",
+          "[pcap]") {
   const std::string bytes = capture(5, 2368);
   const CaptureContents contents = read_capture(bytes.substr(0, bytes.size() - 50));
   CHECK(contents.packets.size() == 4);
@@ -105,7 +106,7 @@ TEST_CASE("a capture cut off in the middle of a packet delivers what is whole an
   CHECK_THAT(contents.status, Contains("ends in the middle of a packet"));
 }
 
-TEST_CASE("a capture with other ports only names them and says what to set") {
+TEST_CASE("the status of a capture with other ports only names them and the setting", "[pcap]") {
   const CaptureContents contents = read_capture(capture(5, 2369));
   CHECK(contents.packets.empty());
   CHECK(contents.state == SourceState::kEnd);
@@ -114,7 +115,7 @@ TEST_CASE("a capture with other ports only names them and says what to set") {
              Contains("5 to port 2369") && Contains("2368") && Contains("set the LiDAR's port"));
 }
 
-TEST_CASE("files that are no captures are refused with the reason") {
+TEST_CASE("files that are no captures are rejected with the reason", "[pcap]") {
   CHECK_THAT(open_error(""), Contains("empty (0 bytes)"));
   CHECK_THAT(open_error("this is a text file, not a capture"), Contains("no capture"));
   CHECK_THAT(open_error(capture(1, 2368).substr(0, 10)), Contains("no capture"));
@@ -127,14 +128,14 @@ TEST_CASE("files that are no captures are refused with the reason") {
   CHECK_THAT(open_pcap("/", {}).error().message, Contains("folder"));
 }
 
-TEST_CASE("no header length in a capture is trusted") {
+TEST_CASE("every header length in a capture is checked", "[pcap]") {
   const std::string bytes = capture(1, 2368);
   const std::size_t ip = kFileHeader + kRecordHeader + kLinkHeader;
   std::string changed = bytes;
-  changed[ip + 2] = 4;  // IP total length: too large, and not used
+  changed[ip + 2] = 4;  // IP total length: too large, but not used
   CHECK(read_capture(changed).packets.size() == 1);
   changed = bytes;
-  changed[ip] = 0x4F;  // a header of 60 bytes: UDP is read from the payload, whatever it is
+  changed[ip] = 0x4F;  // a header of 60 bytes: UDP is read from the payload
   CHECK(read_capture(changed).packets.empty());
   changed = bytes;
   changed[ip] = 0x41;

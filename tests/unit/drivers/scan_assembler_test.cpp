@@ -23,8 +23,8 @@ std::vector<Packet> packets_of(const TurningSensor& source, std::size_t first, s
   return packets;
 }
 
-/// Absolute time of every point, by range and ring: the range tells the block, the ring and the time within
-/// it the entry.
+/// Absolute time of every point, by range and ring: the range identifies the block, ring and time within it
+/// the entry.
 std::multimap<std::int64_t, int> firing_times(const std::vector<core::Scan>& scans) {
   std::multimap<std::int64_t, int> times;
   for (const core::Scan& scan : scans) {
@@ -35,7 +35,7 @@ std::multimap<std::int64_t, int> firing_times(const std::vector<core::Scan>& sca
 
 }  // namespace
 
-TEST_CASE("encoding and decoding a data packet are exact inverses") {
+TEST_CASE("encoding and decoding a data packet are exact inverses", "[scan_assembler]") {
   const VelodyneDataPacket data = vlp16().data(5);
   const auto bytes = encode(data);
   const auto decoded = decode(bytes);
@@ -46,9 +46,10 @@ TEST_CASE("encoding and decoding a data packet are exact inverses") {
   CHECK_FALSE(decode(std::span(bytes).first(1205)).has_value());
 }
 
-TEST_CASE("a scan is complete with its last packet, also where the cut is between two") {
+TEST_CASE("a scan is complete with its last packet, also when the cut is between two packets",
+          "[scan_assembler]") {
   for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
-    // The cut wanders through the packets, as a revolution is no whole number of them.
+    // The cut moves through the packets, because a revolution is not a whole number of them.
     const TurningSensor source{.sensor = make_velodyne_sensor(model), .revolutions_per_second = 10.03};
     const auto packets = static_cast<std::size_t>(4'000'000'000 / source.sensor.single().packet_period_ns);
     ScanAssembler assembler(source.sensor, {});
@@ -72,9 +73,9 @@ TEST_CASE("a scan is complete with its last packet, also where the cut is betwee
   }
 }
 
-TEST_CASE("a cut in the middle of a packet puts every firing into exactly one scan") {
+TEST_CASE("a cut in the middle of a packet puts every firing into exactly one scan", "[scan_assembler]") {
   for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
-    // Beginning at the cut, so that no part of a revolution is dropped.
+    // Begins at the cut, so that no part of a revolution is dropped.
     const TurningSensor source{.sensor = make_velodyne_sensor(model), .start_azimuth_deg = 180.0};
     const auto packets = static_cast<std::size_t>(400'000'000 / source.sensor.single().packet_period_ns);
     ScanAssembler assembler(source.sensor, {});
@@ -100,7 +101,7 @@ TEST_CASE("a cut in the middle of a packet puts every firing into exactly one sc
     CHECK(assembler.stats().partial_scans <= 1);
     const auto times = firing_times(scans);
     CHECK(times.size() == points);
-    // Each instant has as many points as lasers fire at once, none is there twice.
+    // Each instant has as many points as lasers that fire together, without duplicates.
     const std::size_t at_once = source.sensor.single().blocks_per_azimuth;
     CHECK(times.count(times.begin()->first) == at_once);
     std::set<std::pair<std::int64_t, int>> distinct(times.begin(), times.end());
@@ -109,7 +110,7 @@ TEST_CASE("a cut in the middle of a packet puts every firing into exactly one sc
   }
 }
 
-TEST_CASE("scans begin where the cut azimuth is, wherever that is") {
+TEST_CASE("scans begin at the cut azimuth, whatever its value", "[scan_assembler]") {
   for (const double cut : {0.0, 90.0, 359.9, -10.0}) {
     const TurningSensor source = vlp16();
     ScanAssembler assembler(source.sensor, {.cut_azimuth_deg = cut});
@@ -122,7 +123,7 @@ TEST_CASE("scans begin where the cut azimuth is, wherever that is") {
   }
 }
 
-TEST_CASE("scan times are the sensor's where its clock agrees with the host's") {
+TEST_CASE("scan times are the sensor's when its clock agrees with the host's", "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.sensor_ahead_ns = 50'000'000;
   ScanAssembler assembler(source.sensor, {});
@@ -135,7 +136,8 @@ TEST_CASE("scan times are the sensor's where its clock agrees with the host's") 
   CHECK(scans[0].received_ns > 0);
 }
 
-TEST_CASE("a free-running sensor clock is shifted by the least delay of the first packets") {
+TEST_CASE("a free-running sensor clock is shifted by the minimum delay of the first packets",
+          "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.start_azimuth_deg = 180.0;
   source.sensor_ahead_ns = 1'234'567'000'000;
@@ -147,7 +149,7 @@ TEST_CASE("a free-running sensor clock is shifted by the least delay of the firs
   CHECK(std::abs(scans[0].start.ns - source.start_ns) < 2'000);
 }
 
-TEST_CASE("host time is the receive time less the packet's duration") {
+TEST_CASE("host time is the receive time minus the packet's duration", "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.start_azimuth_deg = 180.0;
   source.sensor_ahead_ns = 77'000'000'000;
@@ -157,7 +159,7 @@ TEST_CASE("host time is the receive time less the packet's duration") {
   CHECK(scans[0].start.ns == source.start_ns);
 }
 
-TEST_CASE("the hour counter rolls over without a jump in time") {
+TEST_CASE("the hour counter rolls over without a jump in time", "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.start_azimuth_deg = 180.0;
   const std::int64_t hour = 3'600'000'000'000;
@@ -173,7 +175,7 @@ TEST_CASE("the hour counter rolls over without a jump in time") {
   CHECK(assembler.stats().lost_packets == 0);
 }
 
-TEST_CASE("the hour is resolved when sensor and host stand on different sides of it") {
+TEST_CASE("the hour is resolved when sensor and host are on different sides of it", "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.start_azimuth_deg = 180.0;
   const std::int64_t hour = 3'600'000'000'000;
@@ -185,7 +187,8 @@ TEST_CASE("the hour is resolved when sensor and host stand on different sides of
   CHECK(std::abs(scans[0].start.ns - source.start_ns - source.sensor_ahead_ns) < 2'000);
 }
 
-TEST_CASE("a packet lost inside a scan leaves the other firings' points and times unchanged") {
+TEST_CASE("a packet lost inside a scan leaves the other firings' points and times unchanged",
+          "[scan_assembler]") {
   const TurningSensor source = vlp16();
   std::vector<Packet> packets = packets_of(source, 0, 250);
   ScanAssembler whole(source.sensor, {});
@@ -208,7 +211,7 @@ TEST_CASE("a packet lost inside a scan leaves the other firings' points and time
   CHECK(lost == 3);
 }
 
-TEST_CASE("a loss over the cut still cuts there") {
+TEST_CASE("a loss across the cut does not move the cut", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   std::vector<Packet> packets = packets_of(source, 0, 320);
   // The cut at 180 degrees is near packet 113 (150 ms).
@@ -221,7 +224,7 @@ TEST_CASE("a loss over the cut still cuts there") {
   CHECK(scans[0].lost_packets == 12);
 }
 
-TEST_CASE("a loss of more than a revolution drops what is left of both scans") {
+TEST_CASE("a loss of more than a revolution drops the rest of both scans", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   std::vector<Packet> packets = packets_of(source, 0, 450);
   packets.erase(packets.begin() + 70, packets.begin() + 230);
@@ -233,7 +236,7 @@ TEST_CASE("a loss of more than a revolution drops what is left of both scans") {
   for (const core::Scan& scan : scans) CHECK((scan.end - scan.start).seconds() == Approx(0.1).margin(3e-4));
 }
 
-TEST_CASE("duplicate and reordered packets are counted and change nothing") {
+TEST_CASE("duplicate and reordered packets are counted and change nothing", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   const std::vector<Packet> packets = packets_of(source, 0, 250);
   ScanAssembler plain(source.sensor, {});
@@ -259,7 +262,7 @@ TEST_CASE("duplicate and reordered packets are counted and change nothing") {
   }
 }
 
-TEST_CASE("a sensor that was restarted is followed from its new time on") {
+TEST_CASE("a restarted sensor is used from its new time on", "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.sensor_ahead_ns = 10'000'000'000;
   std::vector<Packet> packets = packets_of(source, 0, 200);
@@ -279,7 +282,7 @@ TEST_CASE("a sensor that was restarted is followed from its new time on") {
   CHECK(scans.back().start.ns > restarted.start_ns);
 }
 
-TEST_CASE("a stalled motor ends scans by time and they are dropped as partial") {
+TEST_CASE("a stalled motor ends scans by time and they are dropped as partial", "[scan_assembler]") {
   TurningSensor source = vlp16();
   source.revolutions_per_second = 0.0;
   source.start_azimuth_deg = 20.0;
@@ -289,7 +292,7 @@ TEST_CASE("a stalled motor ends scans by time and they are dropped as partial") 
   CHECK(assembler.stats().partial_scans == 4);
 }
 
-TEST_CASE("wrong blocks are skipped and counted, the others stay") {
+TEST_CASE("wrong blocks are skipped and counted, the others are kept", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   std::vector<Packet> packets = packets_of(source, 0, 250);
   VelodyneDataPacket data = source.data(100);
@@ -307,7 +310,7 @@ TEST_CASE("wrong blocks are skipped and counted, the others stay") {
   CHECK(whole.stats().points - assembler.stats().points == 3 * kEntriesPerBlock);
 }
 
-TEST_CASE("a blind sector inside a packet delays the firings behind it") {
+TEST_CASE("a blind sector inside a packet delays the firings after it", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   VelodyneDataPacket data = source.data(10);
   for (std::size_t b = 6; b < kBlocksPerPacket; ++b) {
@@ -321,11 +324,11 @@ TEST_CASE("a blind sector inside a packet delays the firings behind it") {
   core::Scan scan;
   assembler.take_scan(scan);
   CHECK(assembler.stats().firings_bad == 0);
-  // 179.9 degrees at 10 revolutions per second; the rate is known to one part in forty.
+  // 179.9 degrees at 10 revolutions per second; the rate is accurate to one part in forty.
   CHECK((scan.end - scan.start).seconds() == Approx(0.05).margin(0.0015));
 }
 
-TEST_CASE("packets of other lengths are counted and position packets passed over") {
+TEST_CASE("packets of other lengths are counted and position packets give no points", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   ScanAssembler assembler(source.sensor, {});
   Packet packet = source.packet(0);
@@ -342,7 +345,7 @@ TEST_CASE("packets of other lengths are counted and position packets passed over
   CHECK(assembler.stats().packets == 0);
 }
 
-TEST_CASE("range limits are inclusive and what is beyond them is counted") {
+TEST_CASE("range limits are inclusive and returns beyond them are counted", "[scan_assembler]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
   const TurningSensor source{.sensor = sensor};
   VelodyneDataPacket data = source.data(0);
@@ -357,13 +360,13 @@ TEST_CASE("range limits are inclusive and what is beyond them is counted") {
   CHECK(assembler.stats().points_out_of_range == 2);
 }
 
-TEST_CASE("no packets, however wrong, make a scan larger than its capacity") {
+TEST_CASE("no packets, however malformed, make a scan larger than its capacity", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   ScanAssembler assembler(source.sensor, {.min_coverage = 0.0});
   core::Scan scan;
   std::size_t largest = 0;
   for (std::uint32_t i = 0; i < 2000; ++i) {
-    // Time stands nearly still and the azimuth too: neither would ever end the scan.
+    // Time and azimuth hardly advance: neither would end the scan.
     VelodyneDataPacket data = source.data(0);
     for (auto& block : data.blocks) block.azimuth = 100;
     data.timestamp_us = i + 1;
@@ -377,7 +380,7 @@ TEST_CASE("no packets, however wrong, make a scan larger than its capacity") {
   CHECK(largest <= 460 * kBlocksPerPacket * kEntriesPerBlock);
 }
 
-TEST_CASE("assembling reuses the buffers it is given") {
+TEST_CASE("assembling reuses the buffers it is given", "[scan_assembler]") {
   const TurningSensor source = vlp16();
   ScanAssembler assembler(source.sensor, {});
   core::Scan scan;
@@ -391,7 +394,7 @@ TEST_CASE("assembling reuses the buffers it is given") {
   CHECK(buffers.size() <= 3);
 }
 
-TEST_CASE("models are told by their packets and by nothing else") {
+TEST_CASE("every model is detected from its own packets only", "[scan_assembler]") {
   const TurningSensor puck = vlp16();
   const TurningSensor hdl{.sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS2)};
   CHECK(detect_velodyne(packets_of(puck, 0, 5)).model == VelodyneModel::kVlp16);
@@ -402,7 +405,7 @@ TEST_CASE("models are told by their packets and by nothing else") {
   CHECK_FALSE(detect_velodyne({}).model.has_value());
 }
 
-TEST_CASE("a return mode that is changed at the sensor is followed") {
+TEST_CASE("a change of the return mode at the sensor is followed", "[scan_assembler]") {
   TurningSensor single = vlp16();
   TurningSensor dual = single;
   dual.mode = ReturnMode::kDual;
@@ -418,13 +421,14 @@ TEST_CASE("a return mode that is changed at the sensor is followed") {
   CHECK(scans.back().points.size() == Approx(28'900).margin(200));
 }
 
-TEST_CASE("of two returns the wanted ones become points, and two that are the same become one") {
+TEST_CASE("of two returns the selected ones become points, and two equal ones become one point",
+          "[scan_assembler]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kVlp16);
   TurningSensor source{.sensor = sensor};
   source.mode = ReturnMode::kDual;
   VelodyneDataPacket data = source.data(0);
   for (auto& block : data.blocks) block.entries.fill({});
-  // Last and strongest differ; the same; only a last; only a strongest; the last is the strongest.
+  // Last and strongest differ; are equal; only a last; only a strongest; the last is the strongest.
   data.blocks[0].entries[0] = {6000, 10};
   data.blocks[1].entries[0] = {5000, 90};
   data.blocks[0].entries[1] = data.blocks[1].entries[1] = {5000, 50};
@@ -450,15 +454,16 @@ TEST_CASE("of two returns the wanted ones become points, and two that are the sa
   CHECK(ranges(ReturnChoice::kStrongest) == Ranges{{0, 10}, {8, 10}, {1, 10}, {9, 10}, {2, 12}});
 }
 
-TEST_CASE("a sector in which the sensor does not fire is no loss and leaves scans whole") {
-  // Packets that end where the field of view ends: the silence is between packets.
+TEST_CASE("a sector in which the sensor does not fire is no loss and leaves scans complete",
+          "[scan_assembler]") {
+  // Packets end at the end of the field of view: the gap is between packets.
   TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp32c)};
   source.start_azimuth_deg = 180.0;
   std::vector<Packet> packets;
   std::size_t skipped = 0;
   for (std::size_t i = 0; i < 3000; ++i) {
     const int azimuth = source.azimuth(i, 0);
-    // A sector of 120 degrees, to packets.
+    // A sector of 120 degrees, in whole packets.
     const bool blind = azimuth > 12'000 && azimuth <= 24'000;
     skipped += static_cast<std::size_t>(blind);
     if (!blind) packets.push_back(source.packet(i));
@@ -474,7 +479,7 @@ TEST_CASE("a sector in which the sensor does not fire is no loss and leaves scan
   CHECK(scans.back().missing_firings == 0);
 }
 
-TEST_CASE("a change of speed neither loses firings nor moves the cut") {
+TEST_CASE("a change of speed neither loses firings nor moves the cut", "[scan_assembler]") {
   TurningSensor source = vlp16();
   ScanAssembler assembler(source.sensor, {.max_range_m = 1000.0, .min_coverage = 0.0});
   double turns = 0.5;

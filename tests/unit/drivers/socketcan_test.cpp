@@ -34,7 +34,7 @@ bool kernel_has_can() {
 
 }  // namespace
 
-TEST_CASE("frames to the kernel and back keep identifier, kind, length and data") {
+TEST_CASE("frames to the kernel and back keep identifier, kind, length and data", "[socketcan]") {
   CanFrame remote = frame_of(0x12, false, 0);
   remote.remote = true;
   CanFrame flexible = frame_of(0x1ABCDEF0, true, 64);
@@ -56,7 +56,7 @@ TEST_CASE("frames to the kernel and back keep identifier, kind, length and data"
   }
 }
 
-TEST_CASE("an error frame of the controller keeps its class bits and is no data") {
+TEST_CASE("an error frame of the controller keeps its class bits and is not a data frame", "[socketcan]") {
   canfd_frame kernel{};
   kernel.can_id = CAN_ERR_FLAG | 0x40U;
   kernel.len = 8;
@@ -68,7 +68,7 @@ TEST_CASE("an error frame of the controller keeps its class bits and is no data"
   CHECK_FALSE(to_kernel_frame(*frame));
 }
 
-TEST_CASE("frames that do not exist are neither taken from the kernel nor given to it") {
+TEST_CASE("invalid frames are neither accepted from the kernel nor sent to it", "[socketcan]") {
   canfd_frame kernel{};
   kernel.len = 9;
   CHECK_FALSE(from_kernel_frame(kernel, CAN_MTU));
@@ -82,7 +82,7 @@ TEST_CASE("frames that do not exist are neither taken from the kernel nor given 
   CHECK_FALSE(to_kernel_frame(frame_of(0x1, false, 9)));
 }
 
-TEST_CASE("a CAN interface that cannot be had is named with the command that helps") {
+TEST_CASE("the error for an unusable CAN interface names the command that helps", "[socketcan]") {
   const auto source = open_socketcan({.interface_name = "nilio_none0"});
   const auto sender = CanSender::open("nilio_none0");
   REQUIRE_FALSE(source.ok());
@@ -102,7 +102,8 @@ TEST_CASE("a CAN interface that cannot be had is named with the command that hel
   }
 }
 
-TEST_CASE("what is no CAN interface is refused, since it could be taken down by mistake") {
+TEST_CASE("an interface that is not CAN is rejected, because it could be taken down by mistake",
+          "[socketcan]") {
   if (!kernel_has_can()) {
     WARN("skipped: this kernel has no CAN sockets");
     return;
@@ -112,7 +113,7 @@ TEST_CASE("what is no CAN interface is refused, since it could be taken down by 
   CHECK_THAT(source.error().message, Contains("lo: is no CAN interface"));
 }
 
-TEST_CASE("the state of a CAN interface is told with what to do about it") {
+TEST_CASE("the state of a CAN interface is described with the remedy", "[socketcan]") {
   const auto describe = [](bool up, std::optional<int> controller) {
     CanInterfaceState state{
         .present = true, .up = up, .silent = false, .controller = controller, .bitrate = {}};

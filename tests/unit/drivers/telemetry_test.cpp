@@ -20,7 +20,7 @@ namespace {
 constexpr std::int64_t kSecondNs = 1'000'000'000;
 constexpr std::int64_t kWeekNs = 7 * 86'400 * kSecondNs;
 
-/// The payloads of 512 bytes to port 8308 of a capture.
+/// Payloads of 512 bytes to port 8308 of a capture.
 std::vector<Packet> position_packets(const std::filesystem::path& path) {
   auto source = open_pcap(path.string(), {});
   REQUIRE(source.ok());
@@ -37,7 +37,7 @@ std::vector<Packet> position_packets(const std::filesystem::path& path) {
 
 std::span<const std::uint8_t> payload(const Packet& packet) { return {packet.data.data(), packet.size}; }
 
-/// `body` with '$', its checksum and line end.
+/// `body` with '$', checksum and line end.
 std::string sentence(const std::string& body) {
   int sum = 0;
   for (const char c : body) sum ^= c;
@@ -46,12 +46,12 @@ std::string sentence(const std::string& body) {
          digits[static_cast<std::size_t>(sum % 16)] + "\r\n";
 }
 
-/// Seconds of 2016-01-21 08:18:02 UTC.
+/// 2016-01-21 08:18:02 UTC, s.
 constexpr std::int64_t kStationaryS = 1'453'364'282;
 
 }  // namespace
 
-TEST_CASE("every position packet of the captures is parsed and encodes to the same bytes") {
+TEST_CASE("every position packet of the captures is parsed and encodes to the same bytes", "[telemetry]") {
   struct Capture {
     const char* name;
     std::size_t count;
@@ -85,7 +85,7 @@ TEST_CASE("every position packet of the captures is parsed and encodes to the sa
   }
 }
 
-TEST_CASE("an HDL-32E standing still measures one g upwards") {
+TEST_CASE("a stationary HDL-32E measures one g upwards", "[telemetry]") {
   NILIO_REQUIRE_DATA(path, "velodyne/hdl32e_monterey_stationary.pcap");
   const std::vector<Packet> packets = position_packets(path);
   std::array<Hdl32eBoard, 3> mean{};
@@ -109,7 +109,7 @@ TEST_CASE("an HDL-32E standing still measures one g upwards") {
   CHECK(std::abs(up) > 9.0);
 }
 
-TEST_CASE("a receiver's sentence and the sensor's clock show the same minute and second") {
+TEST_CASE("a receiver's sentence and the sensor's clock show the same minute and second", "[telemetry]") {
   NILIO_REQUIRE_DATA(path, "velodyne/vlp16_gps_stationary.pcap");
   for (const Packet& packet : position_packets(path)) {
     const auto parsed = parse_position_packet(payload(packet));
@@ -126,7 +126,7 @@ TEST_CASE("a receiver's sentence and the sensor's clock show the same minute and
   }
 }
 
-TEST_CASE("only packets of 512 bytes are position packets") {
+TEST_CASE("only packets of 512 bytes are position packets", "[telemetry]") {
   const std::vector<std::uint8_t> bytes(1206, 0);
   for (const std::size_t size : {0U, 1U, 511U, 513U, 1206U}) {
     CHECK_FALSE(parse_position_packet(std::span(bytes).first(size)).has_value());
@@ -134,7 +134,7 @@ TEST_CASE("only packets of 512 bytes are position packets") {
   CHECK(parse_position_packet(std::span(bytes).first(512)).has_value());
 }
 
-TEST_CASE("position packets of any bytes parse to something that encodes to the same") {
+TEST_CASE("position packets of random bytes parse to a value that encodes to the same bytes", "[telemetry]") {
   std::uint32_t state = 1;
   for (int round = 0; round < 300; ++round) {
     std::array<std::uint8_t, kPositionPacketSize> bytes{};
@@ -155,7 +155,7 @@ TEST_CASE("position packets of any bytes parse to something that encodes to the 
   }
 }
 
-TEST_CASE("every field of a position packet is at its documented place") {
+TEST_CASE("every field of a position packet is at its documented place", "[telemetry]") {
   std::array<std::uint8_t, kPositionPacketSize> bytes{};
   const auto set = [&](std::size_t at, std::initializer_list<std::uint8_t> values) {
     std::copy(values.begin(), values.end(), bytes.begin() + static_cast<std::ptrdiff_t>(at));
@@ -187,7 +187,7 @@ TEST_CASE("every field of a position packet is at its documented place") {
   CHECK(boards[1].acceleration_y_m_s2 == Approx(2047 * 0.001221 * 9.80665));
 }
 
-TEST_CASE("the PPS state is known only where the firmware fills its field") {
+TEST_CASE("the PPS state is unknown where the firmware does not fill its field", "[telemetry]") {
   PositionPacket packet;
   const auto state_of = [&](std::uint8_t byte) {
     auto bytes = encode_position_packet(packet);
@@ -207,7 +207,7 @@ TEST_CASE("the PPS state is known only where the firmware fills its field") {
   }
 }
 
-TEST_CASE("values beyond the fields of a position packet are limited, not wrapped") {
+TEST_CASE("values beyond the fields of a position packet are limited, not wrapped", "[telemetry]") {
   PositionPacket packet;
   packet.motion.emplace();
   (*packet.motion)[0] = {1e9, -1e9, 1e9, -1e9};
@@ -219,7 +219,7 @@ TEST_CASE("values beyond the fields of a position packet are limited, not wrappe
   CHECK(parsed->nmea() == std::string(kNmeaCapacity, 'x'));
 }
 
-TEST_CASE("an RMC sentence gives time, place and speed") {
+TEST_CASE("an RMC sentence gives time, place and speed", "[telemetry]") {
   // The sentence of many manuals, with its published checksum.
   const std::string text = "$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A";
   for (const std::string& form : {text, text + "\r\n", text.substr(1), text + std::string(9, '\0'),
@@ -237,7 +237,7 @@ TEST_CASE("an RMC sentence gives time, place and speed") {
   }
 }
 
-TEST_CASE("a GGA sentence has no date and so no point in time") {
+TEST_CASE("a GGA sentence has no date and hence no UTC", "[telemetry]") {
   const auto fix = parse_nmea(sentence("GNGGA,123519.25,4807.038,S,01131.000,W,1,08,0.9,545.4,M,46.9,M,,"));
   REQUIRE(fix.has_value());
   CHECK(fix->sentence == NmeaSentence::kGga);
@@ -250,7 +250,7 @@ TEST_CASE("a GGA sentence has no date and so no point in time") {
   CHECK_FALSE(parse_nmea(sentence("GPGGA,123519,,,,,0,,,,M,,M,,"))->valid);
 }
 
-TEST_CASE("empty fields are absent, not zero") {
+TEST_CASE("empty fields are absent, not zero", "[telemetry]") {
   const auto fix = parse_nmea(sentence("GPRMC,,V,,,,,,,,,,N"));
   REQUIRE(fix.has_value());
   CHECK_FALSE(fix->valid);
@@ -261,10 +261,10 @@ TEST_CASE("empty fields are absent, not zero") {
   CHECK_FALSE(parse_nmea(sentence("GPRMC,081802.00,V,,,,,,,,,,N"))->utc.has_value());
 }
 
-TEST_CASE("a sentence with any byte changed is refused") {
+TEST_CASE("a sentence with any byte changed is rejected", "[telemetry]") {
   const std::string good = sentence("GPRMC,123519.5,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W");
   REQUIRE(parse_nmea(good).has_value());
-  // Beside '$' and the line end, which may be left out.
+  // Except '$' and the line end, which are optional.
   for (std::size_t at = 1; at + 2 < good.size(); ++at) {
     for (int bit = 0; bit < 8; ++bit) {
       std::string bad = good;
@@ -279,7 +279,7 @@ TEST_CASE("a sentence with any byte changed is refused") {
   }
 }
 
-TEST_CASE("sentences whose fields make no sense are refused although the checksum is right") {
+TEST_CASE("sentences with invalid fields are rejected although the checksum is correct", "[telemetry]") {
   for (const char* body : {
            "GPRMC,123519,X,4807.038,N,01131.000,E,022.4,084.4,230394,,",
            "GPRMC,243519,A,,,,,,,230394,,",
@@ -306,7 +306,7 @@ TEST_CASE("sentences whose fields make no sense are refused although the checksu
   }
 }
 
-TEST_CASE("a date 1024 weeks back is moved to the host's, any other difference is left") {
+TEST_CASE("a date 1024 weeks back is corrected to the host's, any other difference is kept", "[telemetry]") {
   const std::int64_t host_ns = kStationaryS * kSecondNs;
   const core::Time host{host_ns};
   // 1024 weeks before 2016-01-21, and that day.
@@ -317,7 +317,7 @@ TEST_CASE("a date 1024 weeks back is moved to the host's, any other difference i
     CHECK(fix->utc->ns == host_ns);
     CHECK(fix->week_rollover_corrected == (eras > 0));
     CHECK(parse_nmea(text)->utc->ns == host_ns - eras * 1024 * kWeekNs);
-    // A host clock a year off does not move the receiver's date.
+    // A host clock that is off by a year does not change the receiver's date.
     const core::Time wrong_host{host_ns + 52 * kWeekNs};
     CHECK(parse_nmea(text, wrong_host)->utc->ns == host_ns - eras * 1024 * kWeekNs);
   }

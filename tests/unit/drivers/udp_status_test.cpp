@@ -30,7 +30,7 @@ bool can_listen_below_sockets() {
   return descriptor >= 0;
 }
 
-/// An interface as sysfs shows it.
+/// An interface in a simulated sysfs.
 class FakeSysfs {
  public:
   FakeSysfs() : root_(std::filesystem::temp_directory_path() / ("nilio_sysfs_" + std::to_string(getpid()))) {}
@@ -50,7 +50,7 @@ class FakeSysfs {
 
 }  // namespace
 
-TEST_CASE("a silent port is idle after the timeout and says what to check") {
+TEST_CASE("a silent port is idle after the timeout and status() names the checks", "[udp_status]") {
   auto source = open_udp(loopback(free_port()));
   REQUIRE(source.ok());
   CHECK_THAT((*source)->status(), !Contains("nothing arrives"));
@@ -60,7 +60,7 @@ TEST_CASE("a silent port is idle after the timeout and says what to check") {
                                       Contains("lo (127.0.0.1/8): link up"));
 }
 
-TEST_CASE("position packets without data say which port to look at") {
+TEST_CASE("status() names the port to check when only position packets arrive", "[udp_status]") {
   const auto ports = free_ports(2);
   auto source = open_udp(loopback(ports[0], ports[1]));
   REQUIRE(source.ok());
@@ -74,7 +74,7 @@ TEST_CASE("position packets without data say which port to look at") {
   CHECK_THAT((*source)->status(), Contains("1 data and 3 position packets") && !Contains("data does not"));
 }
 
-TEST_CASE("packets of several sensors without a filter are warned of") {
+TEST_CASE("status() warns of packets of several sensors without a filter", "[udp_status]") {
   const std::uint16_t port = free_port();
   auto source = open_udp(loopback(port));
   REQUIRE(source.ok());
@@ -90,7 +90,7 @@ TEST_CASE("packets of several sensors without a filter are warned of") {
              Contains("several sensors") && Contains("2 from 127.0.0.4, 1 from 127.0.0.3"));
 }
 
-TEST_CASE("more senders than are told apart are counted together") {
+TEST_CASE("senders beyond the capacity are counted together", "[udp_status]") {
   const std::uint16_t port = free_port();
   UdpSourceConfig config = loopback(port);
   config.sender_address = "127.0.0.1";
@@ -106,7 +106,7 @@ TEST_CASE("more senders than are told apart are counted together") {
   CHECK_THAT((*source)->status(), Contains("1 from 127.0.0.9, and 4 others"));
 }
 
-TEST_CASE("the status is read by another thread while packets come in") {
+TEST_CASE("the status is read by another thread while packets arrive", "[udp_status]") {
   const std::uint16_t port = free_port();
   auto source = open_udp(loopback(port));
   REQUIRE(source.ok());
@@ -131,7 +131,7 @@ TEST_CASE("the status is read by another thread while packets come in") {
   CHECK(longest > 0);
 }
 
-TEST_CASE("a link's state is told with what to do") {
+TEST_CASE("a link's state is described with the remedy", "[udp_status]") {
   const FakeSysfs sysfs;
   sysfs.set("eth0", "operstate", "up");
   sysfs.set("eth0", "carrier", "1");
@@ -147,14 +147,14 @@ TEST_CASE("a link's state is told with what to do") {
   CHECK(describe_link("eth9", sysfs.root()) == "state unknown");
 }
 
-TEST_CASE("interfaces are found by address and by name") {
+TEST_CASE("interfaces are found by address and by name", "[udp_status]") {
   CHECK_THAT(describe_interfaces("127.0.0.1"), Contains("lo (127.0.0.1/8"));
   CHECK_THAT(describe_interfaces("lo"), Contains("lo (127.0.0.1/8"));
   CHECK_THAT(describe_interfaces("203.0.113.7"), Contains("no interface has 203.0.113.7"));
   CHECK_THAT(describe_interfaces("0.0.0.0"), !Contains("lo ("));
 }
 
-TEST_CASE("the idle probe sees Velodyne's packets to other ports and nothing else") {
+TEST_CASE("the idle probe sees only Velodyne's packets to other ports", "[udp_status]") {
   if (!can_listen_below_sockets()) {
     IdleProbe probe({.patience = {0}, .listening = {0}, .rest = {0}});
     probe.idle(1);
@@ -180,7 +180,7 @@ TEST_CASE("the idle probe sees Velodyne's packets to other ports and nothing els
                        Contains("1 of 512 bytes from 127.0.0.9 to 127.0.0.2:" + std::to_string(ports[1])) &&
                        Contains("set the LiDAR's port") && !Contains("1205 bytes"));
   CHECK_THAT(probe.describe(ports[0]), Contains("firewall"));
-  SECTION("it rests before it listens again") {
+  SECTION("it pauses before it listens again") {
     probe.idle(120);
     CHECK_FALSE(probe.is_listening());
     probe.idle(121);
@@ -188,7 +188,7 @@ TEST_CASE("the idle probe sees Velodyne's packets to other ports and nothing els
     probe.idle(131);
     CHECK_THAT(probe.describe(2368), !Contains("127.0.0.9"));
   }
-  SECTION("what it hears while data comes is not told") {
+  SECTION("packets seen while data arrives are not reported") {
     probe.idle(121);
     sender.send(ports[1], std::vector<std::uint8_t>(1206));
     probe.stop();
@@ -197,7 +197,7 @@ TEST_CASE("the idle probe sees Velodyne's packets to other ports and nothing els
   }
 }
 
-TEST_CASE("a sensor that sends to another port is found by a source that waits in vain") {
+TEST_CASE("an idle source detects a sensor that sends to another port", "[udp_status]") {
   if (!can_listen_below_sockets()) {
     WARN("skipped: no CAP_NET_RAW");
     return;

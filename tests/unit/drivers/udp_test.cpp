@@ -31,7 +31,7 @@ std::vector<std::uint8_t> numbered(std::uint8_t number, std::size_t size = 1206)
 
 }  // namespace
 
-TEST_CASE("datagrams arrive over loopback in order with kernel stamps") {
+TEST_CASE("datagrams arrive over loopback in order with kernel stamps", "[udp]") {
   const std::uint16_t port = free_port();
   auto source = open_udp(loopback(port));
   REQUIRE(source.ok());
@@ -54,7 +54,7 @@ TEST_CASE("datagrams arrive over loopback in order with kernel stamps") {
   CHECK((*source)->stats().kernel_dropped == 0);
 }
 
-TEST_CASE("empty datagrams are delivered and those longer than a slot are cut and marked") {
+TEST_CASE("empty datagrams are delivered and those longer than a slot are cut and marked", "[udp]") {
   const std::uint16_t port = free_port();
   auto source = open_udp(loopback(port));
   REQUIRE(source.ok());
@@ -76,7 +76,7 @@ TEST_CASE("empty datagrams are delivered and those longer than a slot are cut an
              Contains("1 of 0 bytes") && Contains("1 of 9000 bytes to port " + std::to_string(port)));
 }
 
-TEST_CASE("data and position packets come through one source, each port in its own order") {
+TEST_CASE("data and position packets come through one source, each port in its own order", "[udp]") {
   const auto ports = free_ports(2);
   auto source = open_udp(loopback(ports[0], ports[1]));
   REQUIRE(source.ok());
@@ -106,7 +106,7 @@ TEST_CASE("data and position packets come through one source, each port in its o
   CHECK_THAT((*source)->status(), Contains("90 data and 30 position packets"));
 }
 
-TEST_CASE("a flood on one port does not shut out the other") {
+TEST_CASE("a flood on one port does not starve the other", "[udp]") {
   const auto ports = free_ports(2);
   auto source = open_udp(loopback(ports[0], ports[1]));
   REQUIRE(source.ok());
@@ -117,18 +117,18 @@ TEST_CASE("a flood on one port does not shut out the other") {
     for (int i = 0; i < 20; ++i) sender.send(loud, numbered(0, 512));
     sender.send(quiet, numbered(1, 512));
     std::array<Packet, 4> slots;
-    bool heard = false;
+    bool received = false;
     for (int read = 0; read < 2; ++read) {
       const std::size_t count = (*source)->read(slots, kSecond).count;
       CHECK(count > 0);
-      for (std::size_t i = 0; i < count; ++i) heard = heard || slots[i].destination_port == quiet;
+      for (std::size_t i = 0; i < count; ++i) received = received || slots[i].destination_port == quiet;
     }
-    CHECK(heard);
+    CHECK(received);
     CHECK(read_packets(**source, 13).size() == 13);
   }
 }
 
-TEST_CASE("two sensors on one port are told apart by the sender's address") {
+TEST_CASE("two sensors on one port are separated by the sender's address", "[udp]") {
   const std::uint16_t port = free_port();
   UdpSourceConfig config = loopback(port);
   config.sender_address = "127.0.0.3";
@@ -153,7 +153,9 @@ TEST_CASE("two sensors on one port are told apart by the sender's address") {
                                       Contains("only 127.0.0.3 is accepted"));
 }
 
-TEST_CASE("what overflows the socket's buffer is counted as the kernel counts it, also at the very end") {
+TEST_CASE(
+    "datagrams dropped from the socket's buffer are counted as the kernel counts them, also the last ones",
+    "[udp]") {
   const std::uint16_t port = free_port();
   UdpSourceConfig config = loopback(port);
   config.receive_buffer_bytes = 4096;
@@ -161,19 +163,19 @@ TEST_CASE("what overflows the socket's buffer is counted as the kernel counts it
   REQUIRE(source.ok());
   UdpSender sender;
   for (std::uint8_t i = 0; i < 50; ++i) sender.send(port, numbered(i));
-  // Until none comes for a second: then none came after the drops to bring their count along.
+  // Reads until a second without datagrams: no later datagram carried the count of the drops.
   std::size_t received = read_packets(**source, 50).size();
   REQUIRE(received > 0);
   REQUIRE(received < 50);
   CHECK((*source)->stats().kernel_dropped == 50 - received);
-  // One that does is not counted twice.
+  // A later datagram does not count them again.
   sender.send(port, numbered(50));
   received += read_packets(**source, 1).size();
   CHECK((*source)->stats().kernel_dropped == 51 - received);
   CHECK_THAT((*source)->status(), Contains(std::to_string(51 - received) + " dropped by the kernel"));
 }
 
-TEST_CASE("drops on both ports are added up") {
+TEST_CASE("drops on both ports are added up", "[udp]") {
   const auto ports = free_ports(2);
   UdpSourceConfig config = loopback(ports[0], ports[1]);
   config.receive_buffer_bytes = 4096;
@@ -189,7 +191,7 @@ TEST_CASE("drops on both ports are added up") {
   CHECK((*source)->stats().kernel_dropped == 80 - received);
 }
 
-TEST_CASE("a multicast group is joined and shared between two sources") {
+TEST_CASE("a multicast group is joined and shared between two sources", "[udp]") {
   const auto ports = free_ports(2);
   UdpSourceConfig config = loopback(ports[0], ports[1]);
   config.multicast_group = "239.255.17.42";
@@ -203,7 +205,7 @@ TEST_CASE("a multicast group is joined and shared between two sources") {
     REQUIRE(sender.send_through("127.0.0.1"));
     sender.send(ports[0], numbered(1), "239.255.17.42");
     sender.send(ports[1], numbered(2, 512), "239.255.17.42");
-    // To the computer, and to another group: neither is for those who joined.
+    // To the computer, and to another group: members of this group receive neither.
     sender.send(ports[0], numbered(3));
     sender.send(ports[0], numbered(4), "239.255.17.43");
     for (auto* source : {&first, &second}) {
@@ -214,7 +216,7 @@ TEST_CASE("a multicast group is joined and shared between two sources") {
   }
 }
 
-TEST_CASE("a multicast group or interface that cannot be is named") {
+TEST_CASE("the error for an invalid multicast group or interface names it", "[udp]") {
   UdpSourceConfig config = loopback(free_port());
   config.multicast_group = "192.168.1.201";
   CHECK_THAT(open_udp(config).error().message, Contains("192.168.1.201 is no multicast group"));
@@ -225,7 +227,7 @@ TEST_CASE("a multicast group or interface that cannot be is named") {
   CHECK_THAT(open_udp(config).error().message, Contains("cannot join the multicast group 239.255.17.42"));
 }
 
-TEST_CASE("a receive buffer that was not granted names the setting that allows it") {
+TEST_CASE("status() names the setting that allows a larger receive buffer", "[udp]") {
   UdpSourceConfig config = loopback(free_port());
   config.receive_buffer_bytes = 1 << 30;
   auto source = open_udp(config);
@@ -235,7 +237,7 @@ TEST_CASE("a receive buffer that was not granted names the setting that allows i
   if (!granted) CHECK_THAT(status, Contains("net.core.rmem_max=1073741824"));
 }
 
-TEST_CASE("an address that cannot be listened on is named with the reason") {
+TEST_CASE("the error for an unusable address names it and the reason", "[udp]") {
   const auto ports = free_ports(2);
   auto first = open_udp(loopback(ports[0], ports[1]));
   REQUIRE(first.ok());

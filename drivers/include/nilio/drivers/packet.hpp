@@ -8,7 +8,7 @@
 namespace nilio::drivers {
 
 /// Largest UDP payload kept: a Velodyne data packet has 1206 bytes, a position packet 512. Longer datagrams
-/// are cut and marked, so that they are counted and never decoded.
+/// are cut and marked as truncated; they are counted and never decoded.
 inline constexpr std::size_t kPacketCapacity = 1240;
 
 /// One received UDP datagram; a ring slot (trivially copyable, 1280 bytes).
@@ -21,7 +21,7 @@ struct Packet {
   std::uint32_t sender_address = 0;
   std::uint16_t sender_port = 0;
   std::uint16_t destination_port = 0;
-  /// Bytes of `data` in use.
+  /// Used bytes of `data`.
   std::uint16_t size = 0;
   /// The datagram was longer than the slot.
   bool truncated = false;
@@ -40,7 +40,7 @@ struct CanFrame {
   bool remote = false;
   bool error = false;
   bool flexible_data_rate = false;
-  /// Bytes of `data` in use.
+  /// Used bytes of `data`.
   std::uint8_t length = 0;
   std::array<std::uint8_t, 64> data{};
 };

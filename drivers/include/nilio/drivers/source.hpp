@@ -12,9 +12,9 @@ namespace nilio::drivers {
 
 enum class SourceState {
   kData,    ///< `count` slots were filled
-  kIdle,    ///< nothing arrived within the timeout; a live source goes on
-  kEnd,     ///< a recording is at its end
-  kFailed,  ///< the source is gone; status() says what, where and what to do
+  kIdle,    ///< nothing arrived within the timeout; a live source continues
+  kEnd,     ///< end of a recording
+  kFailed,  ///< the source is lost; status() gives the reason and the remedy
 };
 
 struct SourceRead {
@@ -22,17 +22,16 @@ struct SourceRead {
   std::size_t count = 0;
 };
 
-/// What a source has seen so far. Read by the supervisor while the receive thread writes: copies are taken by
-/// stats().
+/// Counts of a source so far; stats() returns a copy.
 struct SourceStats {
-  std::uint64_t delivered = 0;       ///< packets or frames handed on
-  std::uint64_t kernel_dropped = 0;  ///< lost in the socket buffer, as the kernel counts
-  std::uint64_t malformed = 0;       ///< records that could not be read (truncated, bad line, wrong length)
-  std::uint64_t other = 0;           ///< well-formed but not for us (other port, other sender)
+  std::uint64_t delivered = 0;       ///< packets or frames delivered
+  std::uint64_t kernel_dropped = 0;  ///< lost in the socket buffer, by the kernel's count
+  std::uint64_t malformed = 0;       ///< unreadable records (truncated, bad line, wrong length)
+  std::uint64_t other = 0;           ///< well-formed but not wanted (other port, other sender)
 };
 
-/// Where measurements enter. A live socket and a recorded file are two implementations; nothing above can
-/// tell which it has. One thread calls read(); stats() and status() may be called from another.
+/// Source of packets or frames: a live socket or a recorded file, with the same interface. One thread calls
+/// read(); stats() and status() may be called from another.
 template <class Slot>
 class Source {
  public:
@@ -45,8 +44,8 @@ class Source {
   /// otherwise waits up to `timeout`. Never throws, does not allocate after the first call.
   virtual SourceRead read(std::span<Slot> slots, core::Duration timeout) = 0;
   [[nodiscard]] virtual SourceStats stats() const = 0;
-  /// One line for a person: what the source is, and after kFailed or an unusual end what was seen and what to
-  /// do.
+  /// One line for the user: the source and its counts; after kFailed or an unusual end also the reason and
+  /// the remedy.
   [[nodiscard]] virtual std::string status() const = 0;
 };
 

@@ -10,17 +10,17 @@
 
 namespace nilio::drivers {
 
-/// State of a CAN interface, from good to bad.
+/// State of a CAN interface, in order of severity.
 enum class CanBusState {
-  kUnknown,       ///< not looked at yet
-  kUp,            ///< a virtual bus: there is no controller that could have errors
-  kErrorActive,   ///< a controller that works
-  kErrorWarning,  ///< more than 96 errors counted
-  kErrorPassive,  ///< more than 127: it no longer disturbs others
-  kBusOff,        ///< more than 255: it neither sends nor receives
+  kUnknown,       ///< not read yet
+  kUp,            ///< a virtual bus, which has no controller
+  kErrorActive,   ///< controller without trouble
+  kErrorWarning,  ///< more than 96 errors
+  kErrorPassive,  ///< more than 127 errors: sends no active error flags
+  kBusOff,        ///< more than 255 errors: neither sends nor receives
   kUnanswered,    ///< the driver does not answer
-  kDown,          ///< switched off
-  kGone,          ///< no such interface, or none of CAN
+  kDown,          ///< interface switched off
+  kGone,          ///< no such interface, or not CAN
 };
 
 /// "error-active", as ip link prints it.
@@ -28,48 +28,48 @@ std::string_view name_of(CanBusState state);
 
 struct CanControllerConfig {
   std::string interface_name;
-  /// bit/s; 0 = leave the interface as it is. Otherwise it is stopped, set and started when it is first seen
-  /// or plugged in again and has another bit rate or is down.
+  /// bit/s; 0 = leave the interface as it is. Otherwise the interface is stopped, set and started when it
+  /// first appears, or appears again, with another bit rate or down.
   std::uint32_t bitrate = 0;
-  /// Set with the bit rate: the controller restarts itself so long after bus-off; 0 = it is restarted from
-  /// here.
+  /// Delay of the controller's own restart after bus-off, ms, set with the bit rate; 0 = CanController
+  /// restarts it.
   std::uint32_t restart_ms = 0;
 };
 
-/// A line for the log, once per change.
+/// A log line; one for each change of state.
 struct CanEvent {
   bool problem = false;
   std::string message;
 };
 
-/// Totals since the watch began. The driver's own count of bus-offs is used where it has one, so that short
-/// ones between two looks are not missed.
+/// Totals since watch(). Bus-offs are the driver's own count where it has one, which includes short ones
+/// between two readings.
 struct CanControllerStatus {
   CanBusState state = CanBusState::kUnknown;
   std::uint64_t bus_offs = 0;
-  std::uint64_t restarts = 0;  ///< made from here
+  std::uint64_t restarts = 0;  ///< by CanController
   std::uint64_t times_down = 0;
   std::uint64_t times_gone = 0;
 };
 
-/// Looks after a CAN interface ten times a second on a thread of its own: tells each change of its state,
-/// sets the bit rate when asked, and takes a controller out of bus-off with waits from 0.1 s doubling to 5 s,
-/// by a restart or, where the driver has none, by stopping and starting. An interface that is not there is
-/// waited for. Reading needs no privilege; what would need CAP_NET_ADMIN and is not to be had is said once,
-/// with the command that does it. Settings go through libsocketcan, states are read by rtnetlink.
+/// Watches a CAN interface ten times a second on a thread of its own: reports each change of state, sets the
+/// bit rate if configured, and takes a controller out of bus-off with waits from 0.1 s doubling to 5 s, by a
+/// restart or, where the driver has none, by stopping and starting. Waits for a missing interface. Reading
+/// needs no privilege; a lack of CAP_NET_ADMIN is reported once, with the command to run as root. Settings go
+/// through libsocketcan, states are read by rtnetlink.
 ///
-/// A thread that the kernel keeps longer than 10 s is left behind, and another takes over. One thread calls
-/// the members; none of them waits longer than 0.3 s.
+/// A thread that the kernel blocks for more than 10 s is abandoned and replaced. One thread calls the
+/// members; none of them waits longer than 0.3 s.
 class CanController {
  public:
-  /// Fails for a name that no interface can have, and for an interface that is not of CAN: stopping it could
-  /// cut off the network.
+  /// Fails for an invalid interface name, and for an interface that is not CAN: stopping it could cut off the
+  /// network.
   static core::Result<std::unique_ptr<CanController>> watch(const CanControllerConfig& config);
   CanController(const CanController&) = delete;
   CanController& operator=(const CanController&) = delete;
   ~CanController();
 
-  /// What has happened since the last call. Does not wait.
+  /// Events since the last call. Does not wait.
   std::vector<CanEvent> take_events();
   [[nodiscard]] CanControllerStatus status() const;
 

@@ -18,7 +18,7 @@ struct CandumpLine {
 };
 
 /// Reads one line of a candump log: "(seconds.fraction) interface id#data", "##" for CAN FD, "#R" for remote,
-/// 6 or 9 digits of fraction, an optional trailing R or T. Nothing for any other line.
+/// 6 or 9 digits of fraction, an optional trailing R or T. Empty for any other line.
 std::optional<CandumpLine> parse_candump_line(std::string_view line);
 /// The inverse; six digits of fraction, or nine where six would lose precision.
 std::string format_candump_line(const CanFrame& frame, std::string_view interface_name);

@@ -7,12 +7,12 @@
 
 namespace nilio::drivers {
 
-/// The candidate that `wanted` is most likely a misspelling of (edit distance, ignoring case), or nothing
-/// when none is near: at most two edits, or a third of a longer name. The first of equally near ones.
+/// Candidate with the smallest edit distance to `wanted`, ignoring case; nothing beyond two edits, or a third
+/// of a longer name. The first of several at the same distance.
 std::optional<std::string> nearest_name(std::string_view wanted, std::span<const std::string> candidates);
 
-/// The end of an error message about an unknown name: " (did you mean 'x'?)", or the candidates when none is
-/// near and they are few: " (there are: a, b)", or nothing.
+/// End of an error message about an unknown name: " (did you mean 'x'?)"; without a near candidate
+/// " (there are: a, b)" when they are few; otherwise empty.
 std::string nearest_name_hint(std::string_view wanted, std::span<const std::string> candidates);
 
 }  // namespace nilio::drivers

@@ -17,36 +17,37 @@ namespace nilio::drivers {
 struct ImuDecoderStats {
   std::uint64_t frames = 0;        ///< frames that carry a mapped signal
   std::uint64_t other_frames = 0;  ///< ids that are not mapped
-  /// Of the identifiers mapped, but of a J1939 sender other than the one taken.
+  /// Frames with mapped identifiers of another J1939 sender than the accepted one.
   std::uint64_t other_sources = 0;
-  /// Payload shorter than a mapped signal, or a value that is no number: dropped.
+  /// Payload shorter than a mapped signal, or a value that is not a number: dropped.
   std::uint64_t short_frames = 0;
   std::uint64_t incomplete = 0;  ///< sample groups closed before all signals had arrived
   std::uint64_t samples = 0;
-  std::uint64_t out_of_order = 0;  ///< stamps that went back, or that are no time: dropped
-  /// The device's counter says that they were sent, and they did not come out of here whole.
+  std::uint64_t out_of_order = 0;  ///< stamps that went back or are invalid: dropped
+  /// Samples that the device sent, by its counter, and that did not arrive complete.
   std::uint64_t lost_samples = 0;
-  std::uint64_t bad_status = 0;  ///< the device says that they are bad: dropped
-  std::uint64_t invalid = 0;     ///< raw values that say "error" or "not available": dropped
-  std::uint64_t repeated = 0;    ///< the device's counter or clock stood: dropped
-  /// Beyond the same six values more than 100 times in a row: passed on, since a still, coarse IMU does so,
-  /// too.
+  std::uint64_t bad_status = 0;  ///< status signal not good: dropped
+  std::uint64_t invalid = 0;     ///< raw values that mean "error" or "not available": dropped
+  std::uint64_t repeated = 0;    ///< device counter or clock did not advance: dropped
+  /// Samples with the same six values, from the 101st in a row on: passed on, because a coarse IMU at rest
+  /// does the same.
   std::uint64_t frozen = 0;
   std::uint64_t saturated = 0;  ///< a value at the limit of its bits or of the device: passed on
-  /// Intervals of more than one and a half times the usual one.
+  /// Intervals longer than 1.5 times the median.
   std::uint64_t gaps = 0;
   core::Duration longest_gap;
-  std::uint64_t device_stamped = 0;  ///< samples that have their time from the device's clock
-  std::uint64_t clock_jumps = 0;     ///< of the device's clock or the host's, one against the other
+  std::uint64_t device_stamped = 0;  ///< samples stamped by the device's clock
+  std::uint64_t clock_jumps = 0;     ///< jumps of the device's clock against the host's
 };
 
-/// Tells which frames carry an IMU's signals; a value of its own, for other threads than the decoder's.
+/// Recognises the frames that carry an IMU's signals. Independent of the decoder, hence usable in other
+/// threads.
 class ImuFrameFilter {
  public:
   struct Identifier {
     std::uint32_t id = 0;
     bool extended = false;
-    /// From any source address.
+    /// Match frames of any source address.
     bool j1939 = false;
   };
 
@@ -59,21 +60,20 @@ class ImuFrameFilter {
   std::vector<Identifier> identifiers_;
 };
 
-/// Groups frames into samples: a sample is complete when each mapped signal has arrived once; a signal that
-/// arrives twice before that closes the group as incomplete, and so does a frame with another counter.
-/// Without a counter, when the frames of a group come far apart and close to the next group's, the grouping
-/// has slipped (a frame was lost): it is put right, and the frames left over count as incomplete.
+/// Groups frames into samples: a sample is complete when each mapped signal has arrived once. A signal that
+/// arrives twice before that, or a frame with another counter, closes the group as incomplete. Without a
+/// counter, frames that are far from their own group and close to the next show that a frame was lost: the
+/// grouping is shifted, and the frames left over count as incomplete.
 ///
-/// The sample's time is what the device says, fitted onto the times of arrival (offset and drift), or else
-/// the stamp of the group's first frame. One thread; nothing is allocated after creation.
+/// The sample's time is the device's time fitted onto the times of arrival (offset and drift), or else the
+/// stamp of the group's first frame. One thread; nothing is allocated after creation.
 class ImuDecoder {
  public:
-  /// Fails when a mapped message or signal is not in the database, naming it, the file and the nearest name
-  /// there is, and when the device lacks one of the six axes, naming it. Only one of the angular velocities x
-  /// and y may be missing: it is taken as 0.
+  /// Fails when a mapped message or signal is not in the database (the error names it, the file and the
+  /// nearest name), and when the device lacks one of the six axes. Only one of the angular velocities x and y
+  /// may be missing: it is taken as 0.
   static core::Result<ImuDecoder> create(const ImuMapping& mapping, const DbcDatabase& database);
-  /// For inspection: axes that the device lacks are not numbers (NaN) in the samples. At least one must be
-  /// there.
+  /// For inspection: axes that the device lacks are NaN in the samples. At least one axis must exist.
   static core::Result<ImuDecoder> create_partial(const ImuMapping& mapping, const DbcDatabase& database);
 
   ImuDecoder(ImuDecoder&&) noexcept;
@@ -82,13 +82,14 @@ class ImuDecoder {
   ImuDecoder& operator=(const ImuDecoder&) = delete;
   ~ImuDecoder();
 
+  /// Processes one frame; returns the sample that it completes, if any.
   std::optional<core::ImuSample> add(const CanFrame& frame);
-  /// The frames that add() looks at.
+  /// Filter for the frames that add() uses.
   [[nodiscard]] ImuFrameFilter frame_filter() const;
-  /// "angular velocity y", or empty.
+  /// Axis without a signal, "angular velocity y", or empty.
   [[nodiscard]] const std::string& taken_as_zero() const;
   [[nodiscard]] const ImuDecoderStats& stats() const;
-  /// The latest, in degrees Celsius; nothing where the device sends none.
+  /// Latest temperature, degrees Celsius; nothing where the device sends none.
   [[nodiscard]] std::optional<double> temperature_degc() const;
 
  private:
@@ -97,9 +98,9 @@ class ImuDecoder {
   std::unique_ptr<Impl> impl_;
 };
 
-/// The inverse of decoding, for simulation and conversion: the frames (in mapping order, grouped by message)
-/// that carry one sample, all stamped with the sample's time. Status, time and counter are set where they are
-/// in the same messages as the axes; the counter is `number`, or the stamp in cycles of the message.
+/// The inverse of decoding, for simulation and conversion: the frames of one sample, in mapping order,
+/// grouped by message and stamped with the sample's time. Status, time and counter are set where they share a
+/// message with an axis; the counter is `number`, or the stamp in cycles of the message.
 std::vector<CanFrame> encode_imu_sample(const core::ImuSample& sample, const ImuPreset& preset,
                                         std::optional<std::uint64_t> number = std::nullopt);
 

@@ -13,13 +13,13 @@
 
 namespace nilio::drivers {
 
-/// One axis of the IMU: which DBC signal carries it and how to bring it to SI units and the IMU's x-forward,
-/// y-left, z-up axes: value = scale * physical. Without a message the device does not have the axis.
+/// DBC signal of one IMU axis and its conversion to SI units and the axes x forward, y left, z up:
+/// value = scale * physical. An empty message means that the device lacks the axis.
 struct ImuAxis {
   std::string message;
   std::string signal;
   double scale = 1.0;
-  /// Raw values from here on say "error" or "not available" (SAE J1939).
+  /// Raw values from here on mean "error" or "not available" (SAE J1939).
   std::optional<std::uint64_t> invalid_from{};
 };
 
@@ -28,7 +28,7 @@ struct ImuSignal {
   std::string signal;
 };
 
-/// Fine while (raw & mask) == good.
+/// Status signal: good while (raw & mask) == good.
 struct ImuStatus {
   std::string message;
   std::string signal;
@@ -36,52 +36,52 @@ struct ImuStatus {
   std::uint64_t good = 0;
 };
 
-/// When the device took the sample, by its own clock, in raw ticks.
+/// Time of the sample by the device's own clock, in raw ticks.
 struct ImuSampleTime {
   std::string message;
   std::string signal;
-  /// Nanoseconds of a tick. Where it depends on the firmware, give all: the one that agrees with the times of
-  /// arrival is used, and none when none does.
+  /// Length of a tick, ns. Several values for a device whose firmwares differ: the value that agrees with the
+  /// times of arrival is used, or none.
   std::vector<std::int64_t> tick_ns;
-  /// Ticks after which it begins again; 0 = when its bits are used up.
+  /// Number of ticks at which the counter wraps; 0 = at the limit of its bits.
   std::uint64_t wrap = 0;
 };
 
-/// Which signals of a DBC database are an IMU. Only the six axes are needed.
+/// Signals of a DBC database that make an IMU. Only the six axes are required.
 struct ImuMapping {
   std::string name;
   std::array<ImuAxis, 3> angular_velocity;     ///< to rad/s
   std::array<ImuAxis, 3> linear_acceleration;  ///< to m/s^2, specific force
-  /// What the device can measure, in SI; 0 = only limited by the signals' bits.
+  /// Measurement range of the device, SI; 0 = limited by the signals' bits only.
   double angular_velocity_range = 0.0;
   double linear_acceleration_range = 0.0;
-  /// Number of the sample: in a message of its own, or in each of those that carry axes.
+  /// Sample counter: in a message of its own, or in each message with an axis.
   std::vector<ImuSignal> counters{};
-  /// Samples with one that is not good are dropped.
+  /// Samples with a status that is not good are dropped.
   std::vector<ImuStatus> status{};
-  /// One that is not good says that a value was beyond the device's range.
+  /// A range status that is not good marks the sample as saturated.
   std::vector<ImuStatus> range_status{};
   std::optional<ImuSampleTime> sample_time{};
   /// In degrees Celsius.
   std::optional<ImuSignal> temperature{};
-  /// Subtracted from every sample's time, whatever it rests on: positive = they come out too late.
+  /// Subtracted from every sample's time, whatever its source; positive = samples are stamped too late.
   core::Duration time_offset{};
-  /// Of messages that the database calls J1939: only frames of this sender; otherwise those of the first one.
+  /// J1939 messages: accepted sender; nothing = the first sender that is received.
   std::optional<std::uint8_t> source_address{};
 };
 
-/// "angular velocity y, linear acceleration z": the axes that the mapping has no signals for.
+/// Axes without a signal, as "angular velocity y, linear acceleration z".
 std::string missing_axes(const ImuMapping& mapping);
 
-/// A built-in IMU. The DBC texts are those under config/dbc.
+/// A built-in IMU, with its DBC file from config/dbc.
 struct ImuPreset {
   ImuMapping mapping;
   DbcDatabase database;
 };
 
-/// Fails naming the presets there are.
+/// Fails for unknown names; the error lists the presets.
 core::Result<ImuPreset> imu_preset(std::string_view name);
-/// All of them, also those that lack axes.
+/// Names of all presets, including those that lack axes.
 std::vector<std::string> imu_preset_names();
 
 }  // namespace nilio::drivers

@@ -10,29 +10,29 @@
 namespace nilio::drivers {
 
 struct UdpSourceConfig {
-  /// A local address; 0.0.0.0 = all.
+  /// Local address; 0.0.0.0 = all.
   std::string bind_address = "0.0.0.0";
   std::uint16_t port = 2368;
-  /// Of the position packets; 0 = not listened to.
+  /// Port of the position packets; 0 = none.
   std::uint16_t position_port = 8308;
-  /// Only datagrams of this sender, which tells several sensors on one port apart; empty = any.
+  /// Accept only this sender, to separate several sensors on one port; empty = any.
   std::string sender_address{};
-  /// Group to join on both ports. Only what is sent to the group is received then, and other programs that
-  /// allow it may receive the same. Empty = none.
+  /// Multicast group to join on both ports; then only datagrams to the group are received, and other programs
+  /// may share the port. Empty = none.
   std::string multicast_group{};
-  /// Address or name of the interface on which to join; empty = the one with `bind_address`, or when that is
-  /// 0.0.0.0 the one that the routing table names.
+  /// Address or name of the interface on which to join; empty = that of `bind_address`, or the routing
+  /// table's choice for 0.0.0.0.
   std::string multicast_interface{};
   int receive_buffer_bytes = 8 * 1024 * 1024;
 };
 
 /// Live UDP: recvmmsg straight into the slots, kernel time stamps (SO_TIMESTAMPNS) and drop counter. Both
-/// ports of a sensor go into one stream, told apart by destination_port; each port's packets are in order.
-/// Fails naming the address, the port and the reason.
+/// ports of a sensor go into one stream, distinguished by destination_port; each port's packets are in order.
+/// Errors name the address, the port and the reason.
 ///
-/// status() tells what was received and the receive buffer obtained; while nothing arrives it tells what was
-/// seen instead: other senders, datagrams of other sizes, position packets alone, the state of the link, and
-/// (with CAP_NET_RAW) packets of Velodyne's sizes to other addresses and ports.
+/// status() reports the received packets and the receive buffer; while nothing arrives also other senders,
+/// datagrams of other sizes, position packets alone, the state of the link, and (with CAP_NET_RAW) packets of
+/// Velodyne's sizes to other addresses and ports.
 core::Result<std::unique_ptr<PacketSource>> open_udp(const UdpSourceConfig& config);
 
 }  // namespace nilio::drivers

@@ -35,49 +35,49 @@ enum class VelodyneModel : std::uint8_t {
 };
 inline constexpr std::size_t kVelodyneModelCount = 12;
 
-/// What a sensor sends for each firing: one return (the strongest or the last, as it was set), two, or two
-/// with a word of confidence.
+/// Returns per firing: one (the strongest or the last, by the sensor's setting), two, or two with a
+/// confidence word.
 enum class ReturnMode : std::uint8_t { kSingle, kDual, kDualConfidence };
 
-/// What a block of a packet holds.
+/// Content of a block of a packet.
 enum class BlockContent : std::uint8_t {
   kSingle,      ///< the only return
   kLast,        ///< the last of two returns
   kStrongest,   ///< the strongest of two, or the second strongest when the strongest is the last
   kConfidence,  ///< quality words, no distances
-  kPadding,     ///< nothing
+  kPadding,     ///< unused
 };
 
-/// One laser (angles in rad, lengths in m), as the manufacturer's calibration files have it.
+/// Calibration of one laser (angles in rad, lengths in m), as in the manufacturer's files.
 struct LaserCalibration {
   double elevation_rad = 0.0;
   /// Subtracted from the block's azimuth.
   double azimuth_correction_rad = 0.0;
-  /// Added to the measured distance; found at 25.04 m where the near corrections are known too.
+  /// Added to the measured distance; calibrated at 25.04 m where near corrections exist.
   double distance_correction_m = 0.0;
   double vertical_offset_m = 0.0;
   double horizontal_offset_m = 0.0;
   /// Rank by elevation, 0 = lowest.
   std::uint16_t ring = 0;
-  /// Distance corrections near the sensor, found at 2.40 m along x and at 1.93 m along y; between there and
-  /// 25.04 m the correction is linear ("two-point correction"). Both 0 = not known, then the far one holds
+  /// Distance corrections near the sensor, calibrated at 2.40 m along x and at 1.93 m along y; the correction
+  /// is linear from there to 25.04 m ("two-point correction"). Both 0 = unknown: the far correction holds
   /// everywhere.
   double near_distance_correction_x_m = 0.0;
   double near_distance_correction_y_m = 0.0;
-  /// Where the receiver is in focus and how strongly the intensity falls off away from there, per the
-  /// manual's intensity formula (scale 131 m). Both 0 = not known, then intensities are taken as measured.
+  /// Focal distance of the receiver and slope of the intensity away from it, for the manual's intensity
+  /// formula (scale 131 m). Both 0 = unknown: intensities are used as measured.
   double focal_distance_m = 0.0;
   double focal_slope = 0.0;
   /// Limits of the corrected intensity.
   std::uint8_t min_intensity = 0;
   std::uint8_t max_intensity = 255;
-  /// False where the calibration file says that the laser is switched off.
+  /// False for a laser that the calibration file switches off.
   bool enabled = true;
 
   friend bool operator==(const LaserCalibration&, const LaserCalibration&) = default;
 };
 
-/// Where an entry of a block comes from and when it was fired.
+/// Laser and firing time of an entry of a block.
 struct PacketEntry {
   std::uint16_t laser = 0;
   /// Relative to the packet's time stamp (its first firing).
@@ -87,7 +87,7 @@ struct PacketEntry {
   float azimuth_fraction = 0.0F;
 };
 
-/// Where the firings are in the packets of one return mode.
+/// Layout of the firings in the packets of one return mode.
 struct PacketLayout {
   ReturnMode mode = ReturnMode::kSingle;
   std::array<std::array<PacketEntry, kEntriesPerBlock>, kBlocksPerPacket> entries{};
@@ -101,7 +101,7 @@ struct PacketLayout {
   /// Time from one azimuth step to the next, and from one packet to the next (nominal).
   std::int64_t azimuth_period_ns = 0;
   std::int64_t packet_period_ns = 0;
-  /// Byte 1204 for an encoder.
+  /// Byte 1204, for encoders.
   std::uint8_t return_mode_byte = 0x37;
 
   [[nodiscard]] std::size_t azimuth_steps() const { return kBlocksPerPacket / blocks_per_azimuth; }
@@ -110,40 +110,40 @@ struct PacketLayout {
   }
 };
 
-/// Everything the decoder and the encoder know about a sensor: data, no code.
+/// Description of a sensor for decoder and encoder: data only.
 struct VelodyneSensor {
   VelodyneModel model = VelodyneModel::kVlp16;
   std::string name;
   double distance_resolution_m = 0.002;
   /// Indexed by laser id.
   std::vector<LaserCalibration> lasers;
-  /// The vertical offset is measured across the beam, so that it shifts the horizontal range too (HDL-64E);
-  /// otherwise it is along the sensor's axis.
+  /// The vertical offset is measured across the beam and also shifts the horizontal range (HDL-64E);
+  /// otherwise along the sensor's axis.
   bool vertical_offset_across_beam = false;
-  /// One for each return mode the model has; the first is kSingle.
+  /// One layout for each return mode of the model; the first is kSingle.
   std::vector<PacketLayout> layouts;
-  /// The firing sequence's period differs between firmwares: it is measured from the packets' time stamps.
+  /// The firing period differs between firmwares and is measured from the packets' time stamps.
   bool measured_period = false;
-  /// Packets carry no time (HDL-64E S1): it comes from the host.
+  /// False for sensors whose packets carry no time (HDL-64E S1): host time is used.
   bool has_clock = true;
-  /// Byte 1205 for an encoder, 0 for the HDL-64E, which has a status stream in both bytes.
+  /// Byte 1205, for encoders; 0 for the HDL-64E, which has a status stream in both bytes.
   std::uint8_t product_byte = 0;
   /// Median vertical angle between neighbouring beams.
   float beam_spacing_rad = 0.0F;
 
-  /// Null when the model does not have this mode.
+  /// Null when the model lacks this mode.
   [[nodiscard]] const PacketLayout* layout(ReturnMode mode) const;
   [[nodiscard]] const PacketLayout& single() const { return layouts.front(); }
 };
 
 /// Built-in sensor with its factory geometry (manuals 63-9243, 63-9325, 63-9483, HDL-32E). Every HDL-64E has
-/// a geometry of its own, and a real one needs with_calibration_file() or its status stream: S2 gets that of
-/// KITTI's scanner, recovered from KITTI's clouds, whose distance corrections are known modulo the 2 mm
-/// resolution only, which is what re-encoding KITTI needs; S1, S2.1 and S3 get that of one published unit.
+/// a geometry of its own; a real one needs with_calibration_file() or its status stream. S2 has the geometry
+/// of KITTI's scanner, recovered from KITTI's clouds; its distance corrections are known modulo the 2 mm
+/// resolution only, which suffices to re-encode KITTI. S1, S2.1 and S3 have that of one published unit.
 VelodyneSensor make_velodyne_sensor(VelodyneModel model);
 
-/// Lets the azimuth move on from firing to firing within a block, or holds it at the block's. Built in: on,
-/// but off for the HDL-64E, whose factory corrections were found without.
+/// Interpolates the azimuth from firing to firing within a block, or keeps the block's azimuth. Default: on,
+/// except for the HDL-64E, whose factory corrections were calibrated without interpolation.
 void set_azimuth_interpolation(VelodyneSensor& sensor, bool on);
 
 /// "VLP-16", "HDL-64E-S2", as used in configuration and messages; parsing ignores case, ' ', '-', '.' and
@@ -155,11 +155,11 @@ std::array<VelodyneModel, kVelodyneModelCount> velodyne_models();
 std::string_view return_mode_name(ReturnMode mode);
 
 /// Replaces the lasers by those of a calibration file: the YAML form of the ROS Velodyne driver (radians,
-/// metres) or Velodyne's own db.xml (degrees, centimetres), told apart by content. A YAML file's
-/// distance_resolution is not used, since packets of a model have one resolution whatever a file says; a
-/// db.xml with another resolution than the model's is refused. Values out of their plausible range are
-/// refused with a word on units. Errors name file, line, laser and key. Lasers that the file switches off
-/// keep their geometry and have `enabled` false (see disabled_lasers()).
+/// metres) or Velodyne's own db.xml (degrees, centimetres), recognised by content. A YAML file's
+/// distance_resolution is ignored, because the resolution of a model's packets is fixed; a db.xml with
+/// another resolution than the model's is rejected. Values outside their plausible range are rejected; the
+/// error names the expected units, file, line, laser and key. Lasers that the file switches off keep their
+/// geometry and have `enabled` false (see disabled_lasers()).
 core::Result<VelodyneSensor> with_calibration_file(VelodyneSensor sensor, const std::string& path);
 
 /// Saves the lasers in the YAML form of the ROS Velodyne driver. with_calibration_file() reads exactly the

@@ -9,8 +9,7 @@
 
 namespace nilio::drivers {
 
-/// A data packet's fields as numbers, as every Velodyne manual has them. Encoding and decoding are exact
-/// inverses.
+/// Fields of a data packet, as defined in every Velodyne manual. encode() and decode() are exact inverses.
 struct VelodyneDataPacket {
   struct Entry {
     std::uint16_t distance = 0;  ///< in units of the model's distance resolution; 0 = no return
@@ -28,7 +27,7 @@ struct VelodyneDataPacket {
 };
 
 std::array<std::uint8_t, kDataPacketSize> encode(const VelodyneDataPacket& packet);
-/// Nothing unless the payload has exactly 1206 bytes.
+/// Returns nothing unless the payload has exactly 1206 bytes.
 std::optional<VelodyneDataPacket> decode(std::span<const std::uint8_t> payload);
 
 }  // namespace nilio::drivers

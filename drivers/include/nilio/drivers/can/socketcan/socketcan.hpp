@@ -10,7 +10,7 @@
 
 namespace nilio::drivers {
 
-/// Lets a frame through when its identifier equals `id` in the bits of `mask`.
+/// Accepts frames whose identifier equals `id` in the bits of `mask`.
 struct CanFilter {
   std::uint32_t id = 0;
   bool extended = false;
@@ -19,31 +19,31 @@ struct CanFilter {
 
 struct SocketCanConfig {
   std::string interface_name = "can0";
-  /// Empty = all frames; the kernel takes at most 512. Error frames come in any case.
+  /// Empty = all frames; the kernel takes at most 512. Error frames are always received.
   std::vector<CanFilter> filters{};
-  /// The kernel books 768 bytes per frame: 2731 frames, 0.9 s of a full bus.
+  /// The kernel accounts 768 bytes per frame: 2731 frames, 0.9 s of a full bus.
   int receive_buffer_bytes = 1024 * 1024;
-  /// Opens also while there is no such interface, and takes it up when it appears.
+  /// Succeeds also while the interface is missing, and opens it when it appears.
   bool wait_for_interface = false;
 };
 
 /// Live CAN and CAN FD: recvmmsg, kernel time stamps (SO_TIMESTAMPNS) and drop counter (SO_RXQ_OVFL), error
-/// frames as CanFrame::error with their class bits as id. Frames that this computer sends are seen, too. An
-/// interface that goes down or is unplugged is not an end: it is counted, waited for and taken up again.
-/// Fails naming the interface, the reason and the command that helps.
+/// frames as CanFrame::error with their class bits as id. Frames sent by this computer are received, too. An
+/// interface that goes down or is unplugged does not end the source: it is counted and opened again when it
+/// is back. Errors name the interface, the reason and the command that helps.
 ///
-/// status() asks the interface's driver over rtnetlink, which takes some 100 us and at most 0.3
-/// s: not for real-time threads.
+/// status() queries the interface's driver over rtnetlink, which takes some 100 us and at most 0.3 s: not for
+/// real-time threads.
 core::Result<std::unique_ptr<FrameSource>> open_socketcan(const SocketCanConfig& config);
 
 enum class CanSendResult {
   kSent,
-  kQueueFull,  ///< the interface sends slower than it is given frames; try again
+  kQueueFull,  ///< the interface's send queue is full; try again
   kDown,       ///< the interface is down or gone
-  kRefused,    ///< the kernel takes no such frame (CAN FD on a classic interface)
+  kRefused,    ///< the kernel does not accept the frame (CAN FD on a classic interface)
 };
 
-/// Puts frames on a bus, for playing recordings. One thread.
+/// Sends frames, for playing recordings. One thread.
 class CanSender {
  public:
   /// Fails as open_socketcan().

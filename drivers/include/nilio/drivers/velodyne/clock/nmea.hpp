@@ -10,16 +10,16 @@ namespace nilio::drivers {
 
 enum class NmeaSentence : std::uint8_t { kRmc, kGga };
 
-/// What an RMC or GGA sentence says; empty fields are absent.
+/// Content of an RMC or GGA sentence; empty fields are absent.
 struct NmeaFix {
   NmeaSentence sentence = NmeaSentence::kRmc;
   /// RMC: status A; GGA: a fix quality other than 0. Time may be used only where this is true.
   bool valid = false;
   /// UTC since midnight.
   std::optional<core::Duration> time_of_day;
-  /// Only with a date, which GGA has not.
+  /// Only with a date, which GGA lacks.
   std::optional<core::Time> utc;
-  /// The receiver's date was a multiple of 1024 weeks away from the host's and was moved.
+  /// The receiver's date was off by a multiple of 1024 weeks and was corrected.
   bool week_rollover_corrected = false;
   /// North and east positive.
   std::optional<double> latitude_deg;
@@ -33,12 +33,12 @@ struct NmeaFix {
 };
 
 /// Reads an RMC or GGA sentence of any talker (GPRMC, GNRMC, ...), with or without '$' and line end; zero
-/// bytes after it are ignored. Nothing for other sentences, a missing or wrong checksum (either case), a
-/// field that is not what it should be, or a date or time that does not exist. Two-digit years are 1980 to
+/// bytes after it are ignored. Returns nothing for other sentences, a missing or wrong
+/// checksum (upper or lower case), a malformed field, or an invalid date or time. Two-digit years are 1980 to
 /// 2079.
 ///
-/// With the `host`'s date, the date of a receiver whose week counter has rolled over (it is a multiple of
-/// 1024 weeks off, to within a day) is corrected; any other difference is left as it is.
+/// With the `host`'s time, the date of a receiver whose week counter has rolled over is corrected, that is
+/// one off by a multiple of 1024 weeks to within a day; any other difference is kept.
 ///
 /// Thread-safe, does not allocate.
 std::optional<NmeaFix> parse_nmea(std::string_view text, std::optional<core::Time> host = std::nullopt);

@@ -18,14 +18,13 @@ enum class PpsState : std::uint8_t {
   kSynchronising = 1,
   kLocked = 2,
   kError = 3,
-  /// Another value, or a firmware that does not fill this field: then the state is zero together with the
-  /// temperatures around it.
+  /// Another value, or a firmware that does not fill this field: state and temperatures are all zero then.
   kUnknown = 255,
 };
 
-/// One of an HDL-32E's three boards with a gyro, a thermometer and a two-axis accelerometer, in its fixed
-/// base. As built, X of boards 0 and 1 points up (along the spin axis); Y of board 0 is opposite to X of
-/// board 2, Y of boards 1 and 2 are the same way: found in recordings, like the gyros' zero offsets of up to
+/// One of the three boards in an HDL-32E's fixed base, with a gyro, a thermometer and a two-axis
+/// accelerometer. X of boards 0 and 1 points up (along the spin axis); Y of board 0 is opposite to X of board
+/// 2; Y of boards 1 and 2 are parallel. This was found in recordings, like the gyros' zero offsets of up to
 /// 30 degrees a second.
 struct Hdl32eBoard {
   double gyro_rad_s = 0.0;
@@ -41,13 +40,13 @@ struct SensorHealth {
   std::uint8_t top_board_degc = 0;
   std::uint8_t bottom_board_degc = 0;
   std::uint8_t adc_calibration_degc = 0;
-  /// Since the last calibration of the converters.
+  /// Change since the last calibration of the converters.
   std::int16_t temperature_change_degc = 0;
   std::uint32_t adc_calibration_age_s = 0;
   std::uint8_t adc_calibration_reason = 0;
   /// Bit 0 in progress, bit 1 temperature limit met, bit 2 period elapsed.
   std::uint8_t adc_calibration_status = 0;
-  /// 0 well, 1 shut down.
+  /// 0 = good, 1 = shut down.
   std::uint8_t thermal_status = 0;
   std::uint8_t last_shutdown_degc = 0;
   std::uint8_t power_up_degc = 0;
@@ -63,8 +62,8 @@ struct PositionPacket {
   SensorHealth health;
   /// HDL-32E only.
   std::optional<std::array<Hdl32eBoard, 3>> motion;
-  /// The receiver's latest sentence, with line end, zero padded; nmea() is the text. Any bytes: nothing in it
-  /// was checked, see parse_nmea().
+  /// The receiver's latest sentence, with line end, zero padded; nmea() is the text. Unchecked bytes: see
+  /// parse_nmea().
   std::array<char, kNmeaCapacity> nmea_bytes{};
 
   [[nodiscard]] std::string_view nmea() const;
@@ -74,12 +73,12 @@ struct PositionPacket {
   friend bool operator==(const PositionPacket&, const PositionPacket&) = default;
 };
 
-/// Nothing unless the payload has exactly 512 bytes. Thread-safe, does not allocate.
+/// Returns nothing unless the payload has exactly 512 bytes. Thread-safe, does not allocate.
 std::optional<PositionPacket> parse_position_packet(std::span<const std::uint8_t> payload);
 
-/// The inverse of parse_position_packet() for what it reads: parsing the result gives `packet` again, its
-/// motion rounded to the field's steps and limited to their range. PpsState::kAbsent needs a temperature to
-/// be told from kUnknown.
+/// The inverse of parse_position_packet(): parsing the result gives `packet` again, with motion rounded to
+/// the field's steps and limited to its range. PpsState::kAbsent needs a nonzero temperature; otherwise it is
+/// read as kUnknown.
 std::array<std::uint8_t, kPositionPacketSize> encode_position_packet(const PositionPacket& packet);
 
 }  // namespace nilio::drivers

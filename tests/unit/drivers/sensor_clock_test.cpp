@@ -1,5 +1,6 @@
-#include "drivers/common/clock_fit.hpp"
 #include "drivers/velodyne/clock/sensor_clock.hpp"
+
+#include "drivers/common/clock_fit.hpp"
 #include "tests/support/drivers_support.hpp"
 
 #include <cmath>
@@ -12,7 +13,7 @@ using namespace nilio::drivers;
 using nilio::tests::kEpochNs;
 using nilio::tests::TurningSensor;
 
-TEST_CASE("offset and drift of a clock are found under one-sided jitter") {
+TEST_CASE("offset and drift of a clock are estimated under one-sided jitter", "[sensor_clock]") {
   std::mt19937 random(3);
   std::exponential_distribution<double> delay_us(1.0 / 300.0);
   for (const double drift_ppm : {-58.0, 0.0, 20.0}) {
@@ -31,7 +32,7 @@ TEST_CASE("offset and drift of a clock are found under one-sided jitter") {
   }
 }
 
-TEST_CASE("before a drift can be told the least difference is the offset") {
+TEST_CASE("before the drift is observable the minimum difference is the offset", "[sensor_clock]") {
   ClockFit fit;
   CHECK(fit.empty());
   fit.observe(0, 900);
@@ -42,8 +43,9 @@ TEST_CASE("before a drift can be told the least difference is the offset") {
   CHECK(fit.drift() == 0.0);
 }
 
-TEST_CASE("scan times of a drifting sensor follow the host's clock without jitter or jumps") {
-  // 20 parts per million fast, 3 s ahead, up to a few milliseconds late on the network.
+TEST_CASE("scan times of a drifting sensor follow the host's clock without jitter or jumps",
+          "[sensor_clock]") {
+  // 20 parts per million fast, 3 s ahead, with a network delay of up to a few milliseconds.
   const TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp16),
                              .start_azimuth_deg = 180.0};
   constexpr double kFast = 20e-6;
@@ -66,7 +68,7 @@ TEST_CASE("scan times of a drifting sensor follow the host's clock without jitte
     if (!assembler.add(packet)) continue;
     assembler.take_scan(scan);
     CHECK(scan.clock_source == core::ClockSource::kFreeRunning);
-    // Scans start at the cut, every 0.1 s to within a step.
+    // Scans start at the cut, every 0.1 s to within one azimuth step.
     const auto revolution = static_cast<double>(scan.start.ns - source.start_ns) / 1e8;
     const double error_us = 1e5 * (revolution - std::floor(revolution + 0.01));
     if (scan.sequence >= 100) {
@@ -77,14 +79,14 @@ TEST_CASE("scan times of a drifting sensor follow the host's clock without jitte
     REQUIRE(scan.start.ns > last_start_ns);
     last_start_ns = scan.start.ns;
   }
-  // A step of the azimuth lasts 111 us, so the cut itself is that late at most.
+  // An azimuth step lasts 111 us, the maximum delay of the cut.
   CHECK(largest_error_us < 111.0 + 20.0);
   CHECK(largest_step_error_us < 111.0 + 20.0);
   CHECK(assembler.status().clock_drift_ppm == Approx(-20.0).margin(1.0));
   CHECK(assembler.status().clock_offset_s == Approx(-3.0).margin(2e-3));
 }
 
-TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off") {
+TEST_CASE("the sensor's GPS decides the hour when the host's clock is hours off", "[sensor_clock]") {
   SensorClock clock(TimeSource::kSensor, true);
   clock.set_packet_period(1'327'104);
   const std::int64_t true_ns = kEpochNs;
@@ -95,7 +97,7 @@ TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off
   CHECK(arrival.line_ns == true_ns);
   CHECK(clock.source() == core::ClockSource::kPpsLocked);
 
-  // The first position packet comes after the first data packets.
+  // The first position packet arrives after the first data packets.
   SensorClock late(TimeSource::kSensor, true);
   late.set_packet_period(1'327'104);
   CHECK(late.arrive(timestamp_us, 0, host, 0).line_ns == host.ns);
@@ -107,7 +109,7 @@ TEST_CASE("the sensor's GPS decides the hour where the host's clock is hours off
   CHECK(late.arrive(timestamp_us + 2654, 100, after, 0).order == PacketOrder::kNext);
 }
 
-TEST_CASE("what the time rests on is said as telemetry tells it") {
+TEST_CASE("the time source is reported according to the telemetry", "[sensor_clock]") {
   const core::Time host{kEpochNs + 2'000'000};
   const auto timestamp_us = static_cast<std::uint32_t>(kEpochNs / 1000 % 3'600'000'000);
   const auto source_after = [&](TimeSource wanted, std::uint32_t stamp_us,
@@ -130,7 +132,7 @@ TEST_CASE("what the time rests on is said as telemetry tells it") {
   CHECK(source_after(TimeSource::kHost, timestamp_us, locked) == core::ClockSource::kHost);
 }
 
-TEST_CASE("a sensor without a clock gets even times from jittering receive times") {
+TEST_CASE("a sensor without a clock gets even times from jittering receive times", "[sensor_clock]") {
   const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS1);
   TurningSensor source{.sensor = sensor, .start_azimuth_deg = 180.0};
   std::mt19937 random(5);
