@@ -5,7 +5,7 @@ cd "$(dirname "$0")/.."
 preset=${1:-release}
 shift || true
 tests=ON
-# A machine without Catch2 still builds and runs everything but the tests.
+# Without Catch2 everything except the tests is built.
 dpkg-query --show catch2 >/dev/null 2>&1 || tests=OFF
 cmake --preset "$preset" -DBUILD_TESTING=$tests >/dev/null
 if (($# > 0)); then

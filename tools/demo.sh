@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets up, builds and runs the main job: a simulated drive, from packets through niliod to poses, and its evaluation.
+# Sets up, builds, and runs a simulated drive from packets through niliod to poses, with its evaluation.
 # demo.sh [output folder]
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -21,17 +21,17 @@ domain=${NILIO_DEMO_DOMAIN:-42}
 watcher=$!
 "$bin/niliod" --replay "$output/drive" --output "$output/run" \
   --set "publisher.domain=$domain" --set 'publisher.interfaces=["127.0.0.1"]' --set publisher.wait_for_subscribers_s=10
-# The subscriber ends by itself when nothing comes any more; the summary is wanted now.
+# End the subscriber now instead of at its time-out, for its summary.
 sleep 1
 kill -INT "$watcher" 2>/dev/null || true
 wait "$watcher" || true
 
 echo
-echo "== what the subscriber received over DDS"
+echo "== poses received by the subscriber over DDS"
 tail -n 20 "$output/watch.txt"
 
 echo
-echo "== evaluation against the simulator's truth"
+echo "== evaluation against the simulator's ground truth"
 "$bin/nilio" evaluate "$output/drive/truth.tum" "$output/run/trajectory.tum" --json "$output/evaluation.json"
 "$bin/nilio" plot "$output/run/trajectory.tum" --truth "$output/drive/truth.tum" --map "$output/run/map.ply" \
   --output "$output/trajectory.png"

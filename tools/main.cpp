@@ -1,5 +1,5 @@
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/commands/help_formatter.hpp"
 
 #include <memory>
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs the Debian 12 packages that nilio is built and tested with. Quick when nothing is missing; may be repeated.
-# "setup.sh --tests" adds what only the tests and checks need.
+# Installs the Debian 12 packages for building nilio; may be repeated.
+# "setup.sh --tests" adds those of tests and checks.
 set -euo pipefail
 
 packages=(
@@ -15,7 +15,7 @@ if [[ ${1:-} == --tests ]]; then
     user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1)
 fi
 
-# The kernel that tests/vm boots is not installed, only unpacked; without it those tests are skipped.
+# The kernel of tests/vm is only unpacked, not installed; without it those tests are skipped.
 finish() {
   [[ ${1:-} == --tests ]] || return 0
   "$(dirname "$0")/../tests/vm/tier3_prepare.sh" "$(dirname "$0")/../build/vm" ||

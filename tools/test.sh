@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Sets up, builds and passes the tests.
-#   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), the sanitizer runs of what drives, and a
-#                      short run of every fuzz target
+# Sets up, builds and runs the tests.
+#   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), the sanitizer runs of the daemon's
+#                      libraries, and a short run of every fuzz target
 #   test.sh --quick    release build and its tests only
-#   test.sh --full     the sanitizers run the tests of the command line, too
+#   test.sh --full     the sanitizers run the tests of the tools, too
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case ${1:-} in
@@ -14,7 +14,7 @@ esac
 tools/setup.sh --tests
 tools/build.sh release
 ctest --preset release
-# ctest counts the tests that were skipped, and keeps the reasons to itself.
+# ctest counts skipped tests without their reasons.
 grep --extended-regexp '^(skipped|undecided):' build/release/Testing/Temporary/LastTest.log || true
 
 if [[ ${1:-} != --quick ]]; then

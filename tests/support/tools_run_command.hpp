@@ -1,6 +1,6 @@
 #pragma once
 
-#include "tools/commands/command_line_fwd.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <string>
 #include <vector>

@@ -2,7 +2,7 @@
 
 #include "tools/bench/bench.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/commands/number_between.hpp"
+#include "tools/commands/command_line.hpp"
 
 #include <cstdio>
 #include <filesystem>
@@ -167,7 +167,7 @@ void add_soak(CLI::App& bench) {
       ->check(number_between(0.1, 1e5))
       ->capture_default_str();
   command
-      .add_option("--standing", options->plan.stationary_minutes,
+      .add_option("--stationary,--standing", options->plan.stationary_minutes,
                   "also simulate a vehicle at rest beside a road and play this many minutes of it")
       ->check(number_between(0.1, 1e5));
   command
@@ -203,7 +203,7 @@ void add_realtime_load_options(CLI::App& command, bench::RealtimeOptions& o) {
       .add_option("--soak", o.soak.minutes, "then play this many minutes of the drives, as 'bench soak' does")
       ->check(number_between(0.1, 1e5));
   command
-      .add_option("--standing", o.soak.stationary_minutes,
+      .add_option("--stationary,--standing", o.soak.stationary_minutes,
                   "then play this many minutes of a simulated standstill")
       ->check(number_between(0.1, 1e5));
 }

@@ -1,6 +1,9 @@
 #pragma once
 
-#include "tools/commands/command_line_fwd.hpp"
+// CLI11 takes long to compile: only the definitions of commands include it.
+namespace CLI {
+class App;
+}
 
 namespace nilio::tools {
 

@@ -1,5 +1,5 @@
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/commands/number_between.hpp"
 #include "tools/inspect/inspect.hpp"
 
 #include <memory>

@@ -1,6 +1,6 @@
 #include "daemon/input/input.hpp"
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/commands/number_between.hpp"
 #include "tools/common/system.hpp"
 #include "tools/play/session.hpp"
 
@@ -24,11 +24,7 @@ struct PlayArguments {
   double longest_gap_s = 10.0;
 };
 
-double monotonic_s() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
-}
+double monotonic_s() { return 1e-9 * static_cast<double>(monotonic_ns()); }
 
 void log(const std::string& line) { std::fprintf(stderr, "nilio play: %s\n", line.c_str()); }
 
@@ -118,7 +114,7 @@ void add_pace_options(CLI::App& command, PlayArguments& a) {
                            ->capture_default_str();
   command.add_flag("--fast", a.config.fast, "send as fast as possible; receivers may not keep up")
       ->excludes(speed);
-  command.add_option("--loop", a.config.loops, "play the recording so many times; 0 = until Ctrl-C")
+  command.add_option("--loop", a.config.loops, "number of repetitions; 0 = until Ctrl-C")
       ->capture_default_str();
   command
       .add_option("--longest-gap", a.longest_gap_s,

@@ -1,5 +1,5 @@
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/commands/number_between.hpp"
 #include "tools/common/system.hpp"
 #include "tools/record/session.hpp"
 
@@ -31,11 +31,7 @@ struct RecordArguments {
   double receive_buffer_mb = 8.0;
 };
 
-double monotonic_s() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
-}
+double monotonic_s() { return 1e-9 * static_cast<double>(monotonic_ns()); }
 
 void log(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", line.c_str()); }
 

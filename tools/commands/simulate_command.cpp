@@ -1,8 +1,8 @@
 #include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
-#include "tools/commands/number_between.hpp"
 #include "tools/simulate/faults/imu_faults.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/simulate.hpp"

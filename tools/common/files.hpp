@@ -9,7 +9,7 @@
 
 namespace nilio::tools {
 
-/// All bytes of a file; nothing when it cannot be read.
+/// All bytes of a file; unset when it cannot be read.
 std::optional<std::string> file_text(const std::filesystem::path& path);
 
 /// Temporary folder of a measurement, removed with this object.

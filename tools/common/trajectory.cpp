@@ -53,7 +53,7 @@ bool is_rotation(const Eigen::Matrix3d& matrix) {
          matrix.determinant() > 0.0;
 }
 
-/// Empty when the line was taken; otherwise what is wrong with it.
+/// Adds a line. Returns an error text, or an empty one.
 std::string add_tum_line(const std::vector<std::string_view>& words, std::span<const double> numbers,
                          Trajectory& trajectory) {
   // 53 bits leave 240 ns of a stamp of this decade: the stamp is read with the 64 bits of long double.
@@ -61,7 +61,7 @@ std::string add_tum_line(const std::vector<std::string_view>& words, std::span<c
   if (!seconds || std::abs(static_cast<double>(*seconds)) > kMaxSeconds) return "the time is out of range";
   const core::Time stamp{std::llround(*seconds * 1e9L)};
   if (!trajectory.stamps.empty() && stamp <= trajectory.stamps.back()) {
-    return "the time does not increase; sort the file by its first column and remove repeated lines";
+    return "the time does not increase - sort the file by its first column and remove repeated lines";
   }
   Eigen::Quaterniond rotation(numbers[7], numbers[4], numbers[5], numbers[6]);
   if (std::abs(rotation.norm() - 1.0) > kRotationTolerance) {
@@ -123,7 +123,7 @@ std::string line_error(const std::string& path, std::size_t line, const std::str
 
 core::Result<Trajectory> read_trajectory(const std::string& path) {
   std::ifstream file(path);
-  if (!file) return core::Error{path + ": cannot be opened; give a TUM or KITTI trajectory file"};
+  if (!file) return core::Error{path + ": cannot be opened - give a TUM or KITTI trajectory file"};
   Trajectory trajectory;
   trajectory.path = path;
   std::string line;
@@ -135,7 +135,7 @@ core::Result<Trajectory> read_trajectory(const std::string& path) {
   }
   if (file.bad()) return core::Error{path + ": reading failed"};
   if (trajectory.poses.empty()) {
-    return core::Error{path + ": contains no pose; give a TUM or KITTI trajectory file"};
+    return core::Error{path + ": contains no pose - give a TUM or KITTI trajectory file"};
   }
   return trajectory;
 }
@@ -167,7 +167,7 @@ core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const s
 
 core::Result<Pose> read_kitti_calibration(const std::string& path) {
   std::ifstream file(path);
-  if (!file) return core::Error{path + ": cannot be opened; give the calib.txt of the KITTI sequence"};
+  if (!file) return core::Error{path + ": cannot be opened - give the calib.txt of the KITTI sequence"};
   std::string line;
   for (std::size_t number = 1; std::getline(file, line); ++number) {
     if (!line.starts_with("Tr:") && !line.starts_with("Tr ")) continue;
@@ -179,7 +179,7 @@ core::Result<Pose> read_kitti_calibration(const std::string& path) {
     return pose_from_rows(*numbers);
   }
   return core::Error{
-      path + ": has no line \"Tr:\" (LiDAR to camera); give the calib.txt of a KITTI odometry sequence"};
+      path + ": has no line \"Tr:\" (LiDAR to camera) - give the calib.txt of a KITTI odometry sequence"};
 }
 
 std::optional<Pose> interpolate_pose(const Trajectory& trajectory, core::Time stamp, core::Duration max_gap) {

@@ -36,10 +36,9 @@ struct Trajectory {
   std::vector<Pose> poses;
 };
 
-/// Reads a TUM or KITTI file; the number of columns of the first line tells which. Blank lines and lines that
-/// begin with
-/// '#' are skipped. Errors name file and line: wrong number of columns, no number, not finite, no rotation,
-/// time that does not increase, no pose at all.
+/// Reads a TUM or KITTI file, distinguished by the number of columns of the first line. Blank lines and lines
+/// that begin with '#' are skipped. Errors name file and line: wrong number of columns, not a number, not
+/// finite, not a rotation, time that does not increase, no pose at all.
 core::Result<Trajectory> read_trajectory(const std::string& path);
 
 /// One line per pose in the trajectory's own format; TUM with nanoseconds. Fails when the file cannot be
@@ -49,8 +48,8 @@ core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const s
 /// T_camera_lidar from the line "Tr:" (12 numbers) of a KITTI odometry calib.txt.
 core::Result<Pose> read_kitti_calibration(const std::string& path);
 
-/// Pose at `stamp` between its two neighbours: linear in position, spherical in rotation. Nothing outside the
-/// trajectory or when the neighbours are further apart than `max_gap`.
+/// Pose at `stamp` between its two neighbours: linear in position, spherical in rotation. Empty outside the
+/// trajectory or when the neighbours are more than `max_gap` apart.
 std::optional<Pose> interpolate_pose(const Trajectory& trajectory, core::Time stamp, core::Duration max_gap);
 
 /// Sum of the distances between consecutive poses, metres.
@@ -59,7 +58,7 @@ double path_length(std::span<const Pose> poses);
 /// Length of the path up to each pose, metres, beginning with 0.
 std::vector<double> path_lengths(std::span<const Pose> poses);
 
-/// Numbers of a line separated by blanks; nothing when one is not a finite number.
+/// Numbers of a line separated by blanks; empty when one is not a finite number.
 std::optional<std::vector<double>> parse_numbers(std::string_view line);
 
 /// "path:line: problem", for error messages.

@@ -30,12 +30,6 @@ constexpr int kCanAttempts = 100;
 constexpr std::int64_t kCanRetryNs = 1'000'000;
 constexpr core::Duration kDistantStart{10'000'000'000};
 
-std::int64_t clock_ns(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
-}
-
 std::string seconds_text(core::Duration duration) {
   std::array<char, 32> text{};
   std::snprintf(text.data(), text.size(), "%.3f s", duration.seconds());
@@ -152,7 +146,7 @@ bool PlaySession::play_once() {
     if (packet == nullptr && frame == nullptr) return true;
     const bool is_packet = packet != nullptr && (frame == nullptr || packet->stamp <= frame->stamp);
     const core::Time stamp = is_packet ? packet->stamp : frame->stamp;
-    const PlayTimeline::Due due = timeline_.next(stamp, clock_ns(CLOCK_MONOTONIC));
+    const PlayTimeline::Due due = timeline_.next(stamp, monotonic_ns());
     if (due.event != PlayTimeline::Event::kNone) note_event(due, stamp);
     if (!wait_until_due(due)) return false;
     if (is_packet) {
@@ -168,11 +162,11 @@ bool PlaySession::play_once() {
 
 /// False if stopped.
 bool PlaySession::wait_until_due(const PlayTimeline::Due& due) {
-  std::int64_t now = clock_ns(CLOCK_MONOTONIC);
+  std::int64_t now = monotonic_ns();
   if (config_.fast || due.due_ns <= now) return !is_stopped(now);
   send_batch();
   for (;;) {
-    now = clock_ns(CLOCK_MONOTONIC);
+    now = monotonic_ns();
     if (is_stopped(now)) return false;
     if (due.due_ns <= now) return true;
     sleep_until(std::min(due.due_ns, now + kStopCheckNs));
@@ -202,7 +196,7 @@ void PlaySession::add_packet(const Packet& packet, const PlayTimeline::Due& due)
 
 void PlaySession::send_batch() {
   if (batch_.empty()) return;
-  const std::int64_t now = clock_ns(CLOCK_MONOTONIC);
+  const std::int64_t now = monotonic_ns();
   for (const std::int64_t due : batch_due_ns_) note_late(due, now);
   const PacketSender::Sent sent = packet_sender_->send(batch_);
   if (sent.failed > 0 && result_.packets_failed == 0)
@@ -220,10 +214,10 @@ void PlaySession::send_frame(const CanFrame& frame, const PlayTimeline::Due& due
     ++result_.skipped;
     return;
   }
-  note_late(due.due_ns, clock_ns(CLOCK_MONOTONIC));
+  note_late(due.due_ns, monotonic_ns());
   drivers::CanSendResult sent = can_sender_->send(frame);
   for (int i = 0; sent == drivers::CanSendResult::kQueueFull && i < kCanAttempts; ++i) {
-    sleep_until(clock_ns(CLOCK_MONOTONIC) + kCanRetryNs);
+    sleep_until(monotonic_ns() + kCanRetryNs);
     sent = can_sender_->send(frame);
   }
   if (sent == drivers::CanSendResult::kSent) {

@@ -1,5 +1,6 @@
 #include "tools/record/session.hpp"
 
+#include "nilio/core/clock.hpp"
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/can/socketcan/socketcan.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
@@ -31,14 +32,6 @@ constexpr std::int64_t kSyncPeriodNs = 1'000'000'000;
 /// the clock was set.
 constexpr std::int64_t kMergeNs = 100'000'000;
 constexpr std::int64_t kLongestMergeNs = 250'000'000;
-
-std::int64_t clock_ns(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<std::int64_t>(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
-}
-
-std::int64_t monotonic_ns() { return clock_ns(CLOCK_MONOTONIC); }
 
 template <class Channels>
 void add_channels(const Channels& channels, RecordProgress& progress, bool& any_alive) {

@@ -19,7 +19,7 @@ std::string inspect_json(const RecordingFindings& findings);
 
 /// "PPS locked", "free-running" and the like.
 const char* clock_source_name(core::ClockSource source);
-/// "single (strongest)": the mode with what the mode byte adds to it.
+/// "single (strongest)": the return mode with the detail of the mode byte.
 std::string return_mode_text(const SensorFindings& sensor);
 
 /// A change of one configuration key.

@@ -48,7 +48,7 @@ class ImuFaults {
  public:
   ImuFaults(const ImuFaultConfig& config, core::Time start, double duration_s, std::uint64_t seed);
 
-  /// The sample as the faulty IMU would send it; nothing during a dropout.
+  /// The sample as the faulty IMU would send it; unset during a dropout.
   std::optional<core::ImuSample> apply(const core::ImuSample& sample);
   /// Whether the next CAN frame is lost.
   bool loses_frame() { return config_.frames_lost > 0.0 && random_.chance(config_.frames_lost); }
