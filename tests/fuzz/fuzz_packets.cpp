@@ -4,7 +4,6 @@
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include "tests/fuzz/fuzz_support.hpp"
-#include "tests/fuzz/packet_input.hpp"
 
 #include <algorithm>
 #include <cmath>

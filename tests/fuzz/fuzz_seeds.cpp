@@ -7,7 +7,7 @@
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
 
-#include "tests/fuzz/packet_input.hpp"
+#include "tests/fuzz/fuzz_support.hpp"
 #include "tests/support/capture_bytes.hpp"
 
 #include <cstdio>

@@ -3,17 +3,110 @@
 
 #include "drivers/can/socketcan/can_interface.hpp"
 #include "tests/vm/controller_log.hpp"
-#include "tests/vm/slcan_adapter.hpp"
 #include "tests/vm/vm_support.hpp"
 
+#include <array>
+#include <cstdlib>
+#include <fcntl.h>
 #include <linux/can/error.h>
 #include <linux/can/netlink.h>
+#include <linux/tty.h>
+#include <mutex>
+#include <net/if.h>
+#include <poll.h>
+#include <string>
+#include <sys/ioctl.h>
+#include <termios.h>
+#include <thread>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 
 using namespace nilio;
 using namespace nilio::tests;
 using drivers::CanBusState;
+
+namespace {
+
+/// A serial CAN adapter for the kernel's slcan driver, at the other end of a pseudo-terminal. Keeps the
+/// driver's lines; the test sends the adapter's lines, errors included. The destructor removes the interface.
+class SlcanAdapter {
+ public:
+  SlcanAdapter();
+  SlcanAdapter(const SlcanAdapter&) = delete;
+  SlcanAdapter& operator=(const SlcanAdapter&) = delete;
+  ~SlcanAdapter();
+
+  [[nodiscard]] const std::string& interface_name() const { return name_; }
+  /// Sends a line of the adapter, without line end: "t1232DEAD" a frame, "e1a" no acknowledgement, "sw057100"
+  /// error-warning, "sp130140" error-passive, "sb000256" bus-off, "sa000000" error-active, with the counts
+  /// sent and received.
+  void send(const std::string& line) const;
+  /// All lines of the driver: "S6" 500 kbit/s, "O" open, "C" close, "t..." frames to send.
+  [[nodiscard]] std::string received() const;
+
+ private:
+  void listen();
+
+  int master_ = -1;
+  int slave_ = -1;
+  std::string name_;
+  mutable std::mutex mutex_;
+  std::string received_;
+  std::jthread listener_;
+};
+
+void make_raw(int descriptor) {
+  termios settings{};
+  REQUIRE(tcgetattr(descriptor, &settings) == 0);
+  cfmakeraw(&settings);
+  REQUIRE(tcsetattr(descriptor, TCSANOW, &settings) == 0);
+}
+
+SlcanAdapter::SlcanAdapter() : master_(posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC)) {
+  REQUIRE(master_ >= 0);
+  REQUIRE((grantpt(master_) == 0 && unlockpt(master_) == 0));
+  slave_ = open(ptsname(master_), O_RDWR | O_NOCTTY | O_CLOEXEC);
+  REQUIRE(slave_ >= 0);
+  make_raw(slave_);
+  const int discipline = N_SLCAN;
+  REQUIRE(ioctl(slave_, TIOCSETD, &discipline) == 0);
+  std::array<char, IFNAMSIZ> name{};
+  REQUIRE(ioctl(slave_, SIOCGIFNAME, name.data()) == 0);
+  name_ = name.data();
+  listener_ = std::jthread([this](const std::stop_token& stop) {
+    while (!stop.stop_requested()) listen();
+  });
+}
+
+SlcanAdapter::~SlcanAdapter() {
+  listener_.request_stop();
+  listener_.join();
+  close(slave_);
+  close(master_);
+}
+
+void SlcanAdapter::listen() {
+  pollfd waited{.fd = master_, .events = POLLIN, .revents = 0};
+  if (poll(&waited, 1, 20) <= 0) return;
+  std::array<char, 512> bytes{};
+  const ssize_t size = read(master_, bytes.data(), bytes.size());
+  if (size <= 0) return;
+  const std::lock_guard lock(mutex_);
+  received_.append(bytes.data(), static_cast<std::size_t>(size));
+}
+
+void SlcanAdapter::send(const std::string& line) const {
+  const std::string whole = line + '\r';
+  REQUIRE(write(master_, whole.data(), whole.size()) == static_cast<ssize_t>(whole.size()));
+}
+
+std::string SlcanAdapter::received() const {
+  const std::lock_guard lock(mutex_);
+  return received_;
+}
+
+}  // namespace
 
 TEST_CASE("a serial adapter is set to the requested bit rate, started, and transmits frames both ways",
           "[can_tier2_slcan]") {
@@ -27,7 +120,7 @@ TEST_CASE("a serial adapter is set to the requested bit rate, started, and trans
 
   const auto source = drivers::open_socketcan({.interface_name = name});
   REQUIRE(source.ok());
-  adapter.say("t12321122");
+  adapter.send("t12321122");
   const auto received = read_frames(**source, 1);
   REQUIRE(received.size() == 1);
   CHECK(received[0].id == 0x123);
@@ -58,10 +151,10 @@ TEST_CASE("errors of the adapter reach sockets as error frames, and the log as c
   REQUIRE(source.ok());
   ControllerLog log({.interface_name = name});
   REQUIRE(log.has_line("error-active"));
-  adapter.say("e1a");
-  adapter.say("sw057100");
+  adapter.send("e1a");
+  adapter.send("sw057100");
   CHECK(log.has_line("error-warning: there are errors on the bus"));
-  adapter.say("sp130140");
+  adapter.send("sp130140");
   CHECK(log.has_line("error-passive: there are errors on the bus"));
   const auto frames = read_frames(**source, 3);
   REQUIRE(frames.size() == 3);
@@ -70,7 +163,7 @@ TEST_CASE("errors of the adapter reach sockets as error frames, and the log as c
   CHECK((frames[1].id & CAN_ERR_CRTL) != 0);
   CHECK((frames[2].id & CAN_ERR_CRTL) != 0);
   CHECK(frames[2].data[1] != 0);
-  adapter.say("sa000000");
+  adapter.send("sa000000");
   CHECK(log.has_line("up, error-active, 500000 bit/s$", 2));
   CHECK(log.events().size() == 4);
 }
@@ -86,7 +179,7 @@ TEST_CASE("bus-off of an adapter without restart ends by stopping and starting i
   REQUIRE(source.ok());
   for (std::uint64_t round = 1; round <= 2; ++round) {
     const std::string before = adapter.received();
-    adapter.say("sb000256");
+    adapter.send("sb000256");
     CHECK(log.has_line("bus-off: the controller has given up", round));
     CHECK(
         log.has_line("error-active, 500000 bit/s again after once bus-off, restarted once by nilio", round));
@@ -98,7 +191,7 @@ TEST_CASE("bus-off of an adapter without restart ends by stopping and starting i
     CHECK(log.status().bus_offs == round);
     CHECK(log.status().restarts == round);
     CHECK(eventually([&] {
-      adapter.say("t1230");
+      adapter.send("t1230");
       for (const auto& frame : read_frames(**source, 1, 0.1))
         if (!frame.error) return true;
       return false;
@@ -124,7 +217,7 @@ TEST_CASE("an adapter that is unplugged and plugged in again is set up and read 
   CHECK(log.has_line("set to 500000 bit/s and started", 2));
   CHECK(log.has_line("up, error-active", 2));
   CHECK(eventually([&] {
-    adapter->say("t1230");
+    adapter->send("t1230");
     return !read_frames(**source, 1, 0.1).empty();
   }));
   CHECK(log.status().times_gone == 1);
@@ -155,7 +248,7 @@ TEST_CASE("an adapter that is unplugged repeatedly leaves neither watcher nor re
     // Frames arrive before the watcher has read the state that it set.
     CHECK(log.has_line("set to 500000 bit/s and started", round));
     CHECK(eventually([&] {
-      adapter.say("t1230");
+      adapter.send("t1230");
       return !read_frames(**source, 1, 0.05).empty();
     }));
   }
