@@ -16,8 +16,8 @@ namespace nilio::tools::evaluate {
 
 namespace {
 
-// Variance across the path compared with that along it (3 % of the width) below which the rotation about the
-// path follows the errors rather than the path.
+// Ratio of the variances across and along the path (3 % in width) below which the rotation about the path is
+// determined by errors.
 constexpr double kMinSpreadRatio = 1e-3;
 constexpr core::Duration kDefaultMaxGap{200'000'000};
 constexpr core::Duration kDefaultMaxDifference{10'000'000};
@@ -183,7 +183,7 @@ core::Result<PosePairs> associate(const Trajectory& truth, const Trajectory& est
     const bool truth_has_time = truth.format == TrajectoryFormat::kTum;
     return core::Error{
         (truth_has_time ? estimate.path : truth.path) + " (KITTI) has no times to be associated with " +
-        (truth_has_time ? truth.path : estimate.path) + " (TUM); give both in the same format"};
+        (truth_has_time ? truth.path : estimate.path) + " (TUM) - give both in the same format"};
   }
   PosePairs pairs;
   if (truth.format == TrajectoryFormat::kKitti) {
@@ -201,7 +201,7 @@ core::Result<PosePairs> associate(const Trajectory& truth, const Trajectory& est
                        estimate.path + " has " + std::to_string(estimate.poses.size())};
   }
   return core::Error{count + time_range(truth) + "; " + time_range(estimate) +
-                     ". Check that both use the same clock, or raise --max-time-difference"};
+                     " - check that both use the same clock, or raise --max-time-difference"};
 }
 
 Statistics compute_statistics(std::vector<double> values) {

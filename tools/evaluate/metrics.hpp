@@ -11,13 +11,13 @@
 
 namespace nilio::tools::evaluate {
 
-/// How poses of two TUM files find each other. KITTI files pair line by line.
+/// Association of the poses of two TUM files. KITTI files are paired line by line.
 enum class Association {
   kInterpolate,  ///< truth interpolated at the estimate's stamps
   kNearest,      ///< as evo: each pose of the shorter trajectory with the nearest of the longer
 };
 
-/// What is done to the estimate before absolute errors are taken.
+/// Alignment of the estimate before absolute errors are computed.
 enum class Alignment {
   kNone,
   kOrigin,  ///< first associated poses made equal
@@ -39,8 +39,7 @@ struct PosePairs {
   std::size_t unmatched_estimate = 0;
 };
 
-/// Fails when the formats differ or fewer than two poses find a partner; then the message has both time
-/// ranges.
+/// Fails when the formats differ or fewer than two poses are associated; the message has both time ranges.
 core::Result<PosePairs> associate(const Trajectory& truth, const Trajectory& estimate,
                                   const AssociationOptions& options);
 
@@ -90,14 +89,14 @@ struct Evaluation {
   std::size_t unmatched_estimate = 0;
   double truth_length_m = 0.0;
   double estimate_length_m = 0.0;
-  /// kOrigin, kSe3 and, when asked for, kNone.
+  /// kOrigin, kSe3 and, on request, kNone.
   std::vector<AbsoluteError> absolute;
-  /// The positions lie nearly on one line (or in one point): the rotation of the SE(3) alignment is
+  /// The positions lie nearly on one line or in one point, so that the rotation of the SE(3) alignment is
   /// arbitrary.
   bool alignment_degenerate = false;
   /// Between consecutive pairs.
   PoseErrors relative;
-  /// Nothing when the path is shorter than the shortest segment.
+  /// Empty when the path is shorter than the shortest segment.
   std::optional<SegmentErrors> segments;
   std::optional<SegmentErrors> short_segments;
 };
@@ -113,7 +112,7 @@ struct EvaluationOptions {
 /// `pairs` as associate() returns them, two or more.
 Evaluation evaluate(const PosePairs& pairs, const EvaluationOptions& options);
 
-/// The trajectory `estimate` moved as a whole by the alignment's transform.
+/// Poses of the estimate, transformed by the alignment.
 std::vector<Pose> align(const PosePairs& pairs, Alignment alignment);
 
 /// Devkit of the KITTI odometry benchmark (Geiger et al., CVPR 2012): relative pose error over segments of

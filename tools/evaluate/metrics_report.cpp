@@ -68,7 +68,7 @@ nlohmann::json segments_json(const std::optional<SegmentErrors>& errors) {
   return json;
 }
 
-/// 0 for an estimate or a truth that stands still.
+/// 0 for a stationary estimate or truth.
 double length_ratio(const Evaluation& evaluation) {
   return evaluation.truth_length_m > 0.0 ? evaluation.estimate_length_m / evaluation.truth_length_m : 0.0;
 }
@@ -107,10 +107,9 @@ std::string format_report(const Evaluation& evaluation, const ReportOptions& opt
   append_statistics(text, "RPE rotation, per frame", "deg", evaluation.relative.rotation_deg);
   if (evaluation.alignment_degenerate) {
     text +=
-        "  The positions lie nearly on one line: the se3 alignment's rotation about it is arbitrary, so are "
-        "its "
-        "rotation "
-        "errors.\n";
+        "  The positions lie nearly on one line: the rotation of the se3 alignment about it is arbitrary, "
+        "and "
+        "so are its rotation errors.\n";
   }
   append_segments(text, "Segments (KITTI devkit, every 10th pose)", evaluation.segments,
                   evaluation.truth_length_m);

@@ -6,9 +6,9 @@
 
 namespace nilio::tools::evaluate {
 
-/// What the user chose to be judged by.
+/// Choices of the user.
 struct ReportOptions {
-  /// Alignment whose end drift counts.
+  /// Alignment for the end drift.
   Alignment alignment = Alignment::kOrigin;
 };
 
@@ -19,10 +19,10 @@ double end_drift_percent(const Evaluation& evaluation, Alignment alignment);
 /// The row of `evaluation.absolute` with this alignment; the evaluation must have it.
 const AbsoluteError& absolute_error_of(const Evaluation& evaluation, Alignment alignment);
 
-/// Tables for a person.
+/// Tables for a terminal.
 std::string format_report(const Evaluation& evaluation, const ReportOptions& options);
 
-/// The same numbers in full precision; units are in the keys.
+/// The same numbers in full precision; keys contain the units.
 std::string format_json(const Evaluation& evaluation, const ReportOptions& options);
 
 }  // namespace nilio::tools::evaluate

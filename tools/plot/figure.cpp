@@ -106,8 +106,9 @@ DrawnPanel prepare(const Panel& panel) {
     drawn.y.widen(margin);
   } else {
     drawn.x.widen_by_share(panel.markers ? 0.04 : 0.0);
+    const bool starts_at_zero = panel.y.from_zero && !panel.y.logarithmic && drawn.y.low >= 0.0;
     drawn.y.widen_by_share(0.08);
-    if (panel.y.from_zero && !panel.y.logarithmic) drawn.y.low = std::min(drawn.y.low, 0.0);
+    if (starts_at_zero) drawn.y.low = 0.0;
   }
   return drawn;
 }
@@ -244,7 +245,8 @@ void draw_panel(Canvas& canvas, const DrawnPanel& drawn, const Axes& axes) {
     canvas.line(points, kReference, 6.0);
     labels.push_back({panel.reference->name, kReference, points.back()});
   }
-  for (std::size_t i = 0; i < drawn.curves.size(); ++i) {
+  // In reverse order: the first curve is drawn over the others.
+  for (std::size_t i = drawn.curves.size(); i-- > 0;) {
     if (drawn.curves[i].empty()) continue;
     const Points points = to_pixels(drawn.curves[i]);
     canvas.line(points, kCurveColours[i], 2.2);
@@ -291,7 +293,7 @@ core::Result<std::string> save_figure(const Figure& figure, const std::string& p
   for (const Panel& panel : figure.panels) {
     if (panel.curves.size() > kMaxCurves)
       return core::Error{path + ": " + std::to_string(panel.curves.size()) +
-                         " curves cannot be told apart in one picture - draw at most " +
+                         " curves cannot be distinguished in one picture - draw at most " +
                          std::to_string(kMaxCurves)};
     panels.push_back(prepare(panel));
   }

@@ -11,7 +11,7 @@
 
 namespace nilio::tools::plot {
 
-/// More curves in one panel cannot be told apart.
+/// More curves in one panel cannot be distinguished.
 inline constexpr std::size_t kMaxCurves = 8;
 
 struct Curve {
@@ -22,7 +22,7 @@ struct Curve {
 struct Axis {
   std::string label;
   bool logarithmic = false;  ///< values that are not positive are left out
-  bool from_zero = false;    ///< starts at zero or below; not for a logarithmic axis
+  bool from_zero = false;    ///< the y axis starts at zero; not for negative values or a logarithmic axis
   /// Positions and texts of the ticks; empty = round numbers.
   std::vector<std::pair<double, std::string>> ticks = {};
 };
@@ -39,7 +39,7 @@ struct Panel {
   std::vector<Eigen::Vector3f> map;  ///< x, y and height of map points
 };
 
-/// One or two panels. The second one stands beside the first, or below a top view that is larger that way.
+/// One or two panels. The second is beside the first, or below it where that makes a top view larger.
 struct Figure {
   std::vector<Panel> panels;
 };

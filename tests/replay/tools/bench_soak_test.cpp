@@ -143,5 +143,5 @@ TEST_CASE("the memory does not grow over five minutes of driving and two of stan
   const TemporaryFolder folder;
   const std::string drive = tests::simulate_town(folder, "30");
   CHECK(run_command(add_bench, {"bench", "soak", drive, "--minutes", "5", "--warm-up", "0.4"}) == 0);
-  CHECK(run_command(add_bench, {"bench", "soak", "--standing", "2"}) == 0);
+  CHECK(run_command(add_bench, {"bench", "soak", "--stationary", "2"}) == 0);
 }

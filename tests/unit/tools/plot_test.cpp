@@ -104,7 +104,7 @@ TEST_CASE("SVG text remains text, and names stand beside their curves", "[plot]"
         "panel,curve,x,y\n1,\"first\",0,1\n1,\"first\",1,2\n1,\"second\",0,1\n1,\"second\",1,2\n");
 }
 
-TEST_CASE("more curves than can be told apart are refused", "[plot]") {
+TEST_CASE("more than eight curves are refused", "[plot]") {
   const TemporaryFolder folder;
   Figure figure{{Panel{}}};
   figure.panels[0].curves.resize(kMaxCurves);

@@ -110,7 +110,7 @@ Result<std::monostate> SoakSection::stay() {
   if (!simulated) return simulated.error();
   Result<SensorDrive> drive = open_sensor_drive(folder);
   if (!drive) return drive.error();
-  return soak("standing", std::span(&*drive, 1), plan_.stationary_minutes, true);
+  return soak("stationary", std::span(&*drive, 1), plan_.stationary_minutes, true);
 }
 
 }  // namespace
@@ -144,7 +144,7 @@ Result<bool> add_soak(std::span<const SensorDrive> drives, const SoakPlan& plan,
 
 Result<bool> run_soak_bench(const SoakOptions& options) {
   if (options.drives.empty() && options.plan.stationary_minutes <= 0.0)
-    return Error{"no drive to play - give a DRIVE, or --standing MINUTES"};
+    return Error{"no drive to play - give a DRIVE, or --stationary MINUTES"};
   StopSignals signals;
   const Result<std::vector<SensorDrive>> drives = open_sensor_drives(options.drives);
   if (!drives) return drives.error();

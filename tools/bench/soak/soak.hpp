@@ -19,13 +19,13 @@ inline constexpr double kMaxGrowthKibPerMinute = 1.0;
 
 /// Rise of the fitted line that counts as level. Memory comes in pages of 4 KiB, and one page taken at any
 /// time raises the line by up to one and a half of them. Two pages (a heap that grows a little, a part of the
-/// map that was not used before) cannot be told from level memory.
+/// map that was not used before) cannot be distinguished from level memory.
 inline constexpr double kTwoPagesRiseKib = 12.0;
 
 /// Limit for a stationary vehicle: distance of the mean position of a minute from that of the first minute.
 inline constexpr double kMaxDriftM = 0.01;
 
-/// A run and its name: "moving", "standing".
+/// A run and its name: "moving", "stationary".
 struct NamedSoak {
   std::string name;
   SoakResult result;
@@ -33,8 +33,8 @@ struct NamedSoak {
 
 /// True when the memory does not grow after the warm-up. The line through the samples has to rise by at most
 /// kTwoPagesRiseKib, or its slope has to be zero within twice its standard error and below
-/// kMaxGrowthKibPerMinute; the latter only for runs long enough to tell it from two pages (twelve minutes).
-/// False with fewer than ten samples.
+/// kMaxGrowthKibPerMinute; the latter only for runs long enough to distinguish it from two pages (twelve
+/// minutes). False with fewer than ten samples.
 bool is_level(const MemorySeries& series);
 
 /// Failed requirements of a run, one line each.

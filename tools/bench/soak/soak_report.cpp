@@ -69,7 +69,7 @@ std::vector<std::string> find_faults(const SoakResult& result) {
                        std::to_string(result.poses) + " poses");
   }
   if (result.max_minute_m >= kMaxDriftM)
-    faults.push_back("standing: the mean position of a minute is " + centimetres(result.max_minute_m) +
+    faults.push_back("stationary: the mean position of a minute is " + centimetres(result.max_minute_m) +
                      " cm from that of the first");
   if (result.packets_dropped > 0)
     faults.push_back(std::to_string(result.packets_dropped) + " packets of the recording were dropped");
