@@ -11,10 +11,10 @@ namespace {
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 // Nominal costs, ns per unit on one core of a computer of 2020: used in ops mode, and in wall mode until
 // measured.
-constexpr std::array<double, kWorkKinds> kNominalCostNs = {20.0, 130.0, 60.0, 60'000.0};
+constexpr std::array<double, kWorkKindCount> kNominalCostNs = {20.0, 130.0, 60.0, 60'000.0};
 // Fixed cost of a piece of work, in units. Without it small numbers of points would look expensive, and ever
 // fewer would be chosen.
-constexpr std::array<double, kWorkKinds> kLeastUnits = {2000.0, 50.0, 200.0, 0.0};
+constexpr std::array<double, kWorkKindCount> kMinUnits = {2000.0, 50.0, 200.0, 0.0};
 // Safety margin: most iterations then cost less than predicted.
 constexpr double kMargin = 1.3;
 // Cost estimates rise with the larger gain and fall with the smaller one; a single sample is limited.
@@ -28,9 +28,9 @@ constexpr double kIterationGain = 0.05;
 constexpr double kPrepareShare = 0.5;
 constexpr double kCoarseShare = 0.25;
 // Minimum numbers of points for a useful registration.
-constexpr std::size_t kLeastScanPoints = 1000;
-constexpr std::size_t kLeastRegistrationPoints = 100;
-constexpr std::size_t kLeastRounds = 2;
+constexpr std::size_t kMinScanPoints = 1000;
+constexpr std::size_t kMinRegistrationPoints = 100;
+constexpr std::size_t kMinRounds = 2;
 
 }  // namespace
 
@@ -46,40 +46,40 @@ const char* name_of(BudgetMode mode) {
   return "unknown";
 }
 
-const char* name_of(BudgetRung rung) {
-  switch (rung) {
-    case BudgetRung::kFull:
+const char* name_of(DegradationLevel degradation_level) {
+  switch (degradation_level) {
+    case DegradationLevel::kFull:
       return "full";
-    case BudgetRung::kFewerPoints:
+    case DegradationLevel::kFewerPoints:
       return "fewer_points";
-    case BudgetRung::kIcpOnly:
+    case DegradationLevel::kIcpOnly:
       return "icp_only";
-    case BudgetRung::kNdtOnly:
+    case DegradationLevel::kNdtOnly:
       return "ndt_only";
-    case BudgetRung::kPredictionOnly:
+    case DegradationLevel::kPredictionOnly:
       return "prediction";
-    case BudgetRung::kCount:
+    case DegradationLevel::kCount:
       break;
   }
   return "unknown";
 }
 
-WorkBudget::WorkBudget(const BudgetConfig& config, ClockFunction clock)
+ComputeBudget::ComputeBudget(const BudgetConfig& config, ClockFunction clock)
     : config_(config), clock_(clock), cost_ns_(kNominalCostNs) {
   if (config_.mode == BudgetMode::kWall && clock_ == nullptr) config_.mode = BudgetMode::kOff;
 }
 
-std::int64_t WorkBudget::now_ns() const {
+std::int64_t ComputeBudget::now_ns() const {
   return config_.mode == BudgetMode::kWall && answers_ != Answers::kRepeated ? clock_() : counted_ns_;
 }
 
-std::int64_t WorkBudget::overshoot_ns() const {
+std::int64_t ComputeBudget::overshoot_ns() const {
   const std::int64_t rest =
-      config_.mode == BudgetMode::kOps ? static_cast<std::int64_t>(cost_ns(Work::kFinish)) : 0;
+      config_.mode == BudgetMode::kOps ? static_cast<std::int64_t>(cost_ns(WorkKind::kFinish)) : 0;
   return config_.mode == BudgetMode::kOff ? 0 : now_ns() + rest - deadline_ns_;
 }
 
-void WorkBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns) {
+void ComputeBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns) {
   answers_ = answers;
   begin_ns_ = begin_ns;
   deadline_ns_ = deadline_ns;
@@ -90,7 +90,7 @@ void WorkBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t dead
   choices_ = 0;
 }
 
-void WorkBudget::begin_scan(std::int64_t released_ns, bool exempt) {
+void ComputeBudget::begin_scan(std::int64_t released_ns, bool exempt) {
   decisions_ = {};
   counted_ns_ = 0;
   answers_ = Answers::kUnlimited;
@@ -101,50 +101,51 @@ void WorkBudget::begin_scan(std::int64_t released_ns, bool exempt) {
   begin(exempt ? Answers::kUnlimited : Answers::kDecided, now, deadline);
 }
 
-void WorkBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
+void ComputeBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
   decisions_ = decisions;
   counted_ns_ = 0;
   const bool was_limited = !exempt && (decisions.count_size > 0 || decisions.stop_size > 0);
   begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, 0, kNever);
 }
 
-double WorkBudget::cost_units(Work work, std::size_t units) {
-  return static_cast<double>(units) + kLeastUnits[static_cast<std::size_t>(work)];
+double ComputeBudget::cost_units(WorkKind work, std::size_t units) {
+  return static_cast<double>(units) + kMinUnits[static_cast<std::size_t>(work)];
 }
 
-std::int64_t WorkBudget::predicted_ns(Work work, std::size_t units) const {
+std::int64_t ComputeBudget::predicted_ns(WorkKind work, std::size_t units) const {
   return static_cast<std::int64_t>(kMargin * cost_ns(work) * cost_units(work, units));
 }
 
-std::int64_t WorkBudget::iteration_ns() const {
-  return static_cast<std::int64_t>(cost_ns(Work::kIcp) * cost_units(Work::kIcp, registration_points_));
+std::int64_t ComputeBudget::iteration_ns() const {
+  return static_cast<std::int64_t>(cost_ns(WorkKind::kIcp) *
+                                   cost_units(WorkKind::kIcp, registration_points_));
 }
 
 /// Deadline of this kind of work.
-std::int64_t WorkBudget::end_of(Work work) const {
-  const std::int64_t end = deadline_ns_ - predicted_ns(Work::kFinish, 1);
-  const double share = work == Work::kPrepare          ? kPrepareShare
-                       : work == Work::kNdt && coarse_ ? kPrepareShare + kCoarseShare
-                                                       : 1.0;
+std::int64_t ComputeBudget::end_of(WorkKind work) const {
+  const std::int64_t end = deadline_ns_ - predicted_ns(WorkKind::kFinish, 1);
+  const double share = work == WorkKind::kPrepare          ? kPrepareShare
+                       : work == WorkKind::kNdt && coarse_ ? kPrepareShare + kCoarseShare
+                                                           : 1.0;
   return begin_ns_ + static_cast<std::int64_t>(share * static_cast<double>(end - begin_ns_));
 }
 
-std::size_t WorkBudget::keep_choice(std::size_t chosen) {
+std::size_t ComputeBudget::keep_choice(std::size_t chosen) {
   if (decisions_.count_size < BudgetDecisions::kMaxCounts)
     decisions_.counts[decisions_.count_size++] = static_cast<std::uint32_t>(chosen);
   return decisions_.counts[decisions_.count_size - 1U];
 }
 
 /// Number of units that fit `rounds` times before `end_ns`.
-std::size_t WorkBudget::units_within(Work work, std::int64_t end_ns, std::size_t rounds,
-                                     std::size_t most) const {
+std::size_t ComputeBudget::units_within(WorkKind work, std::int64_t end_ns, std::size_t rounds,
+                                        std::size_t most) const {
   const auto left = static_cast<double>(std::max<std::int64_t>(end_ns - now_ns(), 0));
   const double fitting = left / (kMargin * cost_ns(work) * static_cast<double>(rounds)) - cost_units(work, 0);
   return static_cast<std::size_t>(std::clamp(fitting, 0.0, static_cast<double>(most)));
 }
 
-std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
-                               std::size_t most) {
+std::size_t ComputeBudget::choose(WorkKind work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
+                                  std::size_t most) {
   if (answers_ == Answers::kUnlimited) return most;
   if (answers_ == Answers::kRepeated) {
     if (decisions_.count_size == 0) return most;
@@ -155,7 +156,7 @@ std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_n
   }
   // Fewer iterations are better than no registration.
   std::size_t fits = units_within(work, end_ns, rounds, most);
-  while (fits < least && rounds > kLeastRounds) fits = units_within(work, end_ns, --rounds, most);
+  while (fits < least && rounds > kMinRounds) fits = units_within(work, end_ns, --rounds, most);
   const std::size_t chosen = fits >= most ? most : fits >= least ? fits : 0;
   short_ = short_ || chosen < most;
   // Work that is skipped gives no cost sample: lower the estimate, or the work would be skipped for ever.
@@ -163,21 +164,21 @@ std::size_t WorkBudget::choose(Work work, std::size_t rounds, std::int64_t end_n
   return std::min(keep_choice(chosen), most);
 }
 
-std::size_t WorkBudget::choose_scan_points(std::size_t most) {
-  return choose(Work::kPrepare, 1, end_of(Work::kPrepare), kLeastScanPoints, most);
+std::size_t ComputeBudget::choose_scan_points(std::size_t most) {
+  return choose(WorkKind::kPrepare, 1, end_of(WorkKind::kPrepare), kMinScanPoints, most);
 }
 
-std::size_t WorkBudget::choose_registration_points(std::size_t most, bool coarse) {
+std::size_t ComputeBudget::choose_registration_points(std::size_t most, bool coarse) {
   coarse_ = coarse;
   // Preparation is still running at this point; its share is not counted here.
-  const std::int64_t begin = std::max(end_of(coarse ? Work::kNdt : Work::kPrepare), now_ns());
-  const std::int64_t time = std::max<std::int64_t>(end_of(Work::kIcp) - begin, 0);
+  const std::int64_t begin = std::max(end_of(coarse ? WorkKind::kNdt : WorkKind::kPrepare), now_ns());
+  const std::int64_t time = std::max<std::int64_t>(end_of(WorkKind::kIcp) - begin, 0);
   const auto rounds = static_cast<std::size_t>(std::ceil(iterations_));
-  registration_points_ = choose(Work::kIcp, rounds, now_ns() + time, kLeastRegistrationPoints, most);
+  registration_points_ = choose(WorkKind::kIcp, rounds, now_ns() + time, kMinRegistrationPoints, most);
   return registration_points_;
 }
 
-bool WorkBudget::allows(Work work, std::size_t units) {
+bool ComputeBudget::allows(WorkKind work, std::size_t units) {
   if (answers_ == Answers::kUnlimited) return true;
   const std::uint16_t question = questions_++;
   const auto stops = decisions_.stops.begin();
@@ -191,13 +192,13 @@ bool WorkBudget::allows(Work work, std::size_t units) {
   return false;
 }
 
-void WorkBudget::learn(Work work, double sample_ns) {
+void ComputeBudget::learn(WorkKind work, double sample_ns) {
   double& cost = cost_ns_[static_cast<std::size_t>(work)];
   const double limited = std::clamp(sample_ns, cost / kLargestRatio, cost * kLargestRatio);
   cost += (limited > cost ? kRiseGain : kFallGain) * (limited - cost);
 }
 
-void WorkBudget::done(Work work, std::size_t units) {
+void ComputeBudget::record(WorkKind work, std::size_t units) {
   work_done_[static_cast<std::size_t>(work)] += units;
   if (units == 0) return mark_lap();
   counted_ns_ += static_cast<std::int64_t>(cost_ns(work) * cost_units(work, units));
@@ -207,12 +208,12 @@ void WorkBudget::done(Work work, std::size_t units) {
   mark_lap();
 }
 
-void WorkBudget::mark_lap() {
+void ComputeBudget::mark_lap() {
   if (config_.mode == BudgetMode::kWall && answers_ != Answers::kRepeated) lap_ns_ = now_ns();
 }
 
-void WorkBudget::finish_scan(int iterations) {
-  done(Work::kFinish, 1);
+void ComputeBudget::finish_scan(int iterations) {
+  record(WorkKind::kFinish, 1);
   if (answers_ == Answers::kUnlimited || was_short() || iterations == 0) return;
   iterations_ += kIterationGain * (static_cast<double>(iterations) - iterations_);
 }

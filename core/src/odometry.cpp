@@ -35,17 +35,17 @@ OdometryResult Odometry::State::result_for(const Scan& scan) {
   return result;
 }
 
-Odometry::State::Outlook Odometry::State::outlook(const Scan& scan) const {
-  Outlook result;
+Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan) const {
+  MotionPrior result;
   result.span = {time, scan.motion_compensated ? scan.end : scan.start, scan.end};
   result.imu_covers = imu.covers(time, scan.end - kMaxImuLag, config.max_imu_gap);
   result.imu_used = result.imu_covers && monitor.usable(time, scan.end);
-  if (result.imu_covers) result.acceleration = felt_acceleration(result);
+  if (result.imu_covers) result.acceleration = imu_acceleration(result);
   return result;
 }
 
 /// The motion `moved`, and what the samples of the IMU are corrected by.
-void Odometry::State::fill_motion(const SweepMotion& moved, OdometryResult& result) const {
+void Odometry::State::fill_motion(const MotionModel& moved, OdometryResult& result) const {
   result.twist.head<3>() = moved.body_velocity();
   result.twist.tail<3>() = moved.mean_angular_velocity();
   result.gyro_bias = gyro_bias;
@@ -54,7 +54,7 @@ void Odometry::State::fill_motion(const SweepMotion& moved, OdometryResult& resu
 
 void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   if (scans > 0) {
-    last_half_sweep = motion.half_sweep();
+    last_T_middle_end = motion.T_middle_end();
     last_sweep_s = motion.sweep_s();
   }
   time = scan.end;
@@ -62,14 +62,14 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   last_fine_iterations = static_cast<std::size_t>(result.fine_iterations);
   result.T_odom_base = T_odom_map * T_map_base;
   count_map(result);
-  drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
+  drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_error_variance);
   if (!result.predicted) registered_time = time;
-  fill_covariance({registration, prediction_square, drift.variance(), ahead.span_s(),
+  fill_covariance({registration, prediction_error_variance, drift.variance(), motion_prior.span_s(),
                    (time - registered_time).seconds()},
                   result);
   fill_motion(motion, result);
-  result.rung = rung_of(result);
-  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_base, ahead.span_s()))
+  result.degradation_level = degradation_level_of(result);
+  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_base, motion_prior.span_s()))
     result.state = TrackingState::kLost;
   T_published = T_map_base;
   published_speed = result.twist.head<3>().norm();
@@ -87,14 +87,14 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
   OdometryResult result = State::result_for(scan);
   s.stamp(result, OdometryStage::kStarted);
   s.filter_points(scan, result);
-  if (s.restart_is_due()) s.forget_map();
+  if (s.restart_is_due()) s.reset_map();
   if (s.scans == 0) {
     s.arena.execute([&] { s.start(scan, result); });
   } else {
     s.predict(scan, result);
     // The second scan tells first how fast the vehicle is, then what to select.
     if (s.scans > 1) s.select_points(s.T_predicted);
-    s.budget.done(Work::kPrepare, s.scan_points);
+    s.budget.record(WorkKind::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
     s.registration_arena().execute([&] {
       s.register_sweep(result);
@@ -102,7 +102,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
     });
     s.stamp(result, OdometryStage::kFine);
     s.judge(result);
-    s.map_is_behind = true;
+    s.map_update_pending = true;
   }
   s.finish(scan, result);
   return result;
@@ -110,51 +110,53 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
 
 OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
-  s.catch_up_with_map();
+  s.apply_pending_map_update();
   s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans);
   return register_within_budget(scan);
 }
 
 OdometryResult OdometryRuntime::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
   Odometry::State& s = *odometry_->state_;
-  s.catch_up_with_map();
+  s.apply_pending_map_update();
   s.budget.begin_scan(decisions, s.scans < kInitialScans);
   return odometry_->register_within_budget(scan);
 }
 
 void Odometry::update_map(OdometryResult& result) {
   State& s = *state_;
-  s.catch_up_with_map();
+  s.apply_pending_map_update();
   s.count_map(result);
   s.stamp(result, OdometryStage::kMapped);
 }
 
-const WorkBudget& OdometryRuntime::budget() const { return odometry_->state_->budget; }
+const ComputeBudget& OdometryRuntime::budget() const { return odometry_->state_->budget; }
 
-void OdometryRuntime::note_handed_over(const OdometryResult& result) {
+void OdometryRuntime::note_published(const OdometryResult& result) {
   odometry_->state_->budget.finish_scan(result.fine_iterations);
 }
 
 OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   const Odometry::State& s = *odometry_->state_;
   OdometryResult result = Odometry::State::result_for(scan);
-  SweepMotion motion;
-  const Odometry::State::Outlook outlook = s.outlook(scan);
-  result.imu_used = outlook.imu_used;
-  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(outlook, motion);
+  MotionModel motion;
+  const Odometry::State::MotionPrior motion_prior_for = s.motion_prior_for(scan);
+  result.imu_used = motion_prior_for.imu_used;
+  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(motion_prior_for, motion);
   result.T_odom_base = s.T_odom_map * T_map_base;
   result.predicted = true;
   s.fill_motion(motion, result);
-  result.rung = BudgetRung::kPredictionOnly;
+  result.degradation_level = DegradationLevel::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
   result.state = s.state_without_registration(1);
   if (result.state != TrackingState::kInitialising &&
       !s.is_drivable_step(T_map_base, (scan.end - s.time).seconds()))
     result.state = TrackingState::kLost;
-  fill_covariance(
-      {{}, s.prediction_square, s.drift.variance(), (scan.end - s.time).seconds(),
-       (scan.end - s.registered_time).seconds()},
-      result);
+  fill_covariance({{},
+                   s.prediction_error_variance,
+                   s.drift.variance(),
+                   (scan.end - s.time).seconds(),
+                   (scan.end - s.registered_time).seconds()},
+                  result);
   return result;
 }
 

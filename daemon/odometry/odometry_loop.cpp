@@ -66,7 +66,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.imu_used = result.imu_used;
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
-  record.degradation_level = result.rung;
+  record.degradation_level = result.degradation_level;
   record.coarse_iterations = static_cast<std::uint16_t>(std::min(result.coarse_iterations, 65535));
   record.fine_iterations = static_cast<std::uint16_t>(std::min(result.fine_iterations, 65535));
   record.points = result.points;

@@ -21,7 +21,7 @@ namespace nilio::tests {
 inline constexpr std::int64_t kDriveStartNs = 1'767'268'800'000'000'000;
 inline constexpr double kRevolutionSeconds = 0.1;
 
-/// One packet of a VLP-16 in the room, every firing cast from where the sensor is at that moment.
+/// One packet of a VLP-16 in the hall; every firing is cast from the pose of its own time.
 inline drivers::VelodyneDataPacket room_packet(const Room& room, const PoseFunction& T_world_base,
                                                const drivers::VelodyneSensor& sensor,
                                                std::int64_t packet_ns) {
@@ -80,7 +80,7 @@ inline void write_room_drive(const std::filesystem::path& folder, const PoseFunc
   }
 }
 
-/// 8 m/s, in bends as sharp as a town's: up to 23 deg/s, so that a gyro shows its worth.
+/// 8 m/s in bends as sharp as a town's, up to 23 deg/s, where a gyro beats a constant rate.
 inline core::SE3 s_curve(double t) {
   const double yaw = 0.25 * std::sin(1.6 * t);
   const double lateral = 8.0 * 0.25 / 1.6 * (1.0 - std::cos(1.6 * t));

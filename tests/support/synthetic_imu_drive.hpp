@@ -8,7 +8,7 @@
 namespace nilio::tests {
 
 /// A drive with speed and turns that change; odom is tilted, the IMU lies off the vehicle's centre, and its
-/// accelerometer has a bias and shows `scale` times what it feels.
+/// accelerometer has a bias and measures `scale` times the specific force.
 struct SyntheticImuDrive {
   core::SE3 T_base_imu{core::so3_exp(core::Vector3(0.2, -0.1, 0.4)), core::Vector3(-0.8, 0.3, 0.9)};
   Eigen::Quaterniond tilt = core::so3_exp(core::Vector3(0.02, -0.03, 0.0));

@@ -76,7 +76,7 @@ struct ScannerSettings {
   double noise_m = 0.01;
 };
 
-/// One revolution that starts at `start_s`, every column seen from where the sensor was at that moment.
+/// One revolution from `start_s`; every column is cast from the pose of its own time.
 inline core::Scan scan_room(const Room& room, const PoseFunction& T_world_base, double start_s,
                             std::uint64_t sequence, const ScannerSettings& settings = {}) {
   std::mt19937_64 generator(sequence + 1);
@@ -108,7 +108,7 @@ inline core::Scan scan_room(const Room& room, const PoseFunction& T_world_base, 
   return scan;
 }
 
-/// What an ideal IMU at base_link measures of the same motion.
+/// Sample of an ideal IMU at base_link on the same motion.
 inline core::ImuSample imu_sample(const PoseFunction& T_world_base, double time_s,
                                   const core::Vector3& gyro_bias) {
   constexpr double kStep = 1e-3;

@@ -1,6 +1,6 @@
 #include "core/src/estimation/imu_rate_odometry.hpp"
 
-#include "core/src/estimation/felt_velocity.hpp"
+#include "core/src/estimation/inertial_velocity.hpp"
 
 namespace nilio::core {
 
@@ -20,10 +20,11 @@ SE3 moved(const SE3& T, const Vector3& velocity, const Vector3& rate, double sec
 
 }  // namespace
 
-ImuPropagator::ImuPropagator(const ImuPropagatorConfig& config) : config_(config), imu_(config.capacity) {}
+ImuRateOdometry::ImuRateOdometry(const ImuRateOdometryConfig& config)
+    : config_(config), imu_(config.capacity) {}
 
-void ImuPropagator::set_scan_pose(const ScanPose& pose) {
-  if (has_pose_) learn_from(pose);
+void ImuRateOdometry::set_scan_pose(const ScanPose& pose) {
+  if (has_pose_) update_accelerometer(pose);
   scan_ = pose;
   has_pose_ = true;
   imu_time_ = pose.stamp + pose.imu_time_shift;
@@ -35,15 +36,15 @@ void ImuPropagator::set_scan_pose(const ScanPose& pose) {
 }
 
 /// Updates the accelerometer test with the span between the last scan and this one.
-void ImuPropagator::learn_from(const ScanPose& next) {
+void ImuRateOdometry::update_accelerometer(const ScanPose& next) {
   const Time from = scan_.stamp + next.imu_time_shift;
   const Time to = next.stamp + next.imu_time_shift;
   if (!scan_.imu_trusted || !next.imu_trusted || scan_.predicted || next.predicted) return;
   if (to <= from || to - from > kLongestSpan || !imu_.covers(from, to, config_.max_gap)) return;
-  AccelerometerJudge::Evidence evidence;
+  AccelerometerConsistency::Evidence evidence;
   evidence.seconds = (to - from).seconds();
   const TurnRate rate{imu_, next.gyro_bias, {}};
-  evidence.felt = felt_between(rate, from, to, scan_.T_odom_base.rotation).velocity;
+  evidence.felt = integrate_imu(rate, from, to, scan_.T_odom_base.rotation).velocity;
   const auto velocity = [&](const ScanPose& scan, Time imu_time) -> Vector3 {
     return scan.T_odom_base.rotation * (scan.linear_velocity + lever(rate.at(imu_time)));
   };
@@ -52,13 +53,15 @@ void ImuPropagator::learn_from(const ScanPose& next) {
   accelerometer_.learn(evidence);
 }
 
-Vector3 ImuPropagator::rate_at(Time imu_time) const {
+Vector3 ImuRateOdometry::rate_at(Time imu_time) const {
   return imu_.angular_velocity_at(imu_time) - scan_.gyro_bias;
 }
 
-Vector3 ImuPropagator::lever(const Vector3& rate) const { return rate.cross(config_.T_base_imu.translation); }
+Vector3 ImuRateOdometry::lever(const Vector3& rate) const {
+  return rate.cross(config_.T_base_imu.translation);
+}
 
-std::optional<PropagatedPose> ImuPropagator::add(const ImuSample& sample) {
+std::optional<PropagatedPose> ImuRateOdometry::add(const ImuSample& sample) {
   if (const auto last = imu_.latest(); last && *last - sample.stamp > kClockWasSet) imu_.clear();
   if (!imu_.add(sample, config_.T_base_imu.rotation)) return std::nullopt;
   if (!has_pose_ || sample.stamp < imu_time_) return std::nullopt;
@@ -68,7 +71,7 @@ std::optional<PropagatedPose> ImuPropagator::add(const ImuSample& sample) {
   return PropagatedPose{latest(), T_odom_base_, velocity_, angular_velocity_, age, follows_gyro_};
 }
 
-void ImuPropagator::step_to(std::size_t sample) {
+void ImuRateOdometry::step_to(std::size_t sample) {
   const BaseImuSample& to = imu_[sample];
   const Duration step = to.stamp - imu_time_;
   const Duration gap = sample > 0 ? to.stamp - imu_[sample - 1].stamp : step;
@@ -82,7 +85,7 @@ void ImuPropagator::step_to(std::size_t sample) {
   imu_time_ = to.stamp;
 }
 
-void ImuPropagator::follow_gyro(Time to) {
+void ImuRateOdometry::follow_gyro(Time to) {
   const Duration step = to - imu_time_;
   const Time middle = imu_time_ + step / 2;
   const Vector3 rate = rate_at(middle);
@@ -95,14 +98,15 @@ void ImuPropagator::follow_gyro(Time to) {
   T_odom_base_ = moved(before, velocity_, rate, step.seconds());
   // dv_imu = (R f - g) dt at the IMU; base_link's velocity follows by the lever arm.
   const Eigen::Quaterniond half = before.rotation * so3_exp(rate * (0.5 * step.seconds()));
-  const Vector3 change = (half * imu_.specific_force_at(middle) - accelerometer_.support()) * step.seconds();
+  const Vector3 change =
+      (half * imu_.specific_force_at(middle) - accelerometer_.gravity_bias()) * step.seconds();
   const Vector3 moving = before.rotation * (velocity_ + lever(rate_at(imu_time_))) + change;
   const Vector3 held = T_odom_base_.rotation * velocity_;
   velocity_ = T_odom_base_.rotation.conjugate() * moving - lever(angular_velocity_);
   T_odom_base_.translation += 0.5 * step.seconds() * (T_odom_base_.rotation * velocity_ - held);
 }
 
-SE3 ImuPropagator::pose_near(Time time) const {
+SE3 ImuRateOdometry::pose_near(Time time) const {
   return moved(T_odom_base_, velocity_, angular_velocity_, (time - latest()).seconds());
 }
 

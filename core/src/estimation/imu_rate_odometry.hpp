@@ -4,7 +4,7 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 
-#include "core/src/estimation/accelerometer_judge.hpp"
+#include "core/src/estimation/accelerometer_consistency.hpp"
 #include "core/src/estimation/imu_buffer.hpp"
 
 #include <cstddef>
@@ -34,7 +34,7 @@ struct PropagatedPose {
   bool follows_gyro = false;                   ///< over the whole span since the scan pose
 };
 
-struct ImuPropagatorConfig {
+struct ImuRateOdometryConfig {
   SE3 T_base_imu;
   /// A longer gap between samples is bridged at the scan's constant twist.
   Duration max_gap = Duration::from_milliseconds(150.0);
@@ -45,12 +45,12 @@ struct ImuPropagatorConfig {
 };
 
 /// Propagates the last scan pose with every IMU sample: rotation from the gyro minus its bias, velocity from
-/// the accelerometer where that passed its consistency test (AccelerometerJudge), else constant in the
+/// the accelerometer where that passed its consistency test (AccelerometerConsistency), else constant in the
 /// vehicle's axes. Without an accepted IMU the scan's twist is constant. Allocates only at construction. Not
 /// thread-safe.
-class ImuPropagator {
+class ImuRateOdometry {
  public:
-  explicit ImuPropagator(const ImuPropagatorConfig& config);
+  explicit ImuRateOdometry(const ImuRateOdometryConfig& config);
 
   /// Sets a newer scan pose and repropagates the samples after it.
   void set_scan_pose(const ScanPose& pose);
@@ -68,14 +68,14 @@ class ImuPropagator {
   [[nodiscard]] bool follows_accelerometer() const { return accelerometer_.helps(); }
 
  private:
-  void learn_from(const ScanPose& next);
+  void update_accelerometer(const ScanPose& next);
   void step_to(std::size_t sample);
   void follow_gyro(Time to);
   [[nodiscard]] Vector3 rate_at(Time imu_time) const;
   /// Lever-arm velocity of the IMU, in base_link.
   [[nodiscard]] Vector3 lever(const Vector3& rate) const;
 
-  ImuPropagatorConfig config_;
+  ImuRateOdometryConfig config_;
   ImuBuffer imu_;  ///< stamps as the IMU gave them
   bool has_pose_ = false;
   ScanPose scan_;
@@ -84,7 +84,7 @@ class ImuPropagator {
   Vector3 velocity_ = Vector3::Zero();  ///< in base_link
   Vector3 angular_velocity_ = Vector3::Zero();
   bool follows_gyro_ = false;
-  AccelerometerJudge accelerometer_;
+  AccelerometerConsistency accelerometer_;
 };
 
 /// Covariance (position then rotation, odom axes) `age` after a scan with covariances `pose` and `twist`

@@ -7,14 +7,14 @@ namespace nilio::core {
 namespace {
 
 // What is not known better than by scans alone, and of what stands.
-constexpr double kLeastVelocityVariance = 0.1 * 0.1;
-constexpr double kLeastSupportVariance = 0.01 * 0.01;
+constexpr double kMinVelocityVariance = 0.1 * 0.1;
+constexpr double kMinGravityBiasVariance = 0.01 * 0.01;
 constexpr double kStandingSpeedVariance = 0.02 * 0.02;
 
 }  // namespace
 
-void Odometry::State::set_rotation(const SweepMotion::Span& target_span, bool with_imu,
-                                   const Vector6& expected, SweepMotion& target) const {
+void Odometry::State::set_rotation(const MotionModel::Span& target_span, bool with_imu,
+                                   const Vector6& expected, MotionModel& target) const {
   if (with_imu) {
     target.set_rotation_from_imu(target_span, imu, gyro_bias);
   } else {
@@ -29,68 +29,68 @@ TurnRate Odometry::State::turn_rate(bool by_gyro) const {
 }
 
 /// What the accelerometer says of the time from the middle of the last sweep to that of the next one.
-std::optional<Vector3> Odometry::State::felt_acceleration(const Outlook& next) const {
-  const SweepMotion::Span& span = next.span;
+std::optional<Vector3> Odometry::State::imu_acceleration(const MotionPrior& next) const {
+  const MotionModel::Span& span = next.span;
   const Time from = span.previous - Duration::from_seconds(0.5 * last_sweep_s);
   if (!monitor.force_usable(from)) return std::nullopt;
-  return felt_velocity.acceleration(turn_rate(next.imu_used), from, span.end - (span.end - span.start) / 2,
-                                    T_map_base.rotation * last_half_sweep.rotation.conjugate(),
-                                    twist.twist().head<3>());
+  return inertial_velocity.acceleration(
+      turn_rate(next.imu_used), from, span.end - (span.end - span.start) / 2,
+      T_map_base.rotation * last_T_middle_end.rotation.conjugate(), twist.twist().head<3>());
 }
 
 /// What stands is held still and shows what its accelerometer feels while it does.
-bool Odometry::State::stands_since_start() {
-  if (is_felt()) {
-    const Time end = ahead.span.end;
-    return standing_start.observe(imu_statistics(imu, end - StandingStart::kWindow, end),
-                                  T_map_base.translation);
+bool Odometry::State::detect_static_start() {
+  if (accelerometer_observes_motion()) {
+    const Time end = motion_prior.span.end;
+    return static_initialization.observe(imu_statistics(imu, end - StaticInitialization::kWindow, end),
+                                         T_map_base.translation);
   }
-  if (scans >= kInitialScans) standing_start.end();
+  if (scans >= kInitialScans) static_initialization.end();
   return false;
 }
 
 /// How exact the prediction is where the accelerometer carries it on.
-void Odometry::State::advance_felt_motion() {
-  if (ahead.stands) {
-    felt_motion.begin({kStandingSpeedVariance, kStandingSupportVariance});
+void Odometry::State::propagate_motion_filter() {
+  if (motion_prior.stands) {
+    motion_filter.begin({kStandingSpeedVariance, kStationaryGravityBiasVariance});
     return;
   }
-  const AccelerometerJudge& judge = felt_velocity.judge();
+  const AccelerometerConsistency& judge = inertial_velocity.consistency();
   const double seconds = motion.between_s(last_sweep_s);
-  if (!ahead.acceleration || !felt_motion.has_begun()) {
-    const double by_error = prediction_square.head<3>().maxCoeff() / (seconds * seconds);
-    felt_motion.begin({std::max({kLeastVelocityVariance, judge.velocity_variance(), by_error}),
-                       std::max(kLeastSupportVariance, judge.support_variance())});
+  if (!motion_prior.acceleration || !motion_filter.has_begun()) {
+    const double by_error = prediction_error_variance.head<3>().maxCoeff() / (seconds * seconds);
+    motion_filter.begin({std::max({kMinVelocityVariance, judge.velocity_variance(), by_error}),
+                         std::max(kMinGravityBiasVariance, judge.gravity_bias_variance())});
   }
-  felt_motion.advance(seconds, seconds * motion.mean_angular_velocity().z());
+  motion_filter.advance(seconds, seconds * motion.mean_angular_velocity().z());
 }
 
 /// Between the middles of the last sweep and of this one.
 TwistStep Odometry::State::measured_step() const {
   const double seconds = motion.between_s(last_sweep_s);
   const Matrix3 R = T_predicted.rotation.toRotationMatrix();
-  return {seconds, ahead.acceleration, seconds * felt_motion.velocity_gain(R)};
+  return {seconds, motion_prior.acceleration, seconds * motion_filter.velocity_gain(R)};
 }
 
 /// Over the middle of the span, which the prediction is for.
-Vector6 Odometry::State::expected_twist(const Outlook& next) const {
+Vector6 Odometry::State::expected_twist(const MotionPrior& next) const {
   return twist.predict({next.span_s(), next.acceleration});
 }
 
-SE3 Odometry::State::expected_pose(const Outlook& next, SweepMotion& target) const {
+SE3 Odometry::State::expected_pose(const MotionPrior& next, MotionModel& target) const {
   const Vector6 expected = expected_twist(next);
   set_rotation(next.span, next.imu_used, expected, target);
   return T_map_base * target.predict(expected.head<3>());
 }
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
-  ahead = outlook(scan);
-  relocated = failures > 0;
-  ahead.stands = stands_since_start();
-  if (is_held_still()) ahead.acceleration = Vector3::Zero();
-  T_predicted = expected_pose(ahead, motion);
-  advance_felt_motion();
-  result.imu_used = ahead.imu_used;
+  motion_prior = motion_prior_for(scan);
+  relocalized = failures > 0;
+  motion_prior.stands = detect_static_start();
+  if (applies_zero_velocity_update()) motion_prior.acceleration = Vector3::Zero();
+  T_predicted = expected_pose(motion_prior, motion);
+  propagate_motion_filter();
+  result.imu_used = motion_prior.imu_used;
 }
 
 }  // namespace nilio::core

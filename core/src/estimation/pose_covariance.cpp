@@ -29,15 +29,15 @@ Vector6 predicted_variance(double seconds) {
 
 }  // namespace
 
-void UnobservedDrift::advance(std::uint8_t weak_axes, const Vector6& prediction_square) {
+void UnobservedDrift::advance(std::uint8_t weak_axes, const Vector6& prediction_error_variance) {
   for (int i = 0; i < 6; ++i) {
     if ((weak_axes >> i & 1) == 0) {
       position_[i] = cross_[i] = velocity_[i] = 0.0;
       continue;
     }
-    position_[i] += 2.0 * cross_[i] + velocity_[i] + prediction_square[i];
-    cross_[i] += velocity_[i] + prediction_square[i];
-    velocity_[i] += prediction_square[i];
+    position_[i] += 2.0 * cross_[i] + velocity_[i] + prediction_error_variance[i];
+    cross_[i] += velocity_[i] + prediction_error_variance[i];
+    velocity_[i] += prediction_error_variance[i];
   }
 }
 
@@ -54,7 +54,7 @@ void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
     information.diagonal().head<3>().array() += 1.0 / kUnobservedTranslation;
     information.diagonal().tail<3>().array() += 1.0 / kUnobservedRotation;
     covariance += information.inverse();
-    covariance.diagonal() += kDeskewShare * kDeskewShare * evidence.prediction_square;
+    covariance.diagonal() += kDeskewShare * kDeskewShare * evidence.prediction_error_variance;
     covariance.diagonal() += evidence.drift;
   }
   const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());

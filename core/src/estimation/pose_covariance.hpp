@@ -13,7 +13,7 @@ class UnobservedDrift {
  public:
   /// After each scan; an axis that is not weak is known again. Bits and axes as in
   /// RegistrationResult::degenerate_axes.
-  void advance(std::uint8_t weak_axes, const Vector6& prediction_square);
+  void advance(std::uint8_t weak_axes, const Vector6& prediction_error_variance);
   /// m^2, rad^2.
   [[nodiscard]] const Vector6& variance() const { return position_; }
 
@@ -27,7 +27,7 @@ class UnobservedDrift {
 struct PoseEvidence {
   const RegistrationResult& registration;
   /// Mean square of what registration corrected the last predictions by, in axes of base_link; m^2, rad^2.
-  const Vector6& prediction_square;
+  const Vector6& prediction_error_variance;
   /// Of axes that the scans have not shown lately.
   Vector6 drift = Vector6::Zero();
   double span_s = 0.0;       ///< since the previous pose
@@ -36,8 +36,8 @@ struct PoseEvidence {
 
 /// Fills pose and twist covariance of a result whose pose is set: the inverse of the information matrix times
 /// the residual variance; what deskewing with a motion that has changed since does to a scan; floors for what
-/// neither shows (calibration, map noise). Along axes that are not observed the variance grows with every such
-/// pose, for poses that are only predicted with the time since the last registered one.
+/// neither shows (calibration, map noise). Along axes that are not observed the variance grows with every
+/// such pose, for poses that are only predicted with the time since the last registered one.
 void fill_covariance(const PoseEvidence& evidence, OdometryResult& result);
 
 }  // namespace nilio::core

@@ -15,7 +15,7 @@ void work_off(Vector3& left, double max_slew, Duration settle, double seconds) {
 
 }  // namespace
 
-PoseCorrection PoseSmoother::correct(const SE3& before, const SE3& after) {
+PoseCorrection PoseSlewLimiter::correct(const SE3& before, const SE3& after) {
   translation_ += before.translation - after.translation;
   rotation_ = so3_log(so3_exp(rotation_) * before.rotation * after.rotation.conjugate());
   PoseCorrection correction{translation_.norm(), rotation_.norm(), false};
@@ -28,7 +28,7 @@ PoseCorrection PoseSmoother::correct(const SE3& before, const SE3& after) {
   return correction;
 }
 
-SE3 PoseSmoother::smooth(const SE3& propagated, Duration since) {
+SE3 PoseSlewLimiter::smooth(const SE3& propagated, Duration since) {
   work_off(translation_, limits_.max_slew_m_s, limits_.settle, since.seconds());
   work_off(rotation_, limits_.max_slew_rad_s, limits_.settle, since.seconds());
   return {(so3_exp(rotation_) * propagated.rotation).normalized(), propagated.translation + translation_};

@@ -28,9 +28,9 @@ struct PoseCorrection {
 /// Keeps a published pose from jumping when the state that it is propagated from is corrected: the residual
 /// correction decays. Between two published poses it changes by at most the limits times their difference in
 /// time, which bounds the error of the published motion. Not thread-safe.
-class PoseSmoother {
+class PoseSlewLimiter {
  public:
-  explicit PoseSmoother(const PoseSlewLimits& limits) : limits_(limits) {}
+  explicit PoseSlewLimiter(const PoseSlewLimits& limits) : limits_(limits) {}
 
   /// The propagated pose of one instant changed from `before` to `after`.
   PoseCorrection correct(const SE3& before, const SE3& after);

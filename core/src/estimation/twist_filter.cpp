@@ -7,8 +7,8 @@ namespace nilio::core {
 
 namespace {
 
-constexpr double kLeastGain = 0.2;
-constexpr double kMostGain = 0.9;
+constexpr double kMinGain = 0.2;
+constexpr double kMaxGain = 0.9;
 // How fast the gain follows, and over how many innovations their usual size is taken.
 constexpr double kGainStep = 0.1;
 constexpr double kMemory = 0.9;
@@ -49,7 +49,7 @@ TwistFilter::Gains TwistFilter::gains(const Vector6& share, const TwistStep& ste
     gains.twist[i] = gain + 0.5 * gains.slope[i];
   }
   if (step.acceleration) {
-    gains.twist.head<3>() = step.felt_gain.cwiseMax(0.0).cwiseMin(1.0);
+    gains.twist.head<3>() = step.velocity_gain.cwiseMax(0.0).cwiseMin(1.0);
     gains.slope.head<3>().setZero();
   }
   return gains;
@@ -81,7 +81,7 @@ void TwistFilter::learn(const Vector6& mean, const Vector6& share, const TwistSt
   for (int i = 0; i < 6; ++i) {
     const double correlation =
         square_[i] > 0.0 ? std::clamp(error[i] * last_[i] / square_[i], -2.0, 2.0) : 0.0;
-    gain_[i] = std::clamp(gain_[i] * std::exp(kGainStep * correlation), kLeastGain, kMostGain);
+    gain_[i] = std::clamp(gain_[i] * std::exp(kGainStep * correlation), kMinGain, kMaxGain);
   }
   square_ = kMemory * square_ + (1.0 - kMemory) * error.cwiseAbs2();
   last_ = error;

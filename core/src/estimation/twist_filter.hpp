@@ -12,7 +12,7 @@ struct TwistStep {
   double seconds = 0.0;
   std::optional<Vector3> acceleration;
   /// Part of a mean velocity's error by which a felt velocity is corrected, 0 to 1 along each axis.
-  Vector3 felt_gain = Vector3::Zero();
+  Vector3 velocity_gain = Vector3::Zero();
 };
 
 /// Twist of base_link in its own axes (linear m/s, then angular rad/s) and how it changes, from noisy
@@ -21,7 +21,7 @@ struct TwistStep {
 /// and its gain falls. Where a registration followed the prediction instead of the scan, it says nothing new:
 /// the gain is bounded by what an alpha-beta filter makes of a place that is known to that share, and the
 /// change of the twist is forgotten. Where the change is felt, nothing of it is learnt, and the gain is given
-/// (FeltMotionFilter).
+/// (MotionFilter).
 class TwistFilter {
  public:
   /// Starts anew from a twist that is simply believed.

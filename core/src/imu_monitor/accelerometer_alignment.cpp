@@ -13,8 +13,8 @@ namespace {
 
 constexpr double kMemory = 1.0 - 1.0 / 600.0;
 constexpr double kSteadyMemory = 1.0 - 1.0 / 100.0;
-constexpr double kLeastWeight = 50.0;
-constexpr double kLeastSteadyWeight = 30.0;
+constexpr double kMinWeight = 50.0;
+constexpr double kMinSteadyWeight = 30.0;
 constexpr double kSteadyAcceleration = 1.0;
 constexpr double kUnevenness = 0.1;
 constexpr double kLargestMountingSigma = 1.0 * std::numbers::pi / 180.0;
@@ -23,11 +23,11 @@ constexpr double kOverlap = 10.0;
 
 }  // namespace
 
-const ForceFit::Record& ForceFit::record(std::size_t i) const {
+const AccelerometerAlignment::Record& AccelerometerAlignment::record(std::size_t i) const {
   return records_[(next_ + i) % records_.size()];
 }
 
-bool ForceFit::evenly_spaced() const {
+bool AccelerometerAlignment::evenly_spaced() const {
   const double mean = (record(2 * kSpan).time - record(0).time).seconds() / (2.0 * kSpan);
   for (std::size_t i = 0; i < 2 * kSpan; ++i) {
     const double interval = (record(i + 1).time - record(i).time).seconds();
@@ -36,14 +36,15 @@ bool ForceFit::evenly_spaced() const {
   return true;
 }
 
-void ForceFit::add(Time time, const SE3& T_odom_base, const Vector3& imu_position, const Vector3& force) {
+void AccelerometerAlignment::add(Time time, const SE3& T_odom_base, const Vector3& imu_position,
+                                 const Vector3& force) {
   records_[next_] = {time, T_odom_base.rotation.toRotationMatrix(), imu_position, force};
   next_ = (next_ + 1) % records_.size();
   count_ = std::min(count_ + 1, records_.size());
   if (count_ == records_.size() && evenly_spaced()) learn();
 }
 
-void ForceFit::learn() {
+void AccelerometerAlignment::learn() {
   const double span = 0.5 * (record(2 * kSpan).time - record(0).time).seconds();
   const Vector3 acceleration =
       (record(2 * kSpan).position - 2.0 * record(kSpan).position + record(0).position) / (span * span);
@@ -64,20 +65,20 @@ void ForceFit::learn() {
   right_side_ = kMemory * right_side_ + design.transpose() * target;
   squares_ = kMemory * squares_ + target.squaredNorm();
   weight_ = kMemory * weight_ + 1.0;
-  learn_steady(acceleration);
+  update_steady(acceleration);
 }
 
-void ForceFit::learn_steady(const Vector3& acceleration) {
+void AccelerometerAlignment::update_steady(const Vector3& acceleration) {
   if (acceleration.norm() > kSteadyAcceleration) return;
   steady_ = kSteadyMemory * steady_ + record(2 * kSpan).force;
   steady_weight_ = kSteadyMemory * steady_weight_ + 1.0;
 }
 
-ForceEstimate ForceFit::estimate() const {
-  ForceEstimate result;
-  result.steady_known = steady_weight_ >= kLeastSteadyWeight;
+AccelerometerAlignmentEstimate AccelerometerAlignment::estimate() const {
+  AccelerometerAlignmentEstimate result;
+  result.steady_known = steady_weight_ >= kMinSteadyWeight;
   if (result.steady_known) result.steady = steady_ / steady_weight_;
-  if (weight_ < kLeastWeight) return result;
+  if (weight_ < kMinWeight) return result;
   const Eigen::LDLT<Matrix6> solver(information_ + 1e-6 * Matrix6::Identity());
   const Vector6 solution = solver.solve(right_side_);
   const Matrix6 inverse = solver.solve(Matrix6::Identity());

@@ -10,7 +10,7 @@
 
 namespace nilio::core {
 
-struct ForceEstimate {
+struct AccelerometerAlignmentEstimate {
   /// Rotation vector from the measured to the true specific force in base_link, rad; unobserved components
   /// are 0.
   Vector3 mounting = Vector3::Zero();
@@ -23,14 +23,14 @@ struct ForceEstimate {
 /// Fits the accelerometer's mounting to the acceleration of the registered positions. The direction of
 /// gravity in odom is estimated jointly, so that neither a slope at the start nor a wrongly levelled odom
 /// frame is mistaken for a mounting error. Small angles; memory of one minute.
-class ForceFit {
+class AccelerometerAlignment {
  public:
   /// Adds a registered pose, the IMU's position in odom, and the mean specific force since the previous pose
   /// in axes of base_link.
   void add(Time time, const SE3& T_odom_base, const Vector3& imu_position, const Vector3& force);
   /// Marks a discontinuity: positions before and after it are not compared.
   void interrupt() { count_ = 0; }
-  [[nodiscard]] ForceEstimate estimate() const;
+  [[nodiscard]] AccelerometerAlignmentEstimate estimate() const;
 
  private:
   /// Scans between the positions of one difference: position noise must be small against 1 m/s^2.
@@ -46,7 +46,7 @@ class ForceFit {
   [[nodiscard]] const Record& record(std::size_t i) const;
   [[nodiscard]] bool evenly_spaced() const;
   void learn();
-  void learn_steady(const Vector3& acceleration);
+  void update_steady(const Vector3& acceleration);
 
   std::array<Record, 2 * kSpan + 1> records_{};
   std::size_t next_ = 0;

@@ -156,7 +156,7 @@ void set_flag_row(ImuHealth& health, ImuCheck check, double value) {
   judge(row, value > 0.0 ? ImuCheckState::kBad : ImuCheckState::kOk, 0.0);
 }
 
-void forget_row(ImuHealth& health, ImuCheck check) {
+void clear_row(ImuHealth& health, ImuCheck check) {
   health.rows[static_cast<std::size_t>(check)].state = ImuCheckState::kUnknown;
 }
 
@@ -177,7 +177,7 @@ void note_axis(const Vector3& gyro, const Vector3& registered, ImuHealth& health
       static_cast<std::int8_t>(sign * (static_cast<int>(to) + 1));
 }
 
-void fill_axes(const RotationEstimate& estimate, ImuHealth& health) {
+void fill_axes(const GyroAlignmentEstimate& estimate, ImuHealth& health) {
   double worst = 0.0;
   double worst_sigma = 0.0;
   health.measured_on = {};
@@ -193,7 +193,7 @@ void fill_axes(const RotationEstimate& estimate, ImuHealth& health) {
   set_row(health, ImuCheck::kGyroAxes, worst, worst_sigma);
 }
 
-void fill_mounting(const RotationEstimate& estimate, ImuHealth& health) {
+void fill_mounting(const GyroAlignmentEstimate& estimate, ImuHealth& health) {
   double worst = 0.0;
   double worst_sigma = 0.0;
   for (std::size_t k = 0; k < estimate.observed; ++k) {
@@ -208,10 +208,10 @@ void fill_mounting(const RotationEstimate& estimate, ImuHealth& health) {
 
 }  // namespace
 
-void fill_directions(const RotationEstimate& estimate, ImuHealth& health) {
+void fill_directions(const GyroAlignmentEstimate& estimate, ImuHealth& health) {
   if (estimate.observed == 0) {
     for (const ImuCheck check : {ImuCheck::kGyroAxes, ImuCheck::kGyroMounting, ImuCheck::kGyroScale})
-      forget_row(health, check);
+      clear_row(health, check);
     return;
   }
   fill_axes(estimate, health);
@@ -221,7 +221,7 @@ void fill_directions(const RotationEstimate& estimate, ImuHealth& health) {
   if (estimate.time_offset_known || scale > kOtherUnit || scale * kOtherUnit < 1.0)
     set_row(health, ImuCheck::kGyroScale, scale, strongest.angle_sigma * scale);
   if (health[ImuCheck::kGyroAxes].state == ImuCheckState::kBad) {
-    forget_row(health, ImuCheck::kGyroMounting);
+    clear_row(health, ImuCheck::kGyroMounting);
   } else if (estimate.time_offset_known) {
     fill_mounting(estimate, health);
   }

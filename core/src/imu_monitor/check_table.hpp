@@ -11,10 +11,10 @@ void set_row(ImuHealth& health, ImuCheck check, double value, double sigma = 0.0
 /// Sets a row that is bad whenever its value is not 0.
 void set_flag_row(ImuHealth& health, ImuCheck check, double value);
 /// Marks the value as unknown.
-void forget_row(ImuHealth& health, ImuCheck check);
+void clear_row(ImuHealth& health, ImuCheck check);
 
 /// Fills axes, mounting and scale from the observed directions.
-void fill_directions(const RotationEstimate& estimate, ImuHealth& health);
+void fill_directions(const GyroAlignmentEstimate& estimate, ImuHealth& health);
 
 /// The bad row that forbids using the gyro, causes before consequences; kCount = none.
 ImuCheck find_obstacle(const ImuHealth& health);

@@ -16,10 +16,10 @@ namespace {
 constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
 // One minute of turning at 10 Hz.
 constexpr double kMemory = 1.0 - 1.0 / 600.0;
-constexpr double kLeastWeight = 20.0;
+constexpr double kMinWeight = 20.0;
 // The onset of a turn alone fits many shifts.
-constexpr double kLeastWeightForOffset = 60.0;
-constexpr double kLeastWeightAtEdge = 100.0;
+constexpr double kMinWeightForOffset = 60.0;
+constexpr double kMinWeightAtEdge = 100.0;
 // Variance that keeps directions without motion out of the fit, (0.06 deg/s)^2.
 constexpr double kRidge = 1e-6;
 constexpr double kLargestAngleSigma = 1.5 * kRadiansPerDegree;
@@ -27,11 +27,11 @@ constexpr double kLargestAngleSigma = 1.5 * kRadiansPerDegree;
 constexpr double kStrongShare = 0.1;
 constexpr double kLargestOffsetSigma = 3e-3;
 // Share of the registered rotation that the gyro must explain before its time offset is used.
-constexpr double kLeastExplained = 0.8;
+constexpr double kMinExplained = 0.8;
 
 }  // namespace
 
-void RotationFit::add(const Vector3& registered, const std::array<Vector3, kTimeShifts>& gyro) {
+void GyroAlignment::add(const Vector3& registered, const std::array<Vector3, kTimeShifts>& gyro) {
   double fastest = registered.norm();
   for (const Vector3& rate : gyro) fastest = std::max(fastest, rate.norm());
   if (fastest < kTurningRate) return;
@@ -46,27 +46,27 @@ void RotationFit::add(const Vector3& registered, const std::array<Vector3, kTime
   }
 }
 
-RotationFit::Covariances RotationFit::covariances(std::size_t shift) const {
+GyroAlignment::Covariances GyroAlignment::covariances(std::size_t shift) const {
   const Sums& s = sums_[shift];
   const double inverse = 1.0 / weight_;
   const Vector3 g = s.g * inverse;
   return {s.gg * inverse - g * g.transpose(), s.rg * inverse - r_ * inverse * g.transpose()};
 }
 
-double RotationFit::registered_variance() const { return rr_ / weight_ - (r_ / weight_).squaredNorm(); }
+double GyroAlignment::registered_variance() const { return rr_ / weight_ - (r_ / weight_).squaredNorm(); }
 
-double RotationFit::residual(std::size_t shift) const {
+double GyroAlignment::residual(std::size_t shift) const {
   const Covariances c = covariances(shift);
   const Matrix3 inverse = (c.gg + kRidge * Matrix3::Identity()).inverse();
   return registered_variance() - (c.rg * inverse * c.rg.transpose()).trace();
 }
 
-void RotationFit::estimate_offset(std::size_t best, double least, RotationEstimate& result) const {
-  const bool explains = least < (1.0 - kLeastExplained) * registered_variance();
+void GyroAlignment::estimate_offset(std::size_t best, double least, GyroAlignmentEstimate& result) const {
+  const bool explains = least < (1.0 - kMinExplained) * registered_variance();
   result.time_offset_s = shift_at(best).seconds();
   if (best == 0 || best + 1 == kTimeShifts) {
     result.time_offset_sigma_s = kShiftStep.seconds();
-    result.time_offset_known = explains && weight_ > kLeastWeightAtEdge;
+    result.time_offset_known = explains && weight_ > kMinWeightAtEdge;
     result.time_offset_found = result.time_offset_known;
     return;
   }
@@ -79,10 +79,10 @@ void RotationFit::estimate_offset(std::size_t best, double least, RotationEstima
   result.time_offset_sigma_s = step * std::sqrt(2.0 * least / (3.0 * weight_ * bend));
   result.time_offset_found = explains && result.time_offset_sigma_s < 2.0 * kLargestOffsetSigma;
   result.time_offset_known =
-      explains && weight_ > kLeastWeightForOffset && result.time_offset_sigma_s < kLargestOffsetSigma;
+      explains && weight_ > kMinWeightForOffset && result.time_offset_sigma_s < kLargestOffsetSigma;
 }
 
-void RotationFit::find_directions(std::size_t best, double least, RotationEstimate& result) const {
+void GyroAlignment::find_directions(std::size_t best, double least, GyroAlignmentEstimate& result) const {
   const Covariances c = covariances(best);
   const Eigen::SelfAdjointEigenSolver<Matrix3> solver(c.gg);
   for (Eigen::Index k = 2; k >= 0; --k) {
@@ -97,9 +97,9 @@ void RotationFit::find_directions(std::size_t best, double least, RotationEstima
   }
 }
 
-RotationEstimate RotationFit::estimate() const {
-  RotationEstimate result;
-  if (weight_ < kLeastWeight) return result;
+GyroAlignmentEstimate GyroAlignment::estimate() const {
+  GyroAlignmentEstimate result;
+  if (weight_ < kMinWeight) return result;
   std::size_t best = 0;
   double least = residual(0);
   for (std::size_t i = 1; i < kTimeShifts; ++i) {

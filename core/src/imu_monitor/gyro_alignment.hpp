@@ -24,7 +24,7 @@ struct ObservedDirection {
   bool strong = false;                   ///< exact enough for small angles
 };
 
-struct RotationEstimate {
+struct GyroAlignmentEstimate {
   std::array<ObservedDirection, 3> directions{};  ///< the first `observed`, strongest first
   std::size_t observed = 0;
   /// Shift of best agreement between gyro and registration, s, with its standard deviation; +-0.15 may mean
@@ -40,11 +40,11 @@ struct RotationEstimate {
 /// absorbs the gyro's bias, the shift with the smallest residual is the time offset, and A on the excited
 /// directions gives axes, mounting and scale. Forgetting counts scans that turn, not time, so that a straight
 /// road forgets nothing.
-class RotationFit {
+class GyroAlignment {
  public:
   /// Adds the mean rates over one scan, rad/s: the registered one, and the gyro's for each shift.
   void add(const Vector3& registered, const std::array<Vector3, kTimeShifts>& gyro);
-  [[nodiscard]] RotationEstimate estimate() const;
+  [[nodiscard]] GyroAlignmentEstimate estimate() const;
 
  private:
   struct Sums {
@@ -59,8 +59,8 @@ class RotationFit {
   [[nodiscard]] Covariances covariances(std::size_t shift) const;
   [[nodiscard]] double registered_variance() const;
   [[nodiscard]] double residual(std::size_t shift) const;
-  void estimate_offset(std::size_t best, double least, RotationEstimate& result) const;
-  void find_directions(std::size_t best, double least, RotationEstimate& result) const;
+  void estimate_offset(std::size_t best, double least, GyroAlignmentEstimate& result) const;
+  void find_directions(std::size_t best, double least, GyroAlignmentEstimate& result) const;
 
   std::array<Sums, kTimeShifts> sums_{};
   Vector3 r_ = Vector3::Zero();

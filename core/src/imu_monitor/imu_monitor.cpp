@@ -14,12 +14,12 @@ namespace {
 // Memory of the bias in scans; above the calm rate, errors of scale and mounting would look like bias.
 constexpr double kBiasMemory = 1.0 - 1.0 / 200.0;
 constexpr double kCalmRate = 1.0 / kDegreesPerRadian;
-constexpr double kLeastBiasWeight = 10.0;
+constexpr double kMinBiasWeight = 10.0;
 // Longer motions span more than one scan.
 constexpr double kLongestMotion = 0.35;
 // An offset estimated from scans deskewed without the gyro is wrong by up to a tenth of a scan, so the
 // correction is repeated until the remainder is below this.
-constexpr double kLeastShiftSeconds = 0.002;
+constexpr double kMinShiftSeconds = 0.002;
 constexpr double kShiftSigmas = 3.0;
 constexpr double kLargestTotalShiftSeconds = 0.15;
 
@@ -77,7 +77,7 @@ bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const R
   if (!covered) {
     skip();
   } else {
-    judge_rotation(imu, gyro_bias, motion);
+    compare_with_registration(imu, gyro_bias, motion);
     pending_[(first_pending_ + pending_count_) % kPending] = motion;
     if (pending_count_ < kPending) {
       ++pending_count_;
@@ -85,12 +85,12 @@ bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const R
       first_pending_ = (first_pending_ + 1) % kPending;
     }
   }
-  learn_pending(imu);
+  process_pending(imu);
   return fill_table(motion.to);
 }
 
-void ImuMonitor::judge_rotation(const ImuBuffer& imu, const Vector3& gyro_bias,
-                                const RegisteredMotion& motion) {
+void ImuMonitor::compare_with_registration(const ImuBuffer& imu, const Vector3& gyro_bias,
+                                           const RegisteredMotion& motion) {
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to);
   const Vector3 registered = motion.mean_rate();
   const bool sound = signal_is_sound(motion.from, motion.to);
@@ -107,21 +107,21 @@ void ImuMonitor::judge_rotation(const ImuBuffer& imu, const Vector3& gyro_bias,
              mean_specific_force(imu, motion.from, motion.to));
 }
 
-void ImuMonitor::learn_pending(const ImuBuffer& imu) {
+void ImuMonitor::process_pending(const ImuBuffer& imu) {
   while (pending_count_ > 0) {
     const RegisteredMotion& motion = pending_[first_pending_];
     const std::optional<Time> latest = imu.latest();
     if (!latest || *latest < motion.to + kLargestShift) return;
     if (imu.covers(motion.from - kLargestShift, motion.to + kLargestShift, config_.max_gap) &&
         !gyro_.clipped_since(motion.from - kLargestShift) && gyro_.unchanged() < kStuckAfter) {
-      learn_shifts(imu, motion);
+      fit_time_shifts(imu, motion);
     }
     first_pending_ = (first_pending_ + 1) % kPending;
     --pending_count_;
   }
 }
 
-void ImuMonitor::learn_shifts(const ImuBuffer& imu, const RegisteredMotion& motion) {
+void ImuMonitor::fit_time_shifts(const ImuBuffer& imu, const RegisteredMotion& motion) {
   std::array<Vector3, kTimeShifts> rates;
   for (std::size_t i = 0; i < kTimeShifts; ++i)
     rates[i] = mean_angular_velocity(imu, motion.from + shift_at(i), motion.to + shift_at(i));
@@ -145,7 +145,7 @@ bool ImuMonitor::fill_table(Time now) {
   }
   if (was_trusted && !health_.trusted) trust_.withdraw();
   // Scans deskewed with the gyro_ reveal its errors more exactly, so the fit starts again.
-  if (!was_trusted && health_.trusted) rotation_ = RotationFit();
+  if (!was_trusted && health_.trusted) rotation_ = GyroAlignment();
   return shifted;
 }
 
@@ -164,7 +164,7 @@ void ImuMonitor::fill_signals(Time now) {
 }
 
 bool ImuMonitor::fill_rotation() {
-  const RotationEstimate estimate = rotation_.estimate();
+  const GyroAlignmentEstimate estimate = rotation_.estimate();
   // After a restart of the fit the earlier estimates stay until better ones exist.
   if (estimate.observed > 0) {
     fill_directions(estimate, health_);
@@ -180,10 +180,10 @@ bool ImuMonitor::fill_rotation() {
   return follow_offset(estimate);
 }
 
-void ImuMonitor::fill_offset(const RotationEstimate& estimate) {
+void ImuMonitor::fill_offset(const GyroAlignmentEstimate& estimate) {
   const bool was_known = health_[ImuCheck::kTimeOffset].state != ImuCheckState::kUnknown;
   if (!estimate.time_offset_known && !(was_known && estimate.time_offset_found)) {
-    if (shift_.ns == 0) forget_row(health_, ImuCheck::kTimeOffset);
+    if (shift_.ns == 0) clear_row(health_, ImuCheck::kTimeOffset);
     return;
   }
   health_.time_offset_sigma_ms = 1e3 * estimate.time_offset_sigma_s;
@@ -193,8 +193,8 @@ void ImuMonitor::fill_offset(const RotationEstimate& estimate) {
 
 void ImuMonitor::fill_bias() {
   if (health_[ImuCheck::kGyroScale].state == ImuCheckState::kBad) {
-    forget_row(health_, ImuCheck::kGyroBias);
-  } else if (bias_weight_ >= kLeastBiasWeight) {
+    clear_row(health_, ImuCheck::kGyroBias);
+  } else if (bias_weight_ >= kMinBiasWeight) {
     Eigen::Index axis = 0;
     const Vector3 bias = bias_sum_ / bias_weight_ * kDegreesPerRadian;
     bias.cwiseAbs().maxCoeff(&axis);
@@ -203,24 +203,24 @@ void ImuMonitor::fill_bias() {
 }
 
 /// Applies a significant time offset to the stamps unless another check of the gyro_ is bad.
-bool ImuMonitor::follow_offset(const RotationEstimate& estimate) {
+bool ImuMonitor::follow_offset(const GyroAlignmentEstimate& estimate) {
   const double rest_s = estimate.time_offset_s;
   const double total_s = shift_.seconds() + rest_s;
   const bool is_large =
-      std::abs(rest_s) > std::max(kLeastShiftSeconds, kShiftSigmas * estimate.time_offset_sigma_s);
+      std::abs(rest_s) > std::max(kMinShiftSeconds, kShiftSigmas * estimate.time_offset_sigma_s);
   if (!estimate.time_offset_known || !is_large || std::abs(total_s) > kLargestTotalShiftSeconds) return false;
   const ImuCheck obstacle = find_obstacle(health_);
   if (obstacle != ImuCheck::kCount && obstacle != ImuCheck::kTimeOffset) return false;
   shift_ = Duration::from_seconds(total_s);
   health_.time_shift_ms = 1e3 * shift_.seconds();
-  rotation_ = RotationFit();
+  rotation_ = GyroAlignment();
   trust_.forget();
   pending_count_ = 0;
   return true;
 }
 
 void ImuMonitor::fill_force() {
-  const ForceEstimate estimate = force_.estimate();
+  const AccelerometerAlignmentEstimate estimate = force_.estimate();
   if (estimate.steady_known) {
     set_row(health_, ImuCheck::kGravityMagnitude, estimate.steady.norm());
     const double cosine = estimate.steady.z() / std::max(1e-9, estimate.steady.norm());
@@ -234,7 +234,7 @@ void ImuMonitor::fill_force() {
   if (estimate.mounting_known && plausible) {
     set_row(health_, ImuCheck::kAccelMounting, estimate.mounting.norm() * kDegreesPerRadian);
   } else {
-    forget_row(health_, ImuCheck::kAccelMounting);
+    clear_row(health_, ImuCheck::kAccelMounting);
   }
 }
 

@@ -9,7 +9,7 @@
 #include "core/src/estimation/imu_buffer.hpp"
 #include "core/src/imu_monitor/accelerometer_alignment.hpp"
 #include "core/src/imu_monitor/gyro_alignment.hpp"
-#include "core/src/imu_monitor/gyro_trust.hpp"
+#include "core/src/imu_monitor/gyro_consistency.hpp"
 #include "core/src/imu_monitor/signal_statistics.hpp"
 
 #include <array>
@@ -81,9 +81,10 @@ class ImuMonitor {
   // Motions waiting for the samples of the largest shift: two scans at 20 Hz more than that takes.
   static constexpr std::size_t kPending = 8;
 
-  void judge_rotation(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
-  void learn_pending(const ImuBuffer& imu);
-  void learn_shifts(const ImuBuffer& imu, const RegisteredMotion& motion);
+  void compare_with_registration(const ImuBuffer& imu, const Vector3& gyro_bias,
+                                 const RegisteredMotion& motion);
+  void process_pending(const ImuBuffer& imu);
+  void fit_time_shifts(const ImuBuffer& imu, const RegisteredMotion& motion);
   [[nodiscard]] bool signal_is_sound(Time from, Time to) const;
   [[nodiscard]] bool force_is_sound(Time since) const {
     return accel_.unchanged() < kStuckAfter && !accel_.clipped_since(since);
@@ -91,9 +92,9 @@ class ImuMonitor {
   bool fill_table(Time now);
   void fill_signals(Time now);
   bool fill_rotation();
-  void fill_offset(const RotationEstimate& estimate);
+  void fill_offset(const GyroAlignmentEstimate& estimate);
   void fill_bias();
-  bool follow_offset(const RotationEstimate& estimate);
+  bool follow_offset(const GyroAlignmentEstimate& estimate);
   void fill_force();
   void withdraw(ImuCheck reason);
 
@@ -101,9 +102,9 @@ class ImuMonitor {
   TriadSignal gyro_{kMinGyroFullScale};
   TriadSignal accel_{kMinAccelFullScale};
   SampleTiming timing_;
-  RotationFit rotation_;
-  ForceFit force_;
-  GyroTrust trust_;
+  GyroAlignment rotation_;
+  AccelerometerAlignment force_;
+  GyroConsistency trust_;
   ImuHealth health_;
 
   std::array<RegisteredMotion, kPending> pending_{};

@@ -12,9 +12,9 @@ constexpr std::uint32_t kClippedRun = 20;
 // Samples over which noise and losses are averaged.
 constexpr double kNoiseMemory = 0.999;
 constexpr double kLossMemory = 0.999;
-constexpr double kLeastSamples = 100.0;
+constexpr double kMinSamples = 100.0;
 // Below this share of regular intervals stamps come in bursts and the loss is unknown.
-constexpr double kLeastRegularity = 0.3;
+constexpr double kMinRegularity = 0.3;
 constexpr Duration kGapMemory = Duration::from_seconds(10.0);
 
 }  // namespace
@@ -66,7 +66,7 @@ double TriadSignal::full_scale() const {
   return least;
 }
 
-void SampleTiming::learn_usual_interval() {
+void SampleTiming::update_usual_interval() {
   // The lower quartile is still one interval when half of the samples are lost.
   std::array<std::int64_t, kIntervals> sorted = intervals_;
   const auto quartile = sorted.begin() + kIntervals / 4;
@@ -84,7 +84,7 @@ void SampleTiming::add(Time stamp) {
   }
   if (interval > max_gap_) return;
   intervals_[count_ % kIntervals] = interval.ns;
-  if (count_ % kIntervals == 0) learn_usual_interval();
+  if (count_ % kIntervals == 0) update_usual_interval();
   if (usual_ns_ <= 0) return;
   received_ = kLossMemory * received_ + 1.0;
   const double intervals = static_cast<double>(interval.ns) / static_cast<double>(usual_ns_);
@@ -92,7 +92,7 @@ void SampleTiming::add(Time stamp) {
 }
 
 double SampleTiming::loss() const {
-  if (received_ < kLeastSamples || received_ < kLeastRegularity * expected_) return -1.0;
+  if (received_ < kMinSamples || received_ < kMinRegularity * expected_) return -1.0;
   return 1.0 - received_ / expected_;
 }
 

@@ -60,7 +60,7 @@ class SampleTiming {
 
  private:
   static constexpr std::size_t kIntervals = 64;
-  void learn_usual_interval();
+  void update_usual_interval();
 
   Duration max_gap_;
   std::array<std::int64_t, kIntervals> intervals_{};

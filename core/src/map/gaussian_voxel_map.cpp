@@ -21,7 +21,7 @@ constexpr double kEigenvalueFloor = 0.02 * 0.02;
 // voxel.
 constexpr double kMinSpreadShare = 0.05;
 
-void count_scan(VoxelSurface& surface) {
+void count_scan(GaussianVoxel& surface) {
   if (surface.scans < std::numeric_limits<std::uint16_t>::max()) ++surface.scans;
 }
 
@@ -72,7 +72,7 @@ std::uint32_t VoxelMap::find_or_create(std::uint64_t key) {
   moments_[voxel].key = key;
   moments_[voxel].occupied = true;
   moments_[voxel].refresh_at = static_cast<std::uint16_t>(config_.min_points);
-  surfaces_[voxel] = VoxelSurface{};
+  surfaces_[voxel] = GaussianVoxel{};
   surfaces_[voxel].key_high = static_cast<std::uint32_t>(key >> 32U);
   ++size_;
   return voxel;
@@ -171,7 +171,7 @@ void VoxelMap::refresh(std::uint32_t voxel) {
   const Matrix3& axes = solver.eigenvectors();
   const Matrix3 information = axes * inverse.asDiagonal() * axes.transpose();
 
-  VoxelSurface& surface = surfaces_[voxel];
+  GaussianVoxel& surface = surfaces_[voxel];
   surface.mean = ((mean + Vector3::Constant(0.5)) * config_.voxel_size_m).cast<float>();
   surface.normal = axes.col(0).cast<float>();
   surface.information[0] = static_cast<float>(information(0, 0));

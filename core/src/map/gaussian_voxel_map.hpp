@@ -17,7 +17,7 @@ using VoxelIndex = Eigen::Vector3i;
 
 /// What registration reads of a voxel: one cache line. Positions are relative to the voxel's lower corner, so
 /// that single precision is enough anywhere.
-struct alignas(64) VoxelSurface {
+struct alignas(64) GaussianVoxel {
   Eigen::Vector3f mean = Eigen::Vector3f::Zero();
   /// Unit normal of the plane through the mean (smallest eigenvector).
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
@@ -85,11 +85,11 @@ class VoxelMap {
     return index.cast<double>() * config_.voxel_size_m;
   }
   /// The surface of a voxel, or nullptr while it has none.
-  [[nodiscard]] const VoxelSurface* find(const VoxelIndex& index) const { return find_key(pack_key(index)); }
+  [[nodiscard]] const GaussianVoxel* find(const VoxelIndex& index) const { return find_key(pack_key(index)); }
   /// find() for several voxels at once, which does not wait for the memory of one after the other.
   template <std::size_t count>
   void find_all(const std::array<VoxelIndex, count>& indices, std::size_t used,
-                std::array<const VoxelSurface*, count>& surfaces) const {
+                std::array<const GaussianVoxel*, count>& surfaces) const {
     std::array<std::uint64_t, count> keys;
     for (std::size_t i = 0; i < used; ++i) {
       keys[i] = pack_key(indices[i]);
@@ -157,10 +157,10 @@ class VoxelMap {
       slot = (slot + 1) & mask_;
     return slot;
   }
-  [[nodiscard]] const VoxelSurface* find_key(std::uint64_t key) const {
+  [[nodiscard]] const GaussianVoxel* find_key(std::uint64_t key) const {
     const Slot& slot = slots_[find_slot(key)];
     if (slot.voxel == kNoVoxel) return nullptr;
-    const VoxelSurface& surface = surfaces_[slot.voxel];
+    const GaussianVoxel& surface = surfaces_[slot.voxel];
     return surface.count > 0 ? &surface : nullptr;
   }
   std::uint32_t find_or_create(std::uint64_t key);
@@ -170,7 +170,7 @@ class VoxelMap {
 
   VoxelMapConfig config_;
   double inverse_size_ = 1.0;
-  std::vector<VoxelSurface> surfaces_;
+  std::vector<GaussianVoxel> surfaces_;
   std::vector<Moments> moments_;
   std::vector<Slot> slots_;
   std::vector<std::uint32_t> free_;

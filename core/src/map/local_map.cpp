@@ -16,7 +16,7 @@ constexpr double kPlaneReachMetres = 45.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
 // Fewer points are fed to both maps before a second thread has woken up.
-constexpr std::size_t kLeastSharedPoints = 8000;
+constexpr std::size_t kMinSharedPoints = 8000;
 // Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
@@ -36,11 +36,11 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 }
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
-  feeds_densely = scans < kInitialScans;
+  is_initializing_map = scans < kInitialScans;
   // Where points stand for the surface between them, all are needed.
   const std::size_t most_points = method.needs_points ? scan.points.size() : config.scan_points;
   scan_points = budget.choose_scan_points(std::min(most_points, scan.points.size()));
-  const float share = scans == 0 ? kFirstVoxelShare : feeds_densely ? kInitialVoxelShare : 1.0F;
+  const float share = scans == 0 ? kFirstVoxelShare : is_initializing_map ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
                                        config.elevation_correction_rad, scan_points};
   filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);
@@ -55,32 +55,33 @@ void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
 void Odometry::State::align_with_gravity(const Scan& scan) {
   const ImuStatistics statistics = imu_statistics(imu, scan.start, scan.end);
   if (statistics.count < 2 || statistics.acceleration_deviation > kStillForceDeviation) return;
-  if (!shows_gravity(statistics.mean_acceleration)) return;
+  if (!is_gravity_plausible(statistics.mean_acceleration)) return;
   T_odom_map.rotation = Eigen::Quaterniond::FromTwoVectors(statistics.mean_acceleration, Vector3::UnitZ());
 }
 
 bool Odometry::State::restart_is_due() const {
   const bool has_not_begun = failures > 0 && scans < kInitialScans;
-  const bool is_elsewhere = failures >= kRestartAfterFailures || searches >= kRestartAfterSearches;
+  const bool is_elsewhere =
+      failures >= kRestartAfterFailures || relocalization_attempts >= kRestartAfterSearches;
   return (has_not_begun || is_elsewhere) && sweep.size() >= kMinStartPoints;
 }
 
 /// To begin again from the predicted pose. What the vehicle did meanwhile is not known: its speed least of
 /// all, and nothing could be predicted yet where it had not begun.
-void Odometry::State::forget_map() {
+void Odometry::State::reset_map() {
   if (scans < kInitialScans) T_map_base = T_accepted;
   scans = 0;
   failures = 0;
   doubts = 0;
-  searches = 0;
+  relocalization_attempts = 0;
   twist.reset(Vector6::Zero());
   mean_agreement = 0.0;
-  forget_prediction_error();
-  scans_with_ndt = kLeastScansWithNdt;
+  reset_prediction_error();
+  coarse_scans_left = kMinScansWithNdt;
   prediction_error_m = 0.0;
-  prediction_square.setZero();
-  standing_start.end();
-  forget_felt_motion();
+  prediction_error_variance.setZero();
+  static_initialization.end();
+  reset_motion_filter();
   registration = {};
 }
 
@@ -90,7 +91,7 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   first_sweep = sweep;
   const Time start = motion_compensated ? scan.end : scan.start;
   first_span = {start, start, scan.end};
-  ahead.span = first_span;
+  motion_prior.span = first_span;
   plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;
   T_accepted = T_map_base;
@@ -101,12 +102,12 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
 }
 
 void Odometry::State::rebuild_first_map() {
-  SweepMotion first_motion;
+  MotionModel first_motion;
   // The gyro has not shown yet what it is worth.
   set_rotation(first_span, false, twist.twist(), first_motion);
   first_motion.predict(twist.twist().head<3>());
   first_motion.deskew(first_sweep, deskewed);
-  last_half_sweep = first_motion.half_sweep();
+  last_T_middle_end = first_motion.T_middle_end();
   last_sweep_s = first_motion.sweep_s();
   planes.reset(plane_voxel_m);
   if (point_map) point_map->clear();
@@ -147,7 +148,7 @@ void Odometry::State::insert_planes(const std::vector<SweepPoint>& seen) {
 
 void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) {
   // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
-  filter.begin(kCoarseVoxelMetres * (feeds_densely ? kInitialVoxelShare : 1.0F));
+  filter.begin(kCoarseVoxelMetres * (is_initializing_map ? kInitialVoxelShare : 1.0F));
   coarse_world_points.clear();
   const auto position_of = [&](std::size_t i, Eigen::Vector3f& position) {
     position = points[i];
@@ -158,9 +159,9 @@ void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) 
   coarse_map.insert(coarse_world_points);
 }
 
-void Odometry::State::catch_up_with_map() {
-  if (!std::exchange(map_is_behind, false)) return;
-  tbb::task_arena& threads = sweep.size() < kLeastSharedPoints ? lone_arena : arena;
+void Odometry::State::apply_pending_map_update() {
+  if (!std::exchange(map_update_pending, false)) return;
+  tbb::task_arena& threads = sweep.size() < kMinSharedPoints ? single_thread_arena : arena;
   threads.execute([this] { update_maps(); });
 }
 
@@ -169,14 +170,14 @@ void Odometry::State::update_maps() {
   const bool stands =
       twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
   // The middle of the sweep is known better than its end.
-  const SE3 T_map_middle = T_map_base * motion.half_sweep().inverse();
-  const SE3 since_fed = T_fed.inverse() * T_map_middle;
+  const SE3 T_map_middle = T_map_base * motion.T_middle_end().inverse();
+  const SE3 since_fed = T_last_keyframe.inverse() * T_map_middle;
   const bool got_somewhere =
       since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
   const bool moved_as_known = failures == 0 && !doubtful;
-  if (moved_as_known && (feeds_densely || (!stands && got_somewhere))) {
+  if (moved_as_known && (is_initializing_map || (!stands && got_somewhere))) {
     insert(sweep, deskewed, T_map_base);
-    T_fed = T_map_middle;
+    T_last_keyframe = T_map_middle;
   }
   planes.evict_far_from(T_map_base.translation);
   if (point_map) point_map->evict_far_from(T_map_base.translation);

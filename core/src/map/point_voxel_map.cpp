@@ -14,7 +14,7 @@ constexpr std::size_t kSweepShare = 10;
 constexpr double kCellsOfPlay = 24.0;
 // What a LiDAR sees lies flat: the grid is a quarter as high as wide.
 constexpr std::uint32_t kHeightShare = 4;
-constexpr std::uint32_t kLeastHeight = 32;
+constexpr std::uint32_t kMinHeight = 32;
 
 /// The 27 voxels around a point, home first, then by the number of steps away.
 std::array<VoxelIndex, 27> make_neighbourhood() {
@@ -51,7 +51,7 @@ PointMap::PointMap(const PointMapConfig& config)
       static_cast<float>(config.voxel_size_m * config.voxel_size_m / static_cast<double>(kPointsPerVoxel));
   const auto side = std::bit_ceil(
       static_cast<std::uint32_t>(std::ceil(2.0 * config.radius_m * inverse_size_ + kCellsOfPlay)));
-  const std::uint32_t height = std::max(kLeastHeight, side / kHeightShare);
+  const std::uint32_t height = std::max(kMinHeight, side / kHeightShare);
   side_mask_ = side - 1;
   height_mask_ = height - 1;
   side_bits_ = static_cast<std::uint32_t>(std::countr_zero(side));

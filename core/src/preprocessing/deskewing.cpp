@@ -10,7 +10,7 @@ namespace {
 constexpr double kMaxStepSeconds = 0.005;
 
 /// Time of node i since the previous pose: node 0 is the previous pose, the others are the cell borders.
-double node_time(const SweepMotion::Span& span, std::size_t i) {
+double node_time(const MotionModel::Span& span, std::size_t i) {
   if (i == 0) return 0.0;
   const double start = std::max(0.0, (span.start - span.previous).seconds());
   const double end = (span.end - span.previous).seconds();
@@ -19,7 +19,7 @@ double node_time(const SweepMotion::Span& span, std::size_t i) {
 
 }  // namespace
 
-void SweepMotion::set_rotation_from_imu(const Span& span, const ImuBuffer& imu, const Vector3& gyro_bias) {
+void MotionModel::set_rotation_from_imu(const Span& span, const ImuBuffer& imu, const Vector3& gyro_bias) {
   follows_gyro_ = true;
   sweep_s_ = (span.end - span.start).seconds();
   rotation_correction_.setZero();
@@ -38,7 +38,7 @@ void SweepMotion::set_rotation_from_imu(const Span& span, const ImuBuffer& imu, 
   }
 }
 
-void SweepMotion::set_constant_rotation(const Span& span, const Vector3& angular_velocity) {
+void MotionModel::set_constant_rotation(const Span& span, const Vector3& angular_velocity) {
   follows_gyro_ = false;
   sweep_s_ = (span.end - span.start).seconds();
   rotation_correction_.setZero();
@@ -48,12 +48,12 @@ void SweepMotion::set_constant_rotation(const Span& span, const Vector3& angular
   }
 }
 
-Eigen::Quaterniond SweepMotion::corrected_rotation(const Node& node) const {
+Eigen::Quaterniond MotionModel::corrected_rotation(const Node& node) const {
   const double share = duration_s() > 0.0 ? node.time_s / duration_s() : 0.0;
   return node.rotation * so3_exp(rotation_correction_ * share);
 }
 
-Matrix3 SweepMotion::rotation_integral(std::size_t first_node) const {
+Matrix3 MotionModel::rotation_integral(std::size_t first_node) const {
   Matrix3 integral = Matrix3::Zero();
   for (std::size_t i = first_node + 1; i < nodes_.size(); ++i) {
     const double step = nodes_[i].time_s - nodes_[i - 1].time_s;
@@ -63,41 +63,41 @@ Matrix3 SweepMotion::rotation_integral(std::size_t first_node) const {
   return integral;
 }
 
-SE3 SweepMotion::predict(const Vector3& body_velocity) {
+SE3 MotionModel::predict(const Vector3& body_velocity) {
   rotation_correction_.setZero();
   body_velocity_ = body_velocity;
   build_cells();
   return {nodes_.back().rotation, rotation_integral() * body_velocity};
 }
 
-SE3 SweepMotion::half_sweep() const {
+SE3 MotionModel::T_middle_end() const {
   constexpr std::size_t middle = 1 + kSweepCells / 2;
   const Eigen::Quaterniond R_middle_previous = corrected_rotation(nodes_[middle]).conjugate();
   return {R_middle_previous * corrected_rotation(nodes_.back()),
           R_middle_previous * (rotation_integral(middle) * body_velocity_)};
 }
 
-Vector6 SweepMotion::measure(const SE3& T_previous_end, const SE3& previous_half,
+Vector6 MotionModel::measure(const SE3& T_previous_end, const SE3& previous_T_middle_end,
                              double previous_sweep_s) const {
   const double seconds = between_s(previous_sweep_s);
   if (seconds <= 0.0) return Vector6::Zero();
-  return se3_log(previous_half * T_previous_end * half_sweep().inverse()) / seconds;
+  return se3_log(previous_T_middle_end * T_previous_end * T_middle_end().inverse()) / seconds;
 }
 
-SE3 SweepMotion::refine(const SE3& T_previous_end, const Vector6& twist) {
-  const SE3 T_previous_middle = T_previous_end * half_sweep().inverse();
+SE3 MotionModel::refine(const SE3& T_previous_end, const Vector6& twist) {
+  const SE3 T_previous_middle = T_previous_end * T_middle_end().inverse();
   if (!follows_gyro_) rotation_correction_ = twist.tail<3>() * duration_s() - so3_log(nodes_.back().rotation);
   body_velocity_ = twist.head<3>();
   build_cells();
-  return T_previous_middle * half_sweep();
+  return T_previous_middle * T_middle_end();
 }
 
-Vector3 SweepMotion::mean_angular_velocity() const {
+Vector3 MotionModel::mean_angular_velocity() const {
   if (duration_s() <= 0.0) return Vector3::Zero();
   return so3_log(corrected_rotation(nodes_.back())) / duration_s();
 }
 
-void SweepMotion::build_cells() {
+void MotionModel::build_cells() {
   // Walk backwards from the end: T_end_t of each border, then of the middles.
   const Eigen::Quaterniond R_end_previous = corrected_rotation(nodes_.back()).conjugate();
   SE3 T_end_border;
@@ -117,7 +117,7 @@ void SweepMotion::build_cells() {
   }
 }
 
-void SweepMotion::deskew(const std::vector<SweepPoint>& points, std::vector<Eigen::Vector3f>& output) const {
+void MotionModel::deskew(const std::vector<SweepPoint>& points, std::vector<Eigen::Vector3f>& output) const {
   output.resize(points.size());
   const auto sweep = static_cast<float>(sweep_s_);
   const float cells_per_second = sweep > 0.0F ? static_cast<float>(kSweepCells) / sweep : 0.0F;

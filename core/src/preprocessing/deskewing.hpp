@@ -16,7 +16,7 @@ inline constexpr std::size_t kSweepCells = 128;
 
 /// Motion of base_link from the previous pose to the end of the scan: rotation from the gyroscope (or at a
 /// constant rate) and a constant velocity in body axes. Registration refines it; deskewing reads it.
-class SweepMotion {
+class MotionModel {
  public:
   /// Time span of the motion and, inside it, of the sweep.
   struct Span {
@@ -33,11 +33,11 @@ class SweepMotion {
   /// Predicts the motion from the rotation as set and a constant body velocity, m/s. Returns T_previous_end.
   SE3 predict(const Vector3& body_velocity);
   /// Motion from the midpoint of the sweep to its end.
-  [[nodiscard]] SE3 half_sweep() const;
+  [[nodiscard]] SE3 T_middle_end() const;
   /// Mean twist between the midpoints of two sweeps in body axes, for a scan deskewed with this motion and
-  /// registered at T_previous_end, after one whose half_sweep() was `previous_half`. Deskewing with a wrong
-  /// motion shifts the end of a sweep but hardly its midpoint; a twist between ends would oscillate.
-  [[nodiscard]] Vector6 measure(const SE3& T_previous_end, const SE3& previous_half,
+  /// registered at T_previous_end, after one whose T_middle_end() was `previous_T_middle_end`. Deskewing with
+  /// a wrong motion shifts the end of a sweep but hardly its midpoint; a twist between ends would oscillate.
+  [[nodiscard]] Vector6 measure(const SE3& T_previous_end, const SE3& previous_T_middle_end,
                                 double previous_sweep_s) const;
   /// Time between those midpoints, seconds.
   [[nodiscard]] double between_s(double previous_sweep_s) const {

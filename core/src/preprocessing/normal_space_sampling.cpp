@@ -29,14 +29,14 @@ std::size_t group_of(const Eigen::Vector3f& normal, float square_range) {
 
 }  // namespace
 
-PointSelector::PointSelector(std::size_t capacity) {
+NormalSpaceSampler::NormalSpaceSampler(std::size_t capacity) {
   candidates_.reserve(capacity);
   for (auto& group : groups_) group.reserve(capacity);
 }
 
-void PointSelector::select(const VoxelMap& map, VoxelFilter& filter,
-                           std::span<const Eigen::Vector3f> positions, const SE3& T_map_moving,
-                           const SelectionConfig& config, std::vector<std::uint32_t>& selection) {
+void NormalSpaceSampler::select(const VoxelMap& map, VoxelDownsampler& filter,
+                                std::span<const Eigen::Vector3f> positions, const SE3& T_map_moving,
+                                const SelectionConfig& config, std::vector<std::uint32_t>& selection) {
   for (auto& group : groups_) group.clear();
   filter.begin(config.voxel_size_m);
   candidates_.clear();
@@ -66,14 +66,14 @@ void PointSelector::select(const VoxelMap& map, VoxelFilter& filter,
   std::sort(selection.begin(), selection.end());
 }
 
-void PointSelector::sort_candidates(const VoxelMap& map, std::span<const Eigen::Vector3f> positions,
-                                    const SE3& T_map_moving, double max_planarity) {
+void NormalSpaceSampler::sort_candidates(const VoxelMap& map, std::span<const Eigen::Vector3f> positions,
+                                         const SE3& T_map_moving, double max_planarity) {
   constexpr std::size_t kBlock = 32;
   const auto limit = static_cast<float>(max_planarity);
   const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
   const Eigen::Matrix3f R_moving_map = R.transpose().cast<float>();
   std::array<VoxelIndex, kBlock> indices;
-  std::array<const VoxelSurface*, kBlock> surfaces;
+  std::array<const GaussianVoxel*, kBlock> surfaces;
   for (std::size_t begin = 0; begin < candidates_.size(); begin += kBlock) {
     const std::size_t count = std::min(kBlock, candidates_.size() - begin);
     for (std::size_t k = 0; k < count; ++k) {
@@ -85,7 +85,9 @@ void PointSelector::sort_candidates(const VoxelMap& map, std::span<const Eigen::
       if (surfaces[k] == nullptr || !surfaces[k]->is_seen_by_several_beams()) continue;
       const std::uint32_t i = candidates_[begin + k];
       const bool has_plane = surfaces[k]->planarity <= limit;
-      const std::size_t group = !has_plane ? kGaussianGroup : group_of(R_moving_map * surfaces[k]->normal, positions[i].squaredNorm());
+      const std::size_t group =
+          !has_plane ? kGaussianGroup
+                     : group_of(R_moving_map * surfaces[k]->normal, positions[i].squaredNorm());
       groups_[group].push_back(i);
     }
   }

@@ -21,15 +21,16 @@ struct SelectionConfig {
 };
 
 /// Chooses points so that every direction of motion is held by its share: candidates are sorted by the map
-/// normal they will meet (ground near, ground far, four headings of vertical planes, every other plane, voxels
-/// without a plane) and each group gives an equal number, small groups all they have. Order and choice depend on the data alone.
-class PointSelector {
+/// normal they will meet (ground near, ground far, four headings of vertical planes, every other plane,
+/// voxels without a plane) and each group gives an equal number, small groups all they have. Order and choice
+/// depend on the data alone.
+class NormalSpaceSampler {
  public:
-  explicit PointSelector(std::size_t capacity);
+  explicit NormalSpaceSampler(std::size_t capacity);
 
   /// Fills `selection` with indices into `points`, ascending. `positions` are the points as they are expected
   /// at the end of the scan, `T_map_moving` the expected pose. `filter` is used meanwhile.
-  void select(const VoxelMap& map, VoxelFilter& filter, std::span<const Eigen::Vector3f> positions,
+  void select(const VoxelMap& map, VoxelDownsampler& filter, std::span<const Eigen::Vector3f> positions,
               const SE3& T_map_moving, const SelectionConfig& config, std::vector<std::uint32_t>& selection);
 
  private:

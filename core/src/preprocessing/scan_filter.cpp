@@ -50,7 +50,7 @@ constexpr std::size_t kFetchedAhead = 64;
 }  // namespace
 
 void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_base_lidar,
-                 VoxelFilter& filter, std::vector<SweepPoint>& output) {
+                 VoxelDownsampler& filter, std::vector<SweepPoint>& output) {
   output.clear();
   if (scan.points.empty()) return;
   filter.begin(config.voxel_size_m);
@@ -66,10 +66,10 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
       std::any_of(scan.points.begin(), scan.points.end(), [](const Point& point) { return point.ring != 0; });
   SpreadOrder order(scan.points.size());
   // Prefetching: the order is unpredictable for the hardware.
-  SpreadOrder ahead = order;
-  for (std::size_t i = 0; i < kFetchedAhead; ++i) ahead.next();
+  SpreadOrder motion_prior = order;
+  for (std::size_t i = 0; i < kFetchedAhead; ++i) motion_prior.next();
   const auto next_index = [&](std::size_t) {
-    __builtin_prefetch(&scan.points[ahead.next()]);
+    __builtin_prefetch(&scan.points[motion_prior.next()]);
     return order.next();
   };
   const auto position_of = [&](std::size_t i, Eigen::Vector3f& p) {

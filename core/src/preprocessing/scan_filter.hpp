@@ -35,6 +35,6 @@ struct ScanFilterConfig {
 /// Range gate and voxel filter (NI-LIO 3.1), then transformation into base_link. Points that are not finite
 /// are dropped. `output` keeps its capacity.
 void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_base_lidar,
-                 VoxelFilter& filter, std::vector<SweepPoint>& output);
+                 VoxelDownsampler& filter, std::vector<SweepPoint>& output);
 
 }  // namespace nilio::core

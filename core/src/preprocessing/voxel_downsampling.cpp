@@ -4,10 +4,10 @@
 
 namespace nilio::core {
 
-VoxelFilter::VoxelFilter(std::size_t capacity)
+VoxelDownsampler::VoxelDownsampler(std::size_t capacity)
     : slots_(std::bit_ceil(2 * capacity)), mask_(slots_.size() - 1) {}
 
-void VoxelFilter::begin(float voxel_size_m) {
+void VoxelDownsampler::begin(float voxel_size_m) {
   inverse_size_ = 1.0F / voxel_size_m;
   used_ = 0;
   if (++generation_ >> kGenerationBits != 0) {

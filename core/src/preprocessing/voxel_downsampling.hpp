@@ -12,14 +12,14 @@ namespace nilio::core {
 
 /// Keeps the first point of every voxel. The table is stamped with a generation instead of being cleared, so
 /// that a scan costs its points and not the table's size.
-class VoxelFilter {
+class VoxelDownsampler {
  public:
   /// Where a point belongs: 16 bits an axis. Points farther than 32,767 voxels from the origin share the
   /// outermost ones.
   using Key = std::uint64_t;
 
   /// `capacity` bounds the survivors of one pass (rounded up to a power of two, half of it usable).
-  explicit VoxelFilter(std::size_t capacity);
+  explicit VoxelDownsampler(std::size_t capacity);
 
   /// Starts a pass with the given voxel size, metres.
   void begin(float voxel_size_m);
@@ -29,7 +29,7 @@ class VoxelFilter {
 
   /// Calls `keep(i)` for the first point of each voxel, in order, of `count` points `i = index_of(0)`,
   /// `index_of(1)`, ...; those for which `position_of(i, position)` is false are passed over. Faster than
-  /// insert() point by point: the table's lines are fetched ahead.
+  /// insert() point by point: the table's lines are fetched motion_prior.
   template <class IndexOf, class PositionOf, class Keep>
   void thin(std::size_t count, const IndexOf& index_of, const PositionOf& position_of, const Keep& keep) {
     constexpr std::size_t kBlock = 32;

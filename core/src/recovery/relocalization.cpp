@@ -14,27 +14,27 @@ constexpr std::size_t kStartPoints = 250;
 constexpr CoarseEpsilon kSearchEpsilon{0.1, 0.01};
 // Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
 // those that look likely, so many are tried, and not two that lead to the same place.
-constexpr double kLeastStartDisplacementMetres = -2.0;
+constexpr double kMinStartDisplacementMetres = -2.0;
 constexpr double kStartStepMetres = 1.0;
 constexpr std::size_t kStartDisplacements = 8;
 constexpr int kStartTrials = 2;
 constexpr double kSamePlaceMetres = 1.25;
 
-// Where to look for a lost vehicle: turned, and ahead of or behind the prediction. NDT reaches 3 m and 10 deg
-// from each.
+// Where to look for a lost vehicle: turned, and motion_prior of or behind the prediction. NDT reaches 3 m and
+// 10 deg from each.
 struct Hypothesis {
   double forward_m;
   double yaw_rad;
 };
-constexpr std::array<Hypothesis, 7> kLostHypotheses = {
+constexpr std::array<Hypothesis, 7> kRelocalizationHypotheses = {
     {{0.0, 0.0}, {0.0, 0.17}, {0.0, -0.17}, {0.0, 0.35}, {0.0, -0.35}, {4.0, 0.0}, {-4.0, 0.0}}};
 // What NDT takes from one of them, about.
 constexpr std::size_t kSearchIterations = 15;
 
 }  // namespace
 
-void thin_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
-                 std::vector<Eigen::Vector3f>& output) {
+void sample_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
+                   std::vector<Eigen::Vector3f>& output) {
   output.clear();
   const std::size_t count = std::min(target, points.size());
   for (std::size_t i = 0; i < count; ++i) output.push_back(points[i * points.size() / count]);
@@ -55,15 +55,15 @@ void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, Odometr
 }
 
 SE3 Odometry::State::start_hypothesis(std::size_t i) const {
-  const double displacement = kLeastStartDisplacementMetres + kStartStepMetres * static_cast<double>(i);
+  const double displacement = kMinStartDisplacementMetres + kStartStepMetres * static_cast<double>(i);
   return T_predicted * SE3{Eigen::Quaterniond::Identity(), Vector3(displacement, 0.0, 0.0)};
 }
 
-void Odometry::State::register_from_standstill(OdometryResult& result) {
+void Odometry::State::find_initial_velocity(OdometryResult& result) {
   // Nothing is known of the speed: look at many along the vehicle's axis, register from the likeliest and
   // keep what most points agree with.
   motion.deskew(sweep, deskewed);
-  thin_evenly(deskewed, kStartPoints, search_points);
+  sample_evenly(deskewed, kStartPoints, search_points);
   std::array<double, kStartDisplacements> scores{};
   for (std::size_t i = 0; i < scores.size(); ++i)
     scores[i] =
@@ -82,10 +82,10 @@ void Odometry::State::register_from_standstill(OdometryResult& result) {
   refine_motion(search.T_best);
 }
 
-SE3 Odometry::State::lost_hypothesis(std::size_t i) const {
+SE3 Odometry::State::relocalization_hypothesis(std::size_t i) const {
   // It may have stopped where it was seen last.
   if (i == 0) return T_accepted;
-  const Hypothesis& h = kLostHypotheses[i - 1];
+  const Hypothesis& h = kRelocalizationHypotheses[i - 1];
   return T_predicted * SE3{Eigen::Quaterniond(Eigen::AngleAxisd(h.yaw_rad, Vector3::UnitZ())),
                            Vector3(h.forward_m, 0.0, 0.0)};
 }
@@ -94,25 +94,25 @@ SE3 Odometry::State::lost_hypothesis(std::size_t i) const {
 /// better; where no vehicle can have driven to, it has to agree as well as while tracking. Elsewhere it is
 /// motion like any other.
 void Odometry::State::compare_hypotheses(OdometryResult& result) {
-  const bool was_relocated = relocated;
+  const bool was_relocated = relocalized;
   const RegistrationResult tracked = registration;
-  const SweepMotion tracked_motion = motion;
+  const MotionModel tracked_motion = motion;
   const double tracked_agreement = has_pose() ? agreement() : 0.0;
   const std::size_t tracked_points = registered_points;
   if (!was_relocated) {
     register_anew(result);
-    if (has_pose() && is_in_family() && is_drivable(prediction_error(), ahead.span_s())) return;
+    if (has_pose() && is_in_family() && is_drivable(prediction_error(), motion_prior.span_s())) return;
   }
-  search_lost_vehicle(result);
+  relocalize(result);
   register_points(false, plane_metric(kMinSigmaMetres), result);
-  const bool is_motion = !was_relocated && is_drivable(prediction_error(), ahead.span_s());
+  const bool is_motion = !was_relocated && is_drivable(prediction_error(), motion_prior.span_s());
   if (!has_converged() || agreement() <= tracked_agreement || !(is_motion || is_in_family())) {
-    relocated = was_relocated;
+    relocalized = was_relocated;
     registration = tracked;
     motion = tracked_motion;
     registered_points = tracked_points;
   } else if (is_motion) {
-    relocated = false;
+    relocalized = false;
     register_points(false, plane_metric(sigma_m), result);
   }
   count_inliers(result);
@@ -121,25 +121,25 @@ void Odometry::State::compare_hypotheses(OdometryResult& result) {
 /// From the prediction as if it were worth as little as after a gap.
 void Odometry::State::register_anew(OdometryResult& result) {
   registration = {};
-  registration.T_map_moving = T_map_base * motion.predict(expected_twist(ahead).head<3>());
+  registration.T_map_moving = T_map_base * motion.predict(expected_twist(motion_prior).head<3>());
   select_points(registration.T_map_moving);
   register_points(method.coarse, plane_metric(kMaxSigmaMetres), result);
   count_inliers(result);
 }
 
-void Odometry::State::search_lost_vehicle(OdometryResult& result) {
-  relocated = true;
-  motion.predict(expected_twist(ahead).head<3>());
+void Odometry::State::relocalize(OdometryResult& result) {
+  relocalized = true;
+  motion.predict(expected_twist(motion_prior).head<3>());
   motion.deskew(sweep, deskewed);
-  const bool has_time = budget.allows(Work::kNdt, kSearchIterations * kCoarsePoints);
-  thin_evenly(deskewed, has_time ? kCoarsePoints : kStartPoints, search_points);
+  const bool has_time = budget.allows(WorkKind::kNdt, kSearchIterations * kCoarsePoints);
+  sample_evenly(deskewed, has_time ? kCoarsePoints : kStartPoints, search_points);
   Search search{T_predicted, 0};
   // What this scan has no time for, the next ones look at.
-  for (std::size_t tried = 0; tried <= kLostHypotheses.size(); ++tried) {
-    if (!budget.allows(Work::kNdt, kSearchIterations * search_points.size())) break;
-    try_hypothesis(lost_hypothesis(next_hypothesis), search, result);
-    next_hypothesis = (next_hypothesis + 1) % (kLostHypotheses.size() + 1);
-    if (tried == kLostHypotheses.size()) ++searches;
+  for (std::size_t tried = 0; tried <= kRelocalizationHypotheses.size(); ++tried) {
+    if (!budget.allows(WorkKind::kNdt, kSearchIterations * search_points.size())) break;
+    try_hypothesis(relocalization_hypothesis(next_hypothesis), search, result);
+    next_hypothesis = (next_hypothesis + 1) % (kRelocalizationHypotheses.size() + 1);
+    if (tried == kRelocalizationHypotheses.size()) ++relocalization_attempts;
   }
   registration.T_map_moving = search.T_best;
   // The points were chosen for the pose that was wrong.

@@ -48,7 +48,7 @@ bool Odometry::State::is_plausible() const {
       motion.mean_angular_velocity().norm() > kMaxTurnRate)
     return false;
   // A place that was searched for is a local optimum, or nothing: none is somewhere on the way to one.
-  return !relocated || has_converged();
+  return !relocalized || has_converged();
 }
 
 double Odometry::State::agreement() const {
@@ -82,33 +82,34 @@ bool Odometry::State::is_drivable_step(const SE3& T_map_end, double seconds) con
 
 /// Farther from its prediction than scans lately were from theirs, and than any acceleration brings it since
 /// it was seen last.
-bool Odometry::State::is_out_of_reach() const {
+bool Odometry::State::exceeds_motion_limits() const {
   const SE3 error = prediction_error();
   if (scans < kInitialScans || metres_of(error) < kGateSigmas * sigma_m) return false;
-  return !is_drivable(error, ahead.span_s() * (failures + 1));
+  return !is_drivable(error, motion_prior.span_s() * (failures + 1));
 }
 
-void Odometry::State::learn_gyro_bias() {
+void Odometry::State::update_gyro_bias() {
   const RegisteredMotion step = registered_motion();
-  if (!ahead.imu_covers || step.seconds() <= 0.0) return;
+  if (!motion_prior.imu_covers || step.seconds() <= 0.0) return;
   const Vector3 rate = step.mean_rate();
   // While turning, a gyro that is not trusted may differ by more than its bias.
-  if (!ahead.imu_used && rate.norm() > kCalmTurnRate) return;
+  if (!motion_prior.imu_used && rate.norm() > kCalmTurnRate) return;
   const Vector3 error = mean_angular_velocity(imu, step.from, step.to) - gyro_bias - rate;
   const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
   ++bias_updates;
   gyro_bias = (gyro_bias + gain * error).cwiseMax(-kMaxGyroBias).cwiseMin(kMaxGyroBias);
 }
 
-void Odometry::State::learn_prediction_error() {
+void Odometry::State::update_prediction_error() {
   const SE3 error = prediction_error();
   const Vector3 turn = so3_log(error.rotation);
   Vector6 squares;
   squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
   // A manoeuvre is believed at once, calm only after a while, and only where the scan would have shown it: an
   // axis that follows the prediction teaches nothing of its errors.
-  const Vector6 expected = prediction_square.cwiseProduct(registration.observed_share);
-  prediction_square = squares.cwiseMax(prediction_square + (1.0 - kErrorMemory) * (squares - expected));
+  const Vector6 expected = prediction_error_variance.cwiseProduct(registration.observability);
+  prediction_error_variance =
+      squares.cwiseMax(prediction_error_variance + (1.0 - kErrorMemory) * (squares - expected));
   prediction_error_m = metres_of(error);
   // What it begins with is a guess, worth one scan.
   sigma_scans = std::min(sigma_scans + 1, kGuessIsForgotten);
@@ -118,101 +119,104 @@ void Odometry::State::learn_prediction_error() {
 }
 
 /// How much of the motion along each axis the scan showed, rather than followed.
-Vector3 Odometry::State::seen_share() const {
-  Vector3 share = registration.observed_share.head<3>();
+Vector3 Odometry::State::translation_observability() const {
+  Vector3 share = registration.observability.head<3>();
   for (int axis = 0; axis < 3; ++axis) {
     if ((registration.degenerate_axes >> axis & 1) != 0) share[axis] = 0.0;
   }
   return share;
 }
 
-void Odometry::State::learn_felt_velocity() {
-  if (is_felt()) {
-    felt_velocity.learn(turn_rate(ahead.imu_used), registered_motion(), measured_twist.head<3>(),
-                        seen_share(), ahead.acceleration.has_value());
+void Odometry::State::update_inertial_velocity() {
+  if (accelerometer_observes_motion()) {
+    inertial_velocity.learn(turn_rate(motion_prior.imu_used), registered_motion(), measured_twist.head<3>(),
+                            translation_observability(), motion_prior.acceleration.has_value());
   } else {
-    felt_velocity.interrupt();
+    inertial_velocity.interrupt();
   }
 }
 
 /// What lies between the last pose and this one is no motion to judge the IMU by.
 void Odometry::State::skip_motion() {
   monitor.skip();
-  felt_velocity.interrupt();
+  inertial_velocity.interrupt();
 }
 
-void Odometry::State::learn_motion() {
-  learn_felt_velocity();
+void Odometry::State::update_motion() {
+  update_inertial_velocity();
   const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
-  learn_gyro_bias();
+  update_gyro_bias();
   if (is_shifted) {
     imu.clear();
-    felt_velocity.interrupt();
+    inertial_velocity.interrupt();
   }
-  learn_prediction_error();
-  learn_velocity();
+  update_prediction_error();
+  update_velocity();
 }
 
-void Odometry::State::learn_velocity() {
+void Odometry::State::update_velocity() {
   if (scans < kInitialScans) {
     twist.reset(measured_twist);
   } else {
-    twist.learn(measured_twist, registration.observed_share, measured_step());
+    twist.learn(measured_twist, registration.observability, measured_step());
   }
-  if (ahead.stands && scans == 1 && measured_twist.head<3>().norm() > kStartSpeedError) standing_start.end();
-  if (ahead.stands && !standing_start.is_over()) {
+  if (motion_prior.stands && scans == 1 && measured_twist.head<3>().norm() > kStartSpeedError)
+    static_initialization.end();
+  if (motion_prior.stands && !static_initialization.is_over()) {
     twist.stand();
-    felt_velocity.know_support(registration.T_map_moving.rotation * standing_start.mean_force(),
-                               kStandingSupportVariance);
-  } else if (ahead.acceleration) {
-    correct_felt_motion();
+    inertial_velocity.set_gravity_bias(
+        registration.T_map_moving.rotation * static_initialization.mean_force(),
+        kStationaryGravityBiasVariance);
+  } else if (motion_prior.acceleration) {
+    correct_motion_filter();
   } else {
-    felt_motion.forget();
+    motion_filter.forget();
   }
 }
 
-void Odometry::State::correct_felt_motion() {
+void Odometry::State::correct_motion_filter() {
   const Vector3 moved = prediction_error().translation;
-  const Vector3 change = felt_motion.correct(T_predicted.rotation.toRotationMatrix(), moved,
-                                             registration.observed_share.head<3>());
-  felt_velocity.know_support(felt_velocity.judge().support() + change, felt_motion.support_variance());
-  if (felt_motion.is_contradicted()) forget_felt_motion();
+  const Vector3 change = motion_filter.correct(T_predicted.rotation.toRotationMatrix(), moved,
+                                               registration.observability.head<3>());
+  inertial_velocity.set_gravity_bias(inertial_velocity.consistency().gravity_bias() + change,
+                                     motion_filter.gravity_bias_variance());
+  if (motion_filter.is_contradicted()) reset_motion_filter();
 }
 
-void Odometry::State::forget_felt_motion() {
-  felt_velocity.reset();
-  felt_motion.forget();
+void Odometry::State::reset_motion_filter() {
+  inertial_velocity.reset();
+  motion_filter.forget();
 }
 
-void Odometry::State::forget_prediction_error() {
+void Odometry::State::reset_prediction_error() {
   sigma_m = kMaxSigmaMetres;
   sigma_scans = 0;
 }
 
-void Odometry::State::count_scan_with_ndt() {
-  if (scans_with_ndt == 0) return;
-  scans_with_ndt = registration.degenerate_axes == 0 ? scans_with_ndt - 1 : kScansToBeSure;
+void Odometry::State::count_coarse_scan() {
+  if (coarse_scans_left == 0) return;
+  coarse_scans_left = registration.degenerate_axes == 0 ? coarse_scans_left - 1 : kScansToBeSure;
 }
 
 void Odometry::State::accept(OdometryResult& result) {
-  if (relocated) {
+  if (relocalized) {
     skip_motion();
-    felt_motion.forget();
+    motion_filter.forget();
     // Something brought it there that the accelerometer did not feel.
-    if (is_out_of_reach()) felt_velocity.reset();
-    forget_prediction_error();
+    if (exceeds_motion_limits()) inertial_velocity.reset();
+    reset_prediction_error();
   } else {
-    learn_motion();
+    update_motion();
   }
   if (!motion_compensated) result.deskew_rate = deskew_rate;
-  doubtful = !is_in_family() || relocated;
+  doubtful = !is_in_family() || relocalized;
   const double memory = mean_agreement == 0.0 ? 0.0 : kAgreementMemory;
   if (!doubtful) mean_agreement = memory * mean_agreement + (1.0 - memory) * agreement();
   doubts = doubtful ? doubts + 1 : 0;
-  if (!doubtful) searches = 0;
+  if (!doubtful) relocalization_attempts = 0;
   failures = 0;
-  count_scan_with_ndt();
-  const double span_s = ahead.span_s();
+  count_coarse_scan();
+  const double span_s = motion_prior.span_s();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
   T_map_base = registration.T_map_moving;
   T_accepted = T_map_base;
@@ -234,7 +238,7 @@ void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   ++doubts;
   skip_motion();
-  motion.predict(expected_twist(ahead).head<3>());
+  motion.predict(expected_twist(motion_prior).head<3>());
   twist.hold(measured_step());
   T_map_base = T_predicted;
   sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
@@ -246,8 +250,8 @@ void Odometry::State::fall_back(OdometryResult& result) {
 }
 
 void Odometry::State::judge(OdometryResult& result) {
-  const bool is_tracked = !relocated && has_converged();
-  if (is_plausible() && (is_tracked || is_in_family() || !is_out_of_reach())) {
+  const bool is_tracked = !relocalized && has_converged();
+  if (is_plausible() && (is_tracked || is_in_family() || !exceeds_motion_limits())) {
     accept(result);
   } else {
     fall_back(result);

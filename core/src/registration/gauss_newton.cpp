@@ -18,7 +18,7 @@ namespace {
 // of what is said.
 constexpr double kCorrelatedResiduals = 2.0;
 // What turns a point 30 m away by as much as no scan's place is known better than.
-constexpr double kLeastRadians = kScanErrorMetres / 30.0;
+constexpr double kMinRadians = kScanErrorMetres / 30.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,
 // and what turns a point 30 m away by as much.
@@ -100,7 +100,7 @@ std::uint8_t find_weak_axes(const Matrix6& information) {
 Matrix6 with_error(const Matrix6& information) {
   Vector6 variance;
   variance << Vector3::Constant(kScanErrorMetres * kScanErrorMetres),
-      Vector3::Constant(kLeastRadians * kLeastRadians);
+      Vector3::Constant(kMinRadians * kMinRadians);
   const Matrix6 spread = Matrix6::Identity() + information * variance.asDiagonal();
   const Matrix6 result = spread.partialPivLu().solve(information);
   return 0.5 * (result + result.transpose());
@@ -116,7 +116,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   Vector6 offset;
   offset << moved.rotation.conjugate() * moved.translation, so3_log(moved.rotation);
   Vector6 held = (prior.variance.array() + offset.array().square()).inverse().matrix();
-  if (prior.translation_is_felt) held.head<3>() = prior.variance.head<3>().cwiseInverse();
+  if (prior.translation_is_gaussian) held.head<3>() = prior.variance.head<3>().cwiseInverse();
   // Turning is seen by levers of many lengths, for which the other directions' weight is no measure.
   Matrix6 shrink = Matrix6::Identity();
   const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
@@ -129,7 +129,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const Vector6 step = factor.solve(weighed * wanted - held.cwiseProduct(offset));
   result.degenerate_axes = find_weak_axes(information);
   const Matrix6 covariance = factor.solve(Matrix6::Identity());
-  result.observed_share =
+  result.observability =
       (1.0 - covariance.diagonal().array() * held.array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
   return take_step(step, options, result);
 }

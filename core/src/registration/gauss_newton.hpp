@@ -48,7 +48,7 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
 
 /// What one iteration costs.
 struct IterationWork {
-  Work kind;
+  WorkKind kind;
   std::size_t points;
 };
 
@@ -64,7 +64,7 @@ void iterate(const Linearise& linearise, const IterationWork& work, const Solver
     }
     result.equations = linearise(result.T_map_moving);
     ++result.iterations;
-    if (options.budget != nullptr) options.budget->done(work.kind, work.points);
+    if (options.budget != nullptr) options.budget->record(work.kind, work.points);
     if (result.equations.correspondences < options.min_correspondences) {
       result.stop_reason = StopReason::kTooFewPoints;
       return;

@@ -55,7 +55,7 @@ constexpr std::array<RegistrationMethodInfo, 5> kMethods = {{
 }  // namespace
 
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
-                                     const SE3& T_map_guess, int max_iterations, WorkBudget* budget,
+                                     const SE3& T_map_guess, int max_iterations, ComputeBudget* budget,
                                      const CoarseEpsilon& epsilon) {
   SolverOptions options;
   options.max_iterations = max_iterations;

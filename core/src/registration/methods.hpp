@@ -26,8 +26,8 @@ struct CoarseEpsilon {
 /// The coarse stage: NDT through its kernel schedule, at most `max_iterations` at each scale, as far as ICP
 /// needs. `budget` as in SolverOptions.
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
-                                     const SE3& T_map_guess, int max_iterations, WorkBudget* budget = nullptr,
-                                     const CoarseEpsilon& epsilon = {});
+                                     const SE3& T_map_guess, int max_iterations,
+                                     ComputeBudget* budget = nullptr, const CoarseEpsilon& epsilon = {});
 
 /// What methods register against. `points` only has to be there for those that need it.
 struct RegistrationMaps {

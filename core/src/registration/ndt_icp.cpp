@@ -13,17 +13,17 @@ constexpr double kKernelSigmas = 0.5;
 constexpr double kMotionEpsilonMetres = 2.5e-3;
 constexpr double kMotionEpsilonRadians = 2.5e-4;
 // Points times iterations of ICP, about 0.2 ms, for which a second thread is worth waking.
-constexpr std::size_t kLeastSharedWork = 4000;
+constexpr std::size_t kMinSharedWork = 4000;
 constexpr double kCoarseTriggerErrorMetres = 0.5;
 constexpr double kCoarseTriggerGap = 1.5;
 
 /// However well the last scans were predicted, the next one may begin a gentle manoeuvre: 1 m/s^2, or what
 /// turns a point 30 m away as far, over a tenth of a second.
-Vector6 least_prediction_square() {
-  constexpr double kLeastMetres = 0.01;
+Vector6 min_prediction_error_variance() {
+  constexpr double kMinMetres = 0.01;
   Vector6 square;
-  square << Vector3::Constant(kLeastMetres * kLeastMetres),
-      Vector3::Constant(kLeastMetres * kLeastMetres / (kErrorLeverMetres * kErrorLeverMetres));
+  square << Vector3::Constant(kMinMetres * kMinMetres),
+      Vector3::Constant(kMinMetres * kMinMetres / (kErrorLeverMetres * kErrorLeverMetres));
   return square;
 }
 
@@ -43,16 +43,16 @@ void Odometry::State::select_points(const SE3& T_guess) {
   selector.select(planes, filter, deskewed, T_guess, selection_config, selection);
   selected_sweep.clear();
   for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
-  thin_evenly(deskewed, kCoarsePoints, coarse_points);
+  sample_evenly(deskewed, kCoarsePoints, coarse_points);
 }
 
 bool Odometry::State::coarse_is_due() const {
   if (!method.coarse) return false;
-  if (config.coarse == CoarsePolicy::kAlways || scans_with_ndt > 0 || failures > 0) return true;
+  if (config.coarse == CoarsePolicy::kAlways || coarse_scans_left > 0 || failures > 0) return true;
   return prediction_error_m > kCoarseTriggerErrorMetres || after_gap();
 }
 
-bool Odometry::State::after_gap() const { return ahead.span_s() > kCoarseTriggerGap * period_s; }
+bool Odometry::State::after_gap() const { return motion_prior.span_s() > kCoarseTriggerGap * period_s; }
 
 PlaneMetric plane_metric(double sigma_m) {
   PlaneMetric metric;
@@ -85,11 +85,12 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
 
 /// Nothing where the prediction is worth nothing.
 std::optional<PosePrior> Odometry::State::pose_prior() const {
-  if (relocated || (!is_held_still() && (scans < kInitialScans || after_gap()))) return std::nullopt;
-  PosePrior prior{T_predicted, prediction_square.cwiseMax(least_prediction_square())};
-  if (ahead.acceleration) {
-    prior.variance.head<3>() = felt_motion.place_variance(T_predicted.rotation.toRotationMatrix());
-    prior.translation_is_felt = true;
+  if (relocalized || (!applies_zero_velocity_update() && (scans < kInitialScans || after_gap())))
+    return std::nullopt;
+  PosePrior prior{T_predicted, prediction_error_variance.cwiseMax(min_prediction_error_variance())};
+  if (motion_prior.acceleration) {
+    prior.variance.head<3>() = motion_filter.position_variance(T_predicted.rotation.toRotationMatrix());
+    prior.translation_is_gaussian = true;
   }
   return prior;
 }
@@ -98,11 +99,11 @@ std::optional<PosePrior> Odometry::State::pose_prior() const {
 SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   const SE3 T_registered = T_map_end;
   const SE3 T_previous_end = T_map_base.inverse() * T_registered;
-  measured_twist = motion.measure(T_previous_end, last_half_sweep, last_sweep_s);
+  measured_twist = motion.measure(T_previous_end, last_T_middle_end, last_sweep_s);
   // Nothing is predicted yet that could be worth keeping.
   const bool initial = scans < kInitialScans;
   const Vector6 wanted =
-      initial ? measured_twist : twist.correct(measured_twist, registration.observed_share, measured_step());
+      initial ? measured_twist : twist.correct(measured_twist, registration.observability, measured_step());
   T_map_end = T_map_base * motion.refine(T_previous_end, wanted);
   deskew_rate = motion.mean_angular_velocity();
   return T_registered.inverse() * T_map_end;
@@ -121,7 +122,7 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
   const std::optional<PosePrior> prior = pose_prior();
   RegistrationResult by_coarse;
   for (int pass = 0; pass < config.max_passes; ++pass) {
-    if (pass > 0 && !budget.allows(Work::kIcp, selected_sweep.size())) {
+    if (pass > 0 && !budget.allows(WorkKind::kIcp, selected_sweep.size())) {
       registration.stop_reason = StopReason::kBudget;
       return;
     }
@@ -131,13 +132,13 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
     // A minimum among few points is worth less than NDT's.
-    const bool has_failed = !has_pose() || 2 * registration.equations.correspondences <
-                                               by_coarse.equations.correspondences;
+    const bool has_failed =
+        !has_pose() || 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
     if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric);
     ++result.passes;
     if (has_no_time()) return;
     if (!registration.T_map_moving.is_finite()) return;
-    if (relocated) {
+    if (relocalized) {
       if (registration.stop_reason != StopReason::kMaxIterations) return;
       continue;
     }
@@ -151,8 +152,8 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
 /// The same bits from either.
 tbb::task_arena& Odometry::State::registration_arena() {
   const bool is_little = scans > 1 && !coarse_is_due() && failures == 0 &&
-                         last_fine_iterations * selected_sweep.size() < kLeastSharedWork;
-  return is_little ? lone_arena : arena;
+                         last_fine_iterations * selected_sweep.size() < kMinSharedWork;
+  return is_little ? single_thread_arena : arena;
 }
 
 void Odometry::State::register_sweep(OdometryResult& result) {
@@ -160,7 +161,7 @@ void Odometry::State::register_sweep(OdometryResult& result) {
   registration.T_map_moving = T_predicted;
   coarse_was_due = coarse_is_due();
   if (scans == 1) {
-    register_from_standstill(result);
+    find_initial_velocity(result);
     twist.reset(measured_twist);
     if (!motion_compensated) rebuild_first_map();
     T_predicted = registration.T_map_moving;
@@ -177,11 +178,13 @@ bool Odometry::State::has_no_time() const {
   return registration.stop_reason == StopReason::kBudget && registration.iterations == 0;
 }
 
-BudgetRung Odometry::State::rung_of(const OdometryResult& result) const {
-  if (!budget.was_short()) return BudgetRung::kFull;
+DegradationLevel Odometry::State::degradation_level_of(const OdometryResult& result) const {
+  if (!budget.was_short()) return DegradationLevel::kFull;
   const bool has_coarse = result.coarse_iterations > 0;
-  if (result.fine_iterations == 0) return has_coarse ? BudgetRung::kNdtOnly : BudgetRung::kPredictionOnly;
-  return method.coarse && coarse_was_due && !has_coarse ? BudgetRung::kIcpOnly : BudgetRung::kFewerPoints;
+  if (result.fine_iterations == 0)
+    return has_coarse ? DegradationLevel::kNdtOnly : DegradationLevel::kPredictionOnly;
+  return method.coarse && coarse_was_due && !has_coarse ? DegradationLevel::kIcpOnly
+                                                        : DegradationLevel::kFewerPoints;
 }
 
 void Odometry::State::count_inliers(OdometryResult& result) const {
@@ -194,24 +197,24 @@ void Odometry::State::count_inliers(OdometryResult& result) const {
 
 /// From the middle of one sweep to that of the next, which deskewing with a wrong motion hardly moves.
 RegisteredMotion Odometry::State::registered_motion() const {
-  const SweepMotion::Span& span = ahead.span;
+  const MotionModel::Span& span = motion_prior.span;
   return {span.previous - Duration::from_seconds(0.5 * last_sweep_s),
-          span.end - Duration::from_seconds(0.5 * motion.sweep_s()), T_map_base * last_half_sweep.inverse(),
-          registration.T_map_moving * motion.half_sweep().inverse()};
+          span.end - Duration::from_seconds(0.5 * motion.sweep_s()), T_map_base * last_T_middle_end.inverse(),
+          registration.T_map_moving * motion.T_middle_end().inverse()};
 }
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
-  if (!ahead.imu_used || relocated || !is_plausible() ||
+  if (!motion_prior.imu_used || relocalized || !is_plausible() ||
       !monitor.contradicts(imu, gyro_bias, registered_motion()))
     return;
   monitor.demote();
-  ahead.imu_used = false;
-  ahead.acceleration = felt_acceleration(ahead);
+  motion_prior.imu_used = false;
+  motion_prior.acceleration = imu_acceleration(motion_prior);
   result.imu_used = false;
-  Vector6 expected = expected_twist(ahead);
+  Vector6 expected = expected_twist(motion_prior);
   expected.tail<3>() = monitor.registered_rate();
-  set_rotation(ahead.span, false, expected, motion);
+  set_rotation(motion_prior.span, false, expected, motion);
   T_predicted = T_map_base * motion.predict(expected.head<3>());
   select_points(T_predicted);
   register_sweep(result);

@@ -16,11 +16,11 @@ constexpr double kMinPlaneVariance = 0.01 * 0.01;
 constexpr int kFamiliarScans = 4;
 
 /// What stays is seen in scan after scan: 1 from so many on.
-double familiarity(const VoxelSurface& surface) {
+double familiarity(const GaussianVoxel& surface) {
   return std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
 }
 
-Matrix3 information_of(const VoxelSurface& surface) {
+Matrix3 information_of(const GaussianVoxel& surface) {
   const float* packed = surface.information;
   Matrix3 information;
   information << packed[0], packed[1], packed[2], packed[1], packed[3], packed[4], packed[2], packed[4],
@@ -28,9 +28,10 @@ Matrix3 information_of(const VoxelSurface& surface) {
   return information;
 }
 
-/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself. A plane is known best where its points were: away from them the error of its normal grows with the square of
-/// the distance in units of their spread.
-double plane_weight(const VoxelSurface& surface, const Vector3& offset, double point_variance) {
+/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself. A plane is known
+/// best where its points were: away from them the error of its normal grows with the square of the distance
+/// in units of their spread.
+double plane_weight(const GaussianVoxel& surface, const Vector3& offset, double point_variance) {
   const float* packed = surface.information;
   const double square_distance =
       offset.x() * (packed[0] * offset.x() + 2.0 * (packed[1] * offset.y() + packed[2] * offset.z())) +
@@ -62,7 +63,7 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
 /// The residuals of a point at `error` from the mean of a voxel without a plane, along the three axes of its
 /// Gaussian: each weighs what that of a plane as thick as the Gaussian is along its normal does.
 /// Returns the squared residual that the three together are worth, m^2.
-double add_gaussian(const VoxelSurface& surface, const Vector3& error, const Vector3& q,
+double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q,
                     const PlaneMetric& metric, NormalEquations& equations) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const Matrix3 information = information_of(surface);
@@ -108,7 +109,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
       reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
         const Vector3 q = R * point.cast<double>();
         const VoxelIndex index = map.index_of(q + t);
-        const VoxelSurface* surface = map.find(index);
+        const GaussianVoxel* surface = map.find(index);
         if (surface == nullptr || !surface->is_seen_by_several_beams()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
         if (surface->planarity > max_planarity) {
@@ -152,7 +153,7 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
         const VoxelIndex home = map.index_of(q + t);
         std::array<VoxelIndex, 7> indices;
         for (std::size_t k = 0; k < indices.size(); ++k) indices[k] = home + kNeighbours[k];
-        std::array<const VoxelSurface*, 7> surfaces;
+        std::array<const GaussianVoxel*, 7> surfaces;
         map.find_all(indices, indices.size(), surfaces);
         Matrix3 information_sum = Matrix3::Zero();
         Vector3 gradient = Vector3::Zero();

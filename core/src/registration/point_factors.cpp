@@ -66,7 +66,7 @@ RegistrationResult register_points(const PointMap& map, std::span<const Eigen::V
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
   iterate([&](const SE3& T_map_moving) { return point_equations(map, points, T_map_moving, metric); },
-          {Work::kIcp, points.size()}, options, result);
+          {WorkKind::kIcp, points.size()}, options, result);
   return result;
 }
 
@@ -76,7 +76,7 @@ RegistrationResult register_lines(const PointMap& map, std::span<const Eigen::Ve
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
   iterate([&](const SE3& T_map_moving) { return line_equations(map, points, T_map_moving, metric); },
-          {Work::kIcp, points.size()}, options, result);
+          {WorkKind::kIcp, points.size()}, options, result);
   return result;
 }
 

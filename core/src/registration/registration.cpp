@@ -22,7 +22,7 @@ RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::V
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
   iterate([&](const SE3& T_map_moving) { return plane_equations(map, points, T_map_moving, metric); },
-          {Work::kIcp, points.size()}, options, result);
+          {WorkKind::kIcp, points.size()}, options, result);
   return result;
 }
 
@@ -33,7 +33,7 @@ RegistrationResult register_ndt(const VoxelMap& map, std::span<const Eigen::Vect
   result.T_map_moving = T_map_guess;
   for (const double scale : kernel_scales) {
     iterate([&](const SE3& T_map_moving) { return ndt_equations(map, points, T_map_moving, {scale}); },
-            {Work::kNdt, points.size()}, options, result);
+            {WorkKind::kNdt, points.size()}, options, result);
     if (result.stop_reason != StopReason::kConverged && result.stop_reason != StopReason::kMaxIterations)
       break;
   }

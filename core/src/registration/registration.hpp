@@ -72,7 +72,7 @@ struct PosePrior {
   /// Translation then rotation, in axes of the moving frame; m^2, rad^2. All positive.
   Vector6 variance = Vector6::Ones();
   /// No manoeuvre goes unfelt: a translation far from the prior is as unlikely as a normal distribution says.
-  bool translation_is_felt = false;
+  bool translation_is_gaussian = false;
 };
 
 struct SolverOptions {
@@ -85,7 +85,7 @@ struct SolverOptions {
   /// With it every direction is weighed between scan and prior by what each knows of it.
   std::optional<PosePrior> prior;
   /// Asked before each iteration; null = unlimited.
-  WorkBudget* budget = nullptr;
+  ComputeBudget* budget = nullptr;
 };
 
 struct RegistrationResult {
@@ -97,7 +97,7 @@ struct RegistrationResult {
   /// observe.
   std::uint8_t degenerate_axes = 0;
   /// Share of the step along each axis that the scan decided, the rest followed the prior; 1 without one.
-  Vector6 observed_share = Vector6::Ones();
+  Vector6 observability = Vector6::Ones();
 };
 
 /// Variance of one of the residuals of plane_equations(), m^2: H divided by it is the scan's information

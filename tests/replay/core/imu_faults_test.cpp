@@ -59,7 +59,7 @@ struct Run {
   int with_imu = 0;
 };
 
-/// Drives through the room with what the fault leaves of the IMU; without a fault function there is no IMU.
+/// Drives through the hall with a faulty IMU; without a fault function there is no IMU.
 Run drive(const Fault& fault, int threads = 1, int count = kScans) {
   OdometryConfig config;
   config.threads = threads;
@@ -117,20 +117,20 @@ std::vector<NamedFault> disqualifying_faults() {
 
 }  // namespace
 
-TEST_CASE("a sound IMU is used from its first bend on, without a word") {
+TEST_CASE("a sound IMU is used from its first bend on, without a warning", "[imu_faults]") {
   const Run run = drive([](const ImuSample& sample) { return std::optional(sample); });
   CHECK(run.with_imu > kScans - 40);
   CHECK(run.health.demotions == 0);
   for (std::size_t i = 0; i < kImuChecks; ++i) {
     const auto check = static_cast<ImuCheck>(i);
-    // An ideal IMU that stands does repeat its values.
+    // An ideal IMU at rest does repeat its values.
     if (check == ImuCheck::kGyroStuck || check == ImuCheck::kAccelStuck) continue;
     INFO(name_of(check));
     CHECK(run.health.rows[i].worst_state <= ImuCheckState::kOk);
   }
 }
 
-TEST_CASE("an IMU that is plainly wrong is named, goes unused and does no harm", "[drives]") {
+TEST_CASE("a wrong IMU is reported, not used and harmless", "[imu_faults][drives]") {
   const Run without = drive(nullptr);
   for (const NamedFault& fault : disqualifying_faults()) {
     INFO(fault.name);
@@ -145,7 +145,7 @@ TEST_CASE("an IMU that is plainly wrong is named, goes unused and does no harm",
   }
 }
 
-TEST_CASE("an IMU whose stamps are off is told so, corrected, and used", "[drives]") {
+TEST_CASE("an IMU with a time offset is reported, corrected and used", "[imu_faults][drives]") {
   const Run without = drive(nullptr, 1, kScansOfLongDrive);
   for (const double offset_ms : {100.0, -100.0, 20.0, -20.0}) {
     INFO(offset_ms);
@@ -162,7 +162,8 @@ TEST_CASE("an IMU whose stamps are off is told so, corrected, and used", "[drive
   }
 }
 
-TEST_CASE("with an IMU that fails half way the result is the same to the last bit for 1 and 2 threads") {
+TEST_CASE("with an IMU that fails half way the result is the same to the last bit for 1 and 2 threads",
+          "[imu_faults]") {
   const Fault fails = changed([](ImuSample& s) {
     if (s.stamp > Time::from_seconds(6.0)) s.angular_velocity[2] *= -1.0;
   });

@@ -60,7 +60,8 @@ RegistrationResult register_in(const Corridor& corridor, const PosePrior& prior)
 
 }  // namespace
 
-TEST_CASE("between bare walls the pose follows the prediction along them, and that axis alone is weak") {
+TEST_CASE("between bare walls the pose follows the prediction along them, and that axis alone is degenerate",
+          "[degeneracy]") {
   const Corridor corridor(false);
   PosePrior prior = prior_at(0.4);
   prior.T_map_moving.translation.y() = 0.05;
@@ -68,26 +69,27 @@ TEST_CASE("between bare walls the pose follows the prediction along them, and th
   CHECK(result.degenerate_axes == 0b000001);
   CHECK(result.T_map_moving.translation.x() == Approx(0.4).margin(0.01));
   CHECK(result.T_map_moving.translation.y() == Approx(0.0).margin(0.005));
-  CHECK(result.observed_share[0] < 0.2);
-  CHECK(result.observed_share[1] > 0.9);
+  CHECK(result.observability[0] < 0.2);
+  CHECK(result.observability[1] > 0.9);
 }
 
-TEST_CASE("a few gables across the street are enough to know where along it the vehicle is") {
+TEST_CASE("a few gables across the street are enough to observe the position along it", "[degeneracy]") {
   const Corridor corridor(true);
   const RegistrationResult result = register_in(corridor, prior_at(0.1));
   CHECK(result.degenerate_axes == 0);
   CHECK(result.T_map_moving.translation.x() == Approx(0.0).margin(0.01));
-  CHECK(result.observed_share[0] > 0.9);
+  CHECK(result.observability[0] > 0.9);
 }
 
-TEST_CASE("a prediction far from what the scan shows plainly does not hold the pose") {
+TEST_CASE("a prediction far from a well observed pose does not hold it", "[degeneracy]") {
   const Corridor corridor(true);
   // Ten deviations.
   const RegistrationResult result = register_in(corridor, prior_at(0.2));
   CHECK(result.T_map_moving.translation.x() == Approx(0.0).margin(0.005));
 }
 
-TEST_CASE("without a scan's equations there is no information, with more points there is more") {
+TEST_CASE("without a scan's equations there is no information, with more points there is more",
+          "[degeneracy]") {
   CHECK(measurement_variance({}) > 0.0);
   const Corridor corridor(true);
   const NormalEquations all = plane_equations(corridor.map, corridor.points, {}, {});
@@ -97,7 +99,9 @@ TEST_CASE("without a scan's equations there is no information, with more points 
   CHECK(all.normal_square > 0.0);
 }
 
-TEST_CASE("the variance along a weak axis grows from scan to scan and is gone when the axis is seen again") {
+TEST_CASE(
+    "the variance along a degenerate axis grows from scan to scan and ends when the axis is observed again",
+    "[degeneracy]") {
   UnobservedDrift drift;
   const Vector6 square = Vector6::Constant(1e-4);
   double before = 0.0;

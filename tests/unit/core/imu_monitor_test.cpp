@@ -20,7 +20,7 @@ namespace {
 constexpr double kScanPeriod = 0.1;
 constexpr double kSamplePeriod = 0.005;
 
-/// Turns to both sides, nods and rolls a little, and speeds up and slows down.
+/// Turns to both sides with some pitch and roll, accelerates and brakes.
 SE3 winding_road(double t) {
   const Eigen::Quaterniond rotation =
       Eigen::AngleAxisd(0.6 * std::sin(0.5 * t) + 0.3 * std::sin(0.9 * t), Vector3::UnitZ()) *
@@ -30,7 +30,7 @@ SE3 winding_road(double t) {
           Vector3(8.0 * t + 6.0 * std::sin(0.5 * t), 10.0 * std::sin(0.4 * t), 0.3 * std::sin(0.3 * t))};
 }
 
-/// What the fault makes of a sample; nothing when it is lost.
+/// The faulty sample, or nullopt when it is lost.
 using Fault = std::function<std::optional<ImuSample>(ImuSample)>;
 
 struct Drive {
@@ -107,7 +107,7 @@ std::size_t alarms(const ImuHealth& health) {
 
 }  // namespace
 
-TEST_CASE("a sound IMU is trusted, every check of motion knows its value, and none alarms") {
+TEST_CASE("a sound IMU is accepted, every motion check has a value, and none warns", "[imu_monitor]") {
   const ImuHealth health = watch(Drive{});
   CHECK(health.trusted);
   CHECK(health.demotions == 0);
@@ -120,7 +120,8 @@ TEST_CASE("a sound IMU is trusted, every check of motion knows its value, and no
   CHECK(health[ImuCheck::kGravityMagnitude].value == Approx(9.81).margin(0.1));
 }
 
-TEST_CASE("on a straight road nothing is claimed of mounting, scale and time, and no trust is given") {
+TEST_CASE("on a straight road mounting, scale and time offset stay unknown, and the gyro is not accepted",
+          "[imu_monitor]") {
   Drive drive;
   drive.pose = [](double t) { return SE3{Eigen::Quaterniond::Identity(), Vector3(10.0 * t, 0.0, 0.0)}; };
   const ImuHealth health = watch(drive);
@@ -132,7 +133,7 @@ TEST_CASE("on a straight road nothing is claimed of mounting, scale and time, an
   CHECK(health.demotions == 0);
 }
 
-TEST_CASE("swapped axes and flipped signs are named by the axes they are measured on") {
+TEST_CASE("swapped axes and flipped signs are named by the axes they are measured on", "[imu_monitor]") {
   const ImuHealth swapped = watch(changed([](ImuSample& s) {
     std::swap(s.angular_velocity[0], s.angular_velocity[2]);
     std::swap(s.linear_acceleration[0], s.linear_acceleration[2]);
@@ -151,7 +152,7 @@ TEST_CASE("swapped axes and flipped signs are named by the axes they are measure
   CHECK(flipped[ImuCheck::kGravityDirection].state == ImuCheckState::kOk);
 }
 
-TEST_CASE("units are told from the scale: degrees for radians, and g for m/s^2") {
+TEST_CASE("wrong units are identified by the scale: degrees for radians, and g for m/s^2", "[imu_monitor]") {
   const ImuHealth degrees = watch(changed([](ImuSample& s) {
     for (double& rate : s.angular_velocity) rate /= nilio::kRadiansPerDegree;
   }));
@@ -165,11 +166,11 @@ TEST_CASE("units are told from the scale: degrees for radians, and g for m/s^2")
   CHECK(in_g[ImuCheck::kGravityMagnitude].value == Approx(1.0).margin(0.01));
   CHECK(in_g[ImuCheck::kGravityMagnitude].state == ImuCheckState::kBad);
   CHECK(hint_for(ImuCheck::kGravityMagnitude, in_g).find("9.80665") != std::string::npos);
-  // The gyro is none the worse for it.
+  // The gyro is unaffected.
   CHECK(in_g.trusted);
 }
 
-TEST_CASE("a mounting rotated by ten degrees is measured about each axis") {
+TEST_CASE("a mounting rotated by ten degrees is measured about each axis", "[imu_monitor]") {
   for (const Vector3& axis : {Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)}) {
     const ImuHealth health = watch(mounted_rotated(10.0 * nilio::kRadiansPerDegree * axis));
     CHECK(health[ImuCheck::kAccelMounting].value == Approx(10.0).margin(1.0));
@@ -179,7 +180,8 @@ TEST_CASE("a mounting rotated by ten degrees is measured about each axis") {
   }
 }
 
-TEST_CASE("a time offset is measured within 3 ms with its sign, and taken out of the stamps") {
+TEST_CASE("a time offset is estimated within 3 ms with its sign, and applied to the stamps",
+          "[imu_monitor]") {
   for (const double offset_ms : {-100.0, -20.0, 5.0, 20.0, 100.0}) {
     const ImuHealth health =
         watch(changed([&](ImuSample& s) { s.stamp = s.stamp + Duration::from_milliseconds(offset_ms); }));
@@ -192,7 +194,7 @@ TEST_CASE("a time offset is measured within 3 ms with its sign, and taken out of
   }
 }
 
-TEST_CASE("an offset beyond what is tried is reported as the largest that is, not as none") {
+TEST_CASE("an offset beyond the largest shift is reported as that shift, not as none", "[imu_monitor]") {
   Drive drive;
   drive.seconds = 60.0;
   drive.fault = changed([](ImuSample& s) { s.stamp = s.stamp + Duration::from_milliseconds(200.0); });
@@ -202,7 +204,7 @@ TEST_CASE("an offset beyond what is tried is reported as the largest that is, no
   CHECK(health[ImuCheck::kTimeOffset].value == Approx(150.0));
 }
 
-TEST_CASE("a bias is measured on straight pieces and does not pass for scale") {
+TEST_CASE("a bias is estimated on straight pieces and not mistaken for scale", "[imu_monitor]") {
   const ImuHealth health = watch(changed([](ImuSample& s) {
     for (double& rate : s.angular_velocity) rate += 2.0 * nilio::kRadiansPerDegree;
   }));
@@ -211,7 +213,9 @@ TEST_CASE("a bias is measured on straight pieces and does not pass for scale") {
   CHECK(health[ImuCheck::kGyroScale].value == Approx(1.0).margin(0.01));
 }
 
-TEST_CASE("clipping is told from a fast turn, with the full scale, and clipped scans go without the gyro") {
+TEST_CASE(
+    "clipping is distinguished from a fast turn, with its full scale, and clipped scans do not use the gyro",
+    "[imu_monitor]") {
   const double full_scale = 15.0 * nilio::kRadiansPerDegree;
   const ImuHealth health = watch(changed([&](ImuSample& s) {
     for (double& rate : s.angular_velocity) rate = std::clamp(rate, -full_scale, full_scale);
@@ -222,7 +226,7 @@ TEST_CASE("clipping is told from a fast turn, with the full scale, and clipped s
   CHECK(health[ImuCheck::kGyroScale].worst_state <= ImuCheckState::kOk);
 }
 
-TEST_CASE("clipped and repeated samples are not used from the first tenth of a second on") {
+TEST_CASE("clipped and repeated samples are not used from the first tenth of a second on", "[imu_monitor]") {
   ImuMonitor monitor({});
   ImuBuffer buffer(1024);
   const auto feed = [&](int i, double rate) {
@@ -247,7 +251,7 @@ TEST_CASE("clipped and repeated samples are not used from the first tenth of a s
   CHECK_FALSE(monitor.usable(Time::from_seconds(2.02), Time::from_seconds(2.12)));
 }
 
-TEST_CASE("values that stop changing, silence and lost samples are named with their measure") {
+TEST_CASE("stuck values, silence and lost samples are reported with their size", "[imu_monitor]") {
   std::optional<ImuSample> frozen;
   const ImuHealth stuck = watch([&](const ImuSample& sample) {
     if (sample.stamp < Time::from_seconds(35.0)) return std::optional(sample);
@@ -276,7 +280,7 @@ TEST_CASE("values that stop changing, silence and lost samples are named with th
   CHECK(lossy[ImuCheck::kSampleLoss].state == ImuCheckState::kBad);
 }
 
-TEST_CASE("noise and vibration are measured as their root mean square") {
+TEST_CASE("noise and vibration are measured as their root mean square", "[imu_monitor]") {
   std::mt19937 generator(3);
   std::normal_distribution<double> normal;
   const ImuHealth health = watch(changed([&](ImuSample& s) {
@@ -289,7 +293,8 @@ TEST_CASE("noise and vibration are measured as their root mean square") {
   CHECK(health[ImuCheck::kAccelVibration].state == ImuCheckState::kWarn);
 }
 
-TEST_CASE("trust comes back after agreement while turning, not on a straight road") {
+TEST_CASE("a rejected gyro is accepted again after agreement in turns, not on a straight road",
+          "[imu_monitor]") {
   // Wrong for 5 s, then sound; the memory of the wrong ones has faded at the end.
   const Fault wrong_at_first = changed([](ImuSample& s) {
     if (s.stamp > Time::from_seconds(3.0) && s.stamp < Time::from_seconds(8.0))
@@ -314,7 +319,7 @@ TEST_CASE("trust comes back after agreement while turning, not on a straight roa
   CHECK_FALSE(watch(straightening).trusted);
 }
 
-TEST_CASE("every check has a name and a unit, and hints are given only for alarms") {
+TEST_CASE("every check has a name and a unit, and hints appear only with warnings", "[imu_monitor]") {
   for (std::size_t i = 0; i < kImuChecks; ++i) {
     const auto check = static_cast<ImuCheck>(i);
     CHECK(std::string(name_of(check)).size() > 3);

@@ -1,5 +1,7 @@
 #include "nilio/core/odometry.hpp"
 
+#include "nilio/core/odometry_runtime.hpp"
+
 #include "tests/support/synthetic_room.hpp"
 
 #include <algorithm>
@@ -71,7 +73,7 @@ Run run_odometry(const PoseFunction& T_world_base, const RunSettings& settings) 
 
 }  // namespace
 
-TEST_CASE("a vehicle that already moves is tracked from its second scan on, without an IMU") {
+TEST_CASE("a vehicle that already moves is tracked from its second scan on, without an IMU", "[odometry]") {
   const Run run = run_odometry(driving, {});
   CHECK(run.worst_error_m < 0.45);
   CHECK(run.results[1].twist[0] == Approx(8.0).margin(0.3));
@@ -80,7 +82,8 @@ TEST_CASE("a vehicle that already moves is tracked from its second scan on, with
   CHECK_FALSE(run.results.back().imu_used);
 }
 
-TEST_CASE("with an IMU the rotation is predicted, its bias is learned and the drift is small") {
+TEST_CASE("with an IMU the rotation is predicted, its bias is estimated and the drift is small",
+          "[odometry]") {
   RunSettings settings;
   settings.imu = true;
   const Run run = run_odometry(winding, settings);
@@ -88,13 +91,14 @@ TEST_CASE("with an IMU the rotation is predicted, its bias is learned and the dr
   CHECK(run.results.back().imu_used);
 }
 
-TEST_CASE("a standing vehicle stays where it is") {
+TEST_CASE("a stationary vehicle keeps its pose", "[odometry]") {
   const Run run = run_odometry([](double) { return SE3{}; }, {});
   CHECK(run.worst_error_m < 0.02);
   CHECK(run.results.back().twist.norm() < 0.2);
 }
 
-TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in a second run") {
+TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in a second run",
+          "[odometry]") {
   RunSettings settings;
   settings.scans = 15;
   settings.imu = true;
@@ -111,7 +115,8 @@ TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in
   }
 }
 
-TEST_CASE("a scan that is empty or full of nonsense gets the predicted pose, says so, and tracking goes on") {
+TEST_CASE("an empty or corrupt scan gets the predicted pose, is marked so, and tracking goes on",
+          "[odometry]") {
   RunSettings settings;
   settings.imu = true;
   settings.damage = [](int i, Scan& scan) {
@@ -131,7 +136,7 @@ TEST_CASE("a scan that is empty or full of nonsense gets the predicted pose, say
   CHECK(run.worst_error_m < 0.45);
 }
 
-TEST_CASE("no scan but empty ones is reported as lost and never crashes") {
+TEST_CASE("a stream of empty scans is reported as lost and never crashes", "[odometry]") {
   RunSettings settings;
   settings.scans = 12;
   settings.damage = [](int, Scan& scan) { scan.points.clear(); };
@@ -140,7 +145,7 @@ TEST_CASE("no scan but empty ones is reported as lost and never crashes") {
   CHECK(run.results.back().T_odom_base.is_finite());
 }
 
-TEST_CASE("scans that are lost in between do not lose the track") {
+TEST_CASE("missing scans do not lose the track", "[odometry]") {
   const Room room = Room::with_pillars();
   Odometry odometry(OdometryConfig{});
   SE3 first;
@@ -158,9 +163,9 @@ TEST_CASE("scans that are lost in between do not lose the track") {
   CHECK((truth.translation - (first.inverse() * last).translation).norm() < 0.45);
 }
 
-TEST_CASE("the covariance covers the error of a tracked pose and is symmetric and positive") {
+TEST_CASE("the covariance covers the error of a tracked pose and is symmetric and positive", "[odometry]") {
   const Run run = run_odometry(driving, {});
-  // Of the motion since the map here was new: how the first scans lay is not this pose's error.
+  // Error of the motion since the map here was new; the attitude of the first scans does not count.
   const std::size_t last = run.results.size() - 1;
   const std::size_t since = last - 10;
   const SE3 truth = driving(kPeriod * static_cast<double>(since + 1)).inverse() *
@@ -173,8 +178,8 @@ TEST_CASE("the covariance covers the error of a tracked pose and is symmetric an
   CHECK(error_m < 3.0 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
 }
 
-TEST_CASE("a vehicle that is turned and moved while nothing is seen is reported as lost and found again") {
-  // 14 deg and 2 m away from where the prediction has it.
+TEST_CASE("a vehicle turned and moved without scans is reported as lost and relocalised", "[odometry]") {
+  // 14 deg and 2 m from the prediction.
   const PoseFunction moved = [](double t) {
     const SE3 jump{Eigen::Quaterniond(Eigen::AngleAxisd(0.25, Vector3::UnitZ())), Vector3(2.0, 0.5, 0.0)};
     return t < 3.0 ? driving(1.0) : driving(1.0) * jump;
@@ -192,12 +197,13 @@ TEST_CASE("a vehicle that is turned and moved while nothing is seen is reported 
   CHECK(run.end_error_m < 0.1);
 }
 
-TEST_CASE("a vehicle that left its map unseen begins a new one where it is predicted to be, and says so") {
+TEST_CASE("a vehicle that left its map without scans resets it at the predicted pose and reports it",
+          "[odometry]") {
   RunSettings settings;
   settings.scans = 90;
   settings.damage = [](int i, Scan& scan) {
     if (i >= 20 && i < 55) scan.points.clear();
-    // Another place: nothing of it is in the map.
+    // Another place, of which the map holds no part.
     if (i >= 55) {
       for (Point& point : scan.points) point.x += 15.0F;
     }
@@ -213,7 +219,8 @@ TEST_CASE("a vehicle that left its map unseen begins a new one where it is predi
   CHECK(since.translation.x() == Approx(1.9).margin(0.1));
 }
 
-TEST_CASE("a drive that goes on in another place is lost, begun anew there and tracked within twenty scans") {
+TEST_CASE("a drive that continues in another place is lost, resets its map and tracks within twenty scans",
+          "[odometry]") {
   constexpr int kSeam = 40;
   Room other;
   other.low = {-60.0, -9.0, -1.8};
@@ -252,7 +259,7 @@ TEST_CASE("a drive that goes on in another place is lost, begun anew there and t
   }
 }
 
-TEST_CASE("a sharp corner keeps the registered poses, without an IMU") {
+TEST_CASE("a sharp corner keeps the registered poses, without an IMU", "[odometry]") {
   // From straight on to 86 deg/s within 0.3 s.
   const auto yaw_at = [](double t) {
     const double since = std::clamp(t - 3.0, 0.0, 1.2);
@@ -279,19 +286,20 @@ TEST_CASE("a sharp corner keeps the registered poses, without an IMU") {
   CHECK(run.end_error_m < 0.5);
 }
 
-TEST_CASE("the covariance of a predicted pose grows with the time since the last registered one") {
+TEST_CASE("the covariance of a predicted pose grows with the time since the last registered one",
+          "[odometry]") {
   const Room room = Room::with_pillars();
   Odometry odometry(OdometryConfig{});
   for (int i = 0; i < 10; ++i)
     odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
   const auto deviation_after = [&](double seconds) {
     const Scan scan = scan_room(room, driving, 9 * kPeriod + seconds, 10);
-    return std::sqrt(odometry.predict_pose(scan).pose_covariance(0, 0));
+    return std::sqrt(OdometryRuntime(odometry).predict_pose(scan).pose_covariance(0, 0));
   };
   CHECK(deviation_after(4.0) == Approx(4.0 * deviation_after(1.0)).epsilon(0.01));
 }
 
-TEST_CASE("scans of few points start a map where none is") {
+TEST_CASE("scans of few points start a map where none is", "[odometry]") {
   RunSettings settings;
   settings.scans = 20;
   settings.damage = [](int i, Scan& scan) {
@@ -305,7 +313,7 @@ TEST_CASE("scans of few points start a map where none is") {
   CHECK(run.results.back().map_voxels > 0);
 }
 
-TEST_CASE("a published step that no vehicle can have driven is lost") {
+TEST_CASE("a published step that no vehicle can have driven is lost", "[odometry]") {
   const PoseFunction jumping = [](double t) {
     return SE3{Eigen::Quaterniond::Identity(), Vector3(t < 3.0 ? 0.0 : 4.0, 0.0, 0.0)};
   };

@@ -51,7 +51,8 @@ SE3 offset(double x, double y, double yaw) {
 
 }  // namespace
 
-TEST_CASE("the gradient of the plane equations is that of the squared distances, numerically") {
+TEST_CASE("the gradient of the plane equations is that of the squared distances, numerically",
+          "[registration]") {
   // Without weights that move with the point: a huge kernel, and planes that are certain beside the points.
   const PlaneMetric metric{2.0, 1e6, 0.1, 0.2, 1e3};
   const SE3 pose = offset(0.05, -0.03, 0.004);
@@ -71,7 +72,7 @@ TEST_CASE("the gradient of the plane equations is that of the squared distances,
   }
 }
 
-TEST_CASE("the gradient of the NDT equations is that of the weighted score, numerically") {
+TEST_CASE("the gradient of the NDT equations is that of the weighted score, numerically", "[registration]") {
   const SE3 pose = offset(0.3, -0.2, 0.01);
   const double scale = 1.5;
   // d/dT of sum(-s^2 exp(-m^2 / 2 s^2)) is sum(exp(..) J^T information e).
@@ -96,7 +97,7 @@ TEST_CASE("the gradient of the NDT equations is that of the weighted score, nume
   }
 }
 
-TEST_CASE("ICP finds the pose from half a metre and two degrees away") {
+TEST_CASE("ICP converges from half a metre and two degrees away", "[registration]") {
   const PlaneMetric metric{1.5, 0.5, 0.1, 0.2};
   SolverOptions options;
   options.max_iterations = 30;
@@ -107,7 +108,7 @@ TEST_CASE("ICP finds the pose from half a metre and two degrees away") {
   CHECK(so3_log(result.T_map_moving.rotation).norm() < 1e-3);
 }
 
-TEST_CASE("NDT with a wide kernel first reaches farther than ICP") {
+TEST_CASE("NDT with a wide kernel first reaches farther than ICP", "[registration]") {
   const SE3 guess = offset(2.5, 1.0, 0.05);
   SolverOptions options;
   options.max_iterations = 20;
@@ -120,7 +121,7 @@ TEST_CASE("NDT with a wide kernel first reaches farther than ICP") {
   CHECK(coarse.T_map_moving.translation.norm() < 0.2);
 }
 
-TEST_CASE("the equations are the same to the last bit at any number of threads") {
+TEST_CASE("the equations are the same to the last bit at any number of threads", "[registration]") {
   const SE3 pose = offset(0.1, 0.05, 0.01);
   std::vector<Eigen::Vector3f> points;
   for (int i = 0; i < 8; ++i) points.insert(points.end(), room_map().points.begin(), room_map().points.end());
@@ -143,14 +144,16 @@ TEST_CASE("the equations are the same to the last bit at any number of threads")
   }
 }
 
-TEST_CASE("registration against an empty map says that it has too few points") {
+TEST_CASE("registration against an empty map reports too few points", "[registration]") {
   const VoxelMap empty({1.0, 100.0, 100, 6, 100});
   const RegistrationResult result = register_planes(empty, room_map().points, {}, {}, {});
   CHECK(result.stop_reason == StopReason::kTooFewPoints);
   CHECK(result.T_map_moving.translation.norm() == 0.0);
 }
 
-TEST_CASE("between two parallel walls the direction along them keeps the prediction and is named") {
+TEST_CASE(
+    "between two parallel walls the direction along them keeps the prediction and is reported as degenerate",
+    "[registration]") {
   VoxelMap map({1.0, 500.0, 20000, 6, 100});
   std::mt19937_64 generator(5);
   std::uniform_real_distribution<double> along(-60.0, 60.0);
@@ -172,9 +175,10 @@ TEST_CASE("between two parallel walls the direction along them keeps the predict
   CHECK(result.T_map_moving.translation.y() == Approx(0.05).margin(0.01));
 }
 
-TEST_CASE("selection takes an equal share of every surface direction and never more than it was asked for") {
-  PointSelector selector(40000);
-  VoxelFilter filter(40000);
+TEST_CASE("selection takes an equal share of every surface direction and never more than it was asked for",
+          "[registration]") {
+  NormalSpaceSampler selector(40000);
+  VoxelDownsampler filter(40000);
   std::vector<std::uint32_t> selection;
   selector.select(room_map().planes, filter, room_map().points, {}, {200, 0.2F, 0.1}, selection);
   CHECK(selection.size() <= 200);
@@ -187,7 +191,8 @@ TEST_CASE("selection takes an equal share of every surface direction and never m
   CHECK(ground < selection.size() / 2);
 }
 
-TEST_CASE("a point beside the strip that a plane was fitted to counts for less than one on it") {
+TEST_CASE("a point beside the strip that a plane was fitted to weighs less than one on it",
+          "[registration]") {
   VoxelMap map({2.0, 100.0, 100, 6, 100});
   std::mt19937_64 generator(7);
   std::uniform_real_distribution<double> along(-0.9, 0.9);
@@ -196,7 +201,7 @@ TEST_CASE("a point beside the strip that a plane was fitted to counts for less t
   std::vector<Vector3> world;
   for (int i = 0; i < 99; ++i)
     world.emplace_back(1.0 + along(generator), 1.0 + across(generator), 1.0 + height(generator));
-  // In four scans, after which a plane is known to stay.
+  // Four scans, after which a plane has its full weight.
   for (std::size_t scan = 0; scan < 4; ++scan)
     map.insert(std::span<const Vector3>(world).subspan(scan * world.size() / 4, world.size() / 4));
   const auto weight_at = [&](float x, float y) {
@@ -210,7 +215,7 @@ TEST_CASE("a point beside the strip that a plane was fitted to counts for less t
   CHECK(weight_at(1.0F, 1.8F) < 0.2 * weight_at(1.0F, 1.0F));
 }
 
-TEST_CASE("a plane that one scan has shown counts for a quarter of what it does after four") {
+TEST_CASE("a plane seen by one scan has a quarter of the weight of one seen by four", "[registration]") {
   const auto weight_after = [](std::size_t scans) {
     VoxelMap map({2.0, 100.0, 100, 6, 100});
     std::mt19937_64 generator(7);
@@ -227,7 +232,7 @@ TEST_CASE("a plane that one scan has shown counts for a quarter of what it does 
   CHECK(weight_after(8) == Approx(weight_after(4)).epsilon(0.05));
 }
 
-TEST_CASE("voxels without a plane are chosen from and registered against as Gaussians") {
+TEST_CASE("voxels without a plane are chosen from and registered against as Gaussians", "[registration]") {
   // Bushes: clouds of points.
   std::mt19937_64 generator(11);
   std::normal_distribution<double> spread(0.0, 0.25);
@@ -242,8 +247,8 @@ TEST_CASE("voxels without a plane are chosen from and registered against as Gaus
   const Vector3 offset(0.15, -0.1, 0.05);
   std::vector<Eigen::Vector3f> points;
   for (std::size_t i = 0; i < world.size(); i += 7) points.push_back((world[i] - offset).cast<float>());
-  PointSelector selector(40000);
-  VoxelFilter filter(40000);
+  NormalSpaceSampler selector(40000);
+  VoxelDownsampler filter(40000);
   std::vector<std::uint32_t> selection;
   selector.select(map, filter, points, {}, {2000, 0.2F, 0.1}, selection);
   CHECK(selection.size() > 200);

@@ -6,7 +6,7 @@
 
 using namespace nilio::core;
 
-TEST_CASE("the logarithm undoes the exponential for small, large and nearly half-turn rotations") {
+TEST_CASE("the logarithm undoes the exponential for small, large and nearly half-turn rotations", "[se3]") {
   std::mt19937_64 generator(7);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   for (const double angle : {0.0, 1e-9, 1e-6, 1e-4, 1e-3, 0.1, 1.0, 3.0, 3.14}) {
@@ -19,7 +19,7 @@ TEST_CASE("the logarithm undoes the exponential for small, large and nearly half
   }
 }
 
-TEST_CASE("a transform times its inverse is the identity") {
+TEST_CASE("a transform times its inverse is the identity", "[se3]") {
   Vector6 twist;
   twist << 3.0, -2.0, 1.0, 0.4, -0.7, 1.9;
   const SE3 product = se3_exp(twist) * se3_exp(twist).inverse();
@@ -27,7 +27,7 @@ TEST_CASE("a transform times its inverse is the identity") {
   CHECK(so3_log(product.rotation).norm() < 1e-12);
 }
 
-TEST_CASE("the exponential of a screw is the motion of a point on it") {
+TEST_CASE("the exponential of a screw is the motion of a point on it", "[se3]") {
   // A quarter turn about z while moving on a circle of radius 2: ends at (2, 2).
   Vector6 twist;
   twist << 2.0 * M_PI / 2.0, 0.0, 0.0, 0.0, 0.0, M_PI / 2.0;
@@ -35,7 +35,7 @@ TEST_CASE("the exponential of a screw is the motion of a point on it") {
   CHECK((motion.translation - Vector3(2.0, 2.0, 0.0)).norm() < 1e-12);
 }
 
-TEST_CASE("a matrix that is not quite a rotation is projected onto one") {
+TEST_CASE("a matrix that is not quite a rotation is projected onto one", "[se3]") {
   Eigen::Matrix<double, 3, 4> matrix;
   matrix << 0.0, -1.001, 0.0, 1.0, 0.999, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0;
   const SE3 transform = se3_from_matrix(matrix);

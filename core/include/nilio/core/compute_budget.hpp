@@ -17,11 +17,11 @@ enum class BudgetMode : std::uint8_t {
 
 /// Kinds of counted work, in units of one point: in preparation (range gate, voxel filter, deskewing,
 /// selection) a point of the scan, in registration a point in one iteration. Finishing counts scans.
-enum class Work : std::uint8_t { kPrepare, kNdt, kIcp, kFinish, kCount };
-inline constexpr std::size_t kWorkKinds = static_cast<std::size_t>(Work::kCount);
+enum class WorkKind : std::uint8_t { kPrepare, kNdt, kIcp, kFinish, kCount };
+inline constexpr std::size_t kWorkKindCount = static_cast<std::size_t>(WorkKind::kCount);
 
 /// Degradation of a registration to keep the budget, from none to complete.
-enum class BudgetRung : std::uint8_t {
+enum class DegradationLevel : std::uint8_t {
   kFull,
   kFewerPoints,     ///< fewer points of the scan, or fewer of them in the registration
   kIcpOnly,         ///< NDT was due but skipped
@@ -29,10 +29,10 @@ enum class BudgetRung : std::uint8_t {
   kPredictionOnly,  ///< no time for any iteration
   kCount
 };
-inline constexpr std::size_t kBudgetRungs = static_cast<std::size_t>(BudgetRung::kCount);
+inline constexpr std::size_t kDegradationLevels = static_cast<std::size_t>(DegradationLevel::kCount);
 /// "full", "fewer_points", ...
 const char* name_of(BudgetMode mode);
-const char* name_of(BudgetRung rung);
+const char* name_of(DegradationLevel degradation_level);
 
 struct BudgetConfig {
   BudgetMode mode = BudgetMode::kOff;
@@ -56,11 +56,11 @@ struct BudgetDecisions {
 /// before each iteration whether another one fits: the deadline is missed by a prediction error at most, not
 /// by an iteration. In ops mode time is the nominal cost of the work done. Not thread-safe; does not
 /// allocate.
-class WorkBudget {
+class ComputeBudget {
  public:
   using ClockFunction = std::int64_t (*)();
 
-  WorkBudget(const BudgetConfig& config, ClockFunction clock);
+  ComputeBudget(const BudgetConfig& config, ClockFunction clock);
 
   /// Begins a scan whose last packet arrived at `released_ns` by the clock, 0 = now. An exempt scan is not
   /// limited and does not update the cost estimates.
@@ -74,9 +74,9 @@ class WorkBudget {
   /// the time first.
   std::size_t choose_registration_points(std::size_t most, bool coarse);
   /// Whether there is time for that much work.
-  bool allows(Work work, std::size_t units);
+  bool allows(WorkKind work, std::size_t units);
   /// Records the work done since the last call, or since the scan began.
-  void done(Work work, std::size_t units);
+  void record(WorkKind work, std::size_t units);
   /// Ends the scan after its pose was published; `iterations` of ICP were run.
   void finish_scan(int iterations);
 
@@ -90,24 +90,25 @@ class WorkBudget {
   /// Whether work was cut from this scan.
   [[nodiscard]] bool was_short() const { return short_ || decisions_.stop_size > 0; }
   /// Total units of work, by kind.
-  [[nodiscard]] const std::array<std::uint64_t, kWorkKinds>& work_done() const { return work_done_; }
+  [[nodiscard]] const std::array<std::uint64_t, kWorkKindCount>& work_done() const { return work_done_; }
   /// Estimated cost of an ICP iteration with the number of points chosen last.
   [[nodiscard]] std::int64_t iteration_ns() const;
   /// Estimated cost of one unit, beside the fixed cost of each piece of work.
-  [[nodiscard]] double cost_ns(Work work) const { return cost_ns_[static_cast<std::size_t>(work)]; }
+  [[nodiscard]] double cost_ns(WorkKind work) const { return cost_ns_[static_cast<std::size_t>(work)]; }
 
  private:
   enum class Answers : std::uint8_t { kUnlimited, kDecided, kRepeated };
 
   void begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns);
-  std::size_t choose(Work work, std::size_t rounds, std::int64_t end_ns, std::size_t least, std::size_t most);
-  [[nodiscard]] std::size_t units_within(Work work, std::int64_t end_ns, std::size_t rounds,
+  std::size_t choose(WorkKind work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
+                     std::size_t most);
+  [[nodiscard]] std::size_t units_within(WorkKind work, std::int64_t end_ns, std::size_t rounds,
                                          std::size_t most) const;
   std::size_t keep_choice(std::size_t chosen);
-  [[nodiscard]] static double cost_units(Work work, std::size_t units);
-  [[nodiscard]] std::int64_t end_of(Work work) const;
-  [[nodiscard]] std::int64_t predicted_ns(Work work, std::size_t units) const;
-  void learn(Work work, double sample_ns);
+  [[nodiscard]] static double cost_units(WorkKind work, std::size_t units);
+  [[nodiscard]] std::int64_t end_of(WorkKind work) const;
+  [[nodiscard]] std::int64_t predicted_ns(WorkKind work, std::size_t units) const;
+  void learn(WorkKind work, double sample_ns);
   void mark_lap();
 
   BudgetConfig config_;
@@ -124,8 +125,8 @@ class WorkBudget {
   std::uint16_t questions_ = 0;
   std::uint8_t choices_ = 0;
   BudgetDecisions decisions_;
-  std::array<double, kWorkKinds> cost_ns_;
-  std::array<std::uint64_t, kWorkKinds> work_done_{};
+  std::array<double, kWorkKindCount> cost_ns_;
+  std::array<std::uint64_t, kWorkKindCount> work_done_{};
   double iterations_ = 6.0;  ///< of ICP that a scan needs, slowly averaged
 };
 

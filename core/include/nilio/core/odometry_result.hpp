@@ -37,7 +37,7 @@ struct OdometryResult {
   bool predicted = false;
   std::uint8_t degenerate_axes = 0;
   /// How far the budget cut the registration, independent of convergence.
-  BudgetRung rung = BudgetRung::kFull;
+  DegradationLevel degradation_level = DegradationLevel::kFull;
   int passes = 0;
   int coarse_iterations = 0;
   int fine_iterations = 0;

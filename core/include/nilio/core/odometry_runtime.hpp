@@ -26,8 +26,8 @@ class OdometryRuntime {
   /// Registers a scan with the decisions of an earlier run instead of a budget.
   OdometryResult register_scan(const Scan& scan, const BudgetDecisions& decisions);
   /// Call after the pose was published: the time until then counts as the scan's.
-  void note_handed_over(const OdometryResult& result);
-  [[nodiscard]] const WorkBudget& budget() const;
+  void note_published(const OdometryResult& result);
+  [[nodiscard]] const ComputeBudget& budget() const;
 
  private:
   Odometry* odometry_;

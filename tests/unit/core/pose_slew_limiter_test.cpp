@@ -27,21 +27,22 @@ SE3 moved(const SE3& pose, const Vector3& by, const Vector3& turn) {
 
 }  // namespace
 
-TEST_CASE("without corrections the smoothed pose is the propagated one") {
-  PoseSmoother smoother(limits());
+TEST_CASE("without corrections the limited pose is the propagated one", "[pose_slew_limiter]") {
+  PoseSlewLimiter smoother(limits());
   const SE3 pose{so3_exp(Vector3(0.1, 0.2, 0.3)), Vector3(1.0, 2.0, 3.0)};
   CHECK(smoother.smooth(pose, kSample).translation == pose.translation);
   CHECK(smoother.smooth(pose, kSample).rotation.angularDistance(pose.rotation) < 1e-12);
   CHECK(smoother.jumps() == 0);
 }
 
-TEST_CASE("the published motion never differs from the propagated one by more than the slew limits") {
+TEST_CASE("the published motion never differs from the propagated one by more than the slew limits",
+          "[pose_slew_limiter]") {
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0.0, 1.0);
   const auto vector = [&](double size) {
     return Vector3(size * noise(random), size * noise(random), size * noise(random));
   };
-  PoseSmoother smoother(limits());
+  PoseSlewLimiter smoother(limits());
   SE3 propagated;
   SE3 published = smoother.smooth(propagated, kSample);
   double largest_m = 0.0;
@@ -70,8 +71,9 @@ TEST_CASE("the published motion never differs from the propagated one by more th
   CHECK(smoother.jumps() == 0);
 }
 
-TEST_CASE("a correction is worked off: at the limit while large, then with the time constant") {
-  PoseSmoother smoother(limits());
+TEST_CASE("a correction decays at the limit while large, then with the time constant",
+          "[pose_slew_limiter]") {
+  PoseSlewLimiter smoother(limits());
   const SE3 before{Eigen::Quaterniond::Identity(), Vector3(0.4, 0.0, 0.0)};
   const PoseCorrection correction = smoother.correct(before, SE3{});
   CHECK(correction.distance_m == Approx(0.4));
@@ -84,8 +86,9 @@ TEST_CASE("a correction is worked off: at the limit while large, then with the t
   CHECK(smoother.translation_left().x() == Approx(0.05 * std::exp(-1.0)).epsilon(0.02));
 }
 
-TEST_CASE("a correction beyond the threshold is made at once, counted and said") {
-  PoseSmoother smoother(limits());
+TEST_CASE("a correction beyond the threshold is applied at once, counted and reported",
+          "[pose_slew_limiter]") {
+  PoseSlewLimiter smoother(limits());
   SECTION("of the position") {
     const PoseCorrection correction =
         smoother.correct(SE3{Eigen::Quaterniond::Identity(), Vector3(0.0, 1.01, 0.0)}, SE3{});
@@ -104,7 +107,7 @@ TEST_CASE("a correction beyond the threshold is made at once, counted and said")
       smoother.correct(SE3{Eigen::Quaterniond::Identity(), Vector3(0.4, 0.0, 0.0)}, SE3{});
     }
   }
-  SECTION("of what is not a number") {
+  SECTION("of NaN") {
     CHECK(
         smoother.correct(SE3{Eigen::Quaterniond::Identity(), Vector3::Constant(std::nan(""))}, SE3{}).jumped);
   }

@@ -3,7 +3,7 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 
-#include "core/src/estimation/accelerometer_judge.hpp"
+#include "core/src/estimation/accelerometer_consistency.hpp"
 #include "core/src/estimation/imu_buffer.hpp"
 #include "core/src/imu_monitor/imu_monitor.hpp"
 
@@ -23,20 +23,20 @@ struct TurnRate {
 };
 
 /// IMU integration over a span, in fixed axes.
-struct FeltMotion {
+struct ImuIncrement {
   Vector3 velocity = Vector3::Zero();  ///< integral of the specific force, m/s
   Eigen::Quaterniond rotation;         ///< of base_link at the end
 };
 
 /// Integrates from `from`, where base_link has attitude `rotation`; the buffer must cover the span.
-FeltMotion felt_between(const TurnRate& rate, Time from, Time to, const Eigen::Quaterniond& rotation);
+ImuIncrement integrate_imu(const TurnRate& rate, Time from, Time to, const Eigen::Quaterniond& rotation);
 
 /// Acceleration of base_link from the accelerometer, once that predicts the scans' velocities better than a
-/// constant velocity does. Needs neither bias nor levelled axes (AccelerometerJudge). Not thread-safe.
-class FeltVelocity {
+/// constant velocity does. Needs neither bias nor levelled axes (AccelerometerConsistency). Not thread-safe.
+class InertialVelocity {
  public:
   /// Position of the IMU in base_link, m, and the longest gap between samples of one motion.
-  FeltVelocity(const Vector3& imu_position, Duration max_gap)
+  InertialVelocity(const Vector3& imu_position, Duration max_gap)
       : imu_position_(imu_position), max_gap_(max_gap) {}
 
   /// Mean rate of change of the body velocity over [from, to], m/s^2, given `rotation` and `velocity` at
@@ -45,15 +45,17 @@ class FeltVelocity {
                                                     const Eigen::Quaterniond& rotation,
                                                     const Vector3& velocity) const;
   /// Updates the consistency test with a registered motion and its body velocity; `share` is the
-  /// observability along each axis, 0 to 1. `only_weigh` as in AccelerometerJudge::Evidence.
+  /// observability along each axis, 0 to 1. `only_weigh` as in AccelerometerConsistency::Evidence.
   void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
              const Vector3& share, bool only_weigh);
   /// Sets the gravity and bias vector that is subtracted from the specific force.
-  void know_support(const Vector3& support, double variance) { judge_.know_support(support, variance); }
-  [[nodiscard]] const AccelerometerJudge& judge() const { return judge_; }
+  void set_gravity_bias(const Vector3& support, double variance) {
+    consistency_.set_gravity_bias(support, variance);
+  }
+  [[nodiscard]] const AccelerometerConsistency& consistency() const { return consistency_; }
   /// Resets the consistency test.
   void reset() {
-    judge_ = {};
+    consistency_ = {};
     last_.reset();
   }
   /// Marks a discontinuity of the motion.
@@ -69,7 +71,7 @@ class FeltVelocity {
 
   Vector3 imu_position_;
   Duration max_gap_;
-  AccelerometerJudge judge_;
+  AccelerometerConsistency consistency_;
   std::optional<Past> last_;
 };
 

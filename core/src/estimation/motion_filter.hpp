@@ -5,9 +5,9 @@
 namespace nilio::core {
 
 /// Covariance of an IMU-predicted motion: error-state Kalman filter of position, velocity and
-/// gravity-and-bias (AccelerometerJudge) in odom axes. Position is relative to the local map, not to the
-/// start. The means live elsewhere: pose, TwistFilter, AccelerometerJudge. Not thread-safe.
-class FeltMotionFilter {
+/// gravity-and-bias (AccelerometerConsistency) in odom axes. Position is relative to the local map, not to
+/// the start. The means live elsewhere: pose, TwistFilter, AccelerometerConsistency. Not thread-safe.
+class MotionFilter {
  public:
   /// Variances along each axis.
   struct Variances {
@@ -22,7 +22,7 @@ class FeltMotionFilter {
   void forget() { has_begun_ = false; }
   [[nodiscard]] bool has_begun() const { return has_begun_; }
   /// Position variance along base_link's axes, m^2.
-  [[nodiscard]] Vector3 place_variance(const Matrix3& R_odom_base) const;
+  [[nodiscard]] Vector3 position_variance(const Matrix3& R_odom_base) const;
   /// Kalman gain of velocity for a position innovation along base_link's axes, 1/s.
   [[nodiscard]] Vector3 velocity_gain(const Matrix3& R_odom_base) const;
   /// Updates with the registration's correction `moved` of the predicted position, m, and its observability
@@ -32,13 +32,13 @@ class FeltMotionFilter {
   /// state, gravity-and-bias above all, is wrong.
   [[nodiscard]] bool is_contradicted() const;
   /// Mean over the axes, m^2/s^4.
-  [[nodiscard]] double support_variance() const { return covariance_.block<3, 3>(6, 6).trace() / 3.0; }
+  [[nodiscard]] double gravity_bias_variance() const { return covariance_.block<3, 3>(6, 6).trace() / 3.0; }
 
  private:
   using Vector9 = Eigen::Matrix<double, 9, 1>;
   using Matrix9 = Eigen::Matrix<double, 9, 9>;
 
-  void bound_place(const Vector3& direction);
+  void bound_position(const Vector3& direction);
 
   bool has_begun_ = false;
   Matrix9 covariance_ = Matrix9::Zero();  ///< position, velocity, gravity-and-bias

@@ -1,12 +1,12 @@
-#include "core/src/estimation/felt_velocity.hpp"
+#include "core/src/estimation/inertial_velocity.hpp"
 
 #include <algorithm>
 
 namespace nilio::core {
 
-FeltMotion felt_between(const TurnRate& rate, Time from, Time to, const Eigen::Quaterniond& rotation) {
+ImuIncrement integrate_imu(const TurnRate& rate, Time from, Time to, const Eigen::Quaterniond& rotation) {
   const ImuBuffer& imu = rate.imu;
-  FeltMotion felt;
+  ImuIncrement felt;
   felt.rotation = rotation;
   Time time = from;
   for (std::size_t i = imu.lower_bound(from); time < to; ++i) {
@@ -21,21 +21,21 @@ FeltMotion felt_between(const TurnRate& rate, Time from, Time to, const Eigen::Q
   return felt;
 }
 
-std::optional<Vector3> FeltVelocity::acceleration(const TurnRate& rate, Time from, Time to,
-                                                  const Eigen::Quaterniond& rotation,
-                                                  const Vector3& velocity) const {
-  if (!judge_.helps() || to <= from || !rate.imu.covers(from, to, max_gap_)) return std::nullopt;
+std::optional<Vector3> InertialVelocity::acceleration(const TurnRate& rate, Time from, Time to,
+                                                      const Eigen::Quaterniond& rotation,
+                                                      const Vector3& velocity) const {
+  if (!consistency_.helps() || to <= from || !rate.imu.covers(from, to, max_gap_)) return std::nullopt;
   const auto lever_at = [&](Time time) -> Vector3 { return rate.at(time).cross(imu_position_); };
   const double seconds = (to - from).seconds();
-  const FeltMotion felt = felt_between(rate, from, to, rotation);
-  const Vector3 change = felt.velocity - judge_.support() * seconds;
+  const ImuIncrement felt = integrate_imu(rate, from, to, rotation);
+  const Vector3 change = felt.velocity - consistency_.gravity_bias() * seconds;
   const Vector3 imu_velocity = rotation * (velocity + lever_at(from)) + change;
   const Vector3 later = felt.rotation.conjugate() * imu_velocity - lever_at(to);
   return (later - velocity) / seconds;
 }
 
-void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
-                         const Vector3& share, bool only_weigh) {
+void InertialVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
+                             const Vector3& share, bool only_weigh) {
   // The mean velocity equals the velocity at mid-interval.
   const Time time = motion.from + (motion.to - motion.from) / 2;
   const Eigen::Quaterniond rotation = motion.T_odom_from.rotation.slerp(0.5, motion.T_odom_to.rotation);
@@ -45,15 +45,15 @@ void FeltVelocity::learn(const TurnRate& rate, const RegisteredMotion& motion, c
   }
   const Past now{time, rotation, velocity, rotation * (velocity + rate.at(time).cross(imu_position_))};
   if (last_ && last_->time < time && rate.imu.covers(last_->time, time, max_gap_)) {
-    AccelerometerJudge::Evidence evidence;
-    evidence.felt = felt_between(rate, last_->time, time, last_->rotation).velocity;
+    AccelerometerConsistency::Evidence evidence;
+    evidence.felt = integrate_imu(rate, last_->time, time, last_->rotation).velocity;
     evidence.measured = now.imu_velocity - last_->imu_velocity;
     evidence.held_error = share.cwiseProduct(now.velocity - last_->velocity).norm();
     const Matrix3 R = rotation.toRotationMatrix();
     evidence.seen = R * share.asDiagonal() * R.transpose();
     evidence.seconds = (time - last_->time).seconds();
     evidence.only_weigh = only_weigh;
-    judge_.learn(evidence);
+    consistency_.learn(evidence);
   }
   last_ = now;
 }

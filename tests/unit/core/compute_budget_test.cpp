@@ -1,4 +1,5 @@
 #include "nilio/core/compute_budget.hpp"
+
 #include "nilio/core/odometry.hpp"
 #include "nilio/core/odometry_runtime.hpp"
 
@@ -26,17 +27,17 @@ SE3 driving(double t) {
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(8.0 * t, 0.5 * yaw, 0.0)};
 }
 
-/// A clock that moves on only by work: each unit of one kind costs so many nanoseconds.
+/// A clock that advances by work only: each unit of a kind costs a fixed number of nanoseconds.
 struct WorkClock {
-  const WorkBudget* budget = nullptr;
-  std::array<double, kWorkKinds> cost_ns{};
+  const ComputeBudget* budget = nullptr;
+  std::array<double, kWorkKindCount> cost_ns{};
 };
 WorkClock work_clock;
 
 std::int64_t read_work_clock() {
   if (work_clock.budget == nullptr) return 1;
   double time = 1.0;
-  for (std::size_t i = 0; i < kWorkKinds; ++i)
+  for (std::size_t i = 0; i < kWorkKindCount; ++i)
     time += work_clock.cost_ns[i] * static_cast<double>(work_clock.budget->work_done()[i]);
   return static_cast<std::int64_t>(time);
 }
@@ -65,7 +66,7 @@ BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetD
                                 ? runtime.register_scan(scan, (*repeat)[static_cast<std::size_t>(i)])
                                 : odometry.register_scan(scan);
     run.overshoot_ns.push_back(runtime.budget().overshoot_ns());
-    runtime.note_handed_over(result);
+    runtime.note_published(result);
     odometry.update_map(result);
     run.dearest_iteration_ns = std::max(run.dearest_iteration_ns, runtime.budget().iteration_ns());
     run.decisions.push_back(runtime.budget().decisions());
@@ -80,9 +81,10 @@ BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetD
 
 BudgetConfig ops(double budget_ms) { return {BudgetMode::kOps, Duration::from_milliseconds(budget_ms)}; }
 
-std::size_t count_rung(const BudgetRun& run, BudgetRung rung) {
-  return static_cast<std::size_t>(std::count_if(run.results.begin(), run.results.end(),
-                                                [&](const auto& result) { return result.rung == rung; }));
+std::size_t count_level(const BudgetRun& run, DegradationLevel degradation_level) {
+  return static_cast<std::size_t>(
+      std::count_if(run.results.begin(), run.results.end(),
+                    [&](const auto& result) { return result.degradation_level == degradation_level; }));
 }
 
 bool same_poses(const BudgetRun& a, const BudgetRun& b) {
@@ -96,22 +98,24 @@ bool same_poses(const BudgetRun& a, const BudgetRun& b) {
 
 }  // namespace
 
-TEST_CASE("counted work keeps every budget: one pose a scan, none late, and the degradation_levels go down in order") {
+TEST_CASE(
+    "counted work keeps every budget: one pose a scan, none late, and the degradation levels worsen in order",
+    "[compute_budget]") {
   for (const double budget_ms : {50.0, 2.0, 1.0, 0.5, 0.3, 0.15}) {
     INFO("budget " << budget_ms << " ms");
     const BudgetRun run = drive(ops(budget_ms), 30);
     CHECK(run.results.size() == 30);
     for (std::size_t i = kFirstScans; i < run.results.size(); ++i) CHECK(run.overshoot_ns[i] <= 0);
-    if (budget_ms >= 50.0) CHECK(count_rung(run, BudgetRung::kFull) == 30);
-    if (budget_ms <= 1.0) CHECK(count_rung(run, BudgetRung::kFewerPoints) >= 20);
+    if (budget_ms >= 50.0) CHECK(count_level(run, DegradationLevel::kFull) == 30);
+    if (budget_ms <= 1.0) CHECK(count_level(run, DegradationLevel::kFewerPoints) >= 20);
     if (budget_ms >= 0.3) CHECK(run.end_error_m < 0.2);
   }
 }
 
-TEST_CASE("with no time for an iteration the pose is the prediction, and says so") {
+TEST_CASE("with no time for an iteration the pose is the prediction, and is marked so", "[compute_budget]") {
   const BudgetRun run = drive(ops(0.07), 12);
   for (std::size_t i = kFirstScans; i < run.results.size(); ++i) {
-    CHECK(run.results[i].rung == BudgetRung::kPredictionOnly);
+    CHECK(run.results[i].degradation_level == DegradationLevel::kPredictionOnly);
     CHECK(run.results[i].stop_reason == StopReason::kBudget);
     CHECK(run.results[i].predicted);
   }
@@ -119,12 +123,13 @@ TEST_CASE("with no time for an iteration the pose is the prediction, and says so
   CHECK(run.end_error_m < 0.5);
 }
 
-TEST_CASE("a generous budget changes no bit of the result") {
+TEST_CASE("a generous budget changes no bit of the result", "[compute_budget]") {
   CHECK(same_poses(drive(ops(1000.0), 15), drive({}, 15)));
 }
 
-TEST_CASE("with a clock that follows the work, the deadline is missed by less than an iteration") {
-  // Half, once and three times what work is taken to cost before it is known.
+TEST_CASE("with a clock that follows the work, the deadline is missed by less than an iteration",
+          "[compute_budget]") {
+  // Half, once and three times the nominal cost.
   for (const double factor : {0.5, 1.0, 3.0}) {
     for (const double budget_ms : {2.0, 1.0, 0.5}) {
       INFO("factor " << factor << ", budget " << budget_ms << " ms");
@@ -133,38 +138,38 @@ TEST_CASE("with a clock that follows the work, the deadline is missed by less th
           drive({BudgetMode::kWall, Duration::from_milliseconds(budget_ms)}, 40, nullptr, read_work_clock);
       std::vector<std::int64_t> late(run.overshoot_ns.begin() + kFirstScans, run.overshoot_ns.end());
       CHECK(late.size() == 35);
-      // The first limited scans teach what things cost.
+      // The cost estimates settle in the first limited scans.
       for (std::size_t i = 10; i < late.size(); ++i) CHECK(late[i] < run.dearest_iteration_ns);
     }
   }
 }
 
-TEST_CASE("the decisions of a run by the clock repeat it to the bit") {
+TEST_CASE("the decisions of a run by the clock repeat it bit for bit", "[compute_budget]") {
   work_clock.cost_ns = {35.0, 200.0, 110.0, 80'000.0};
   const BudgetRun first =
       drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
-  CHECK(count_rung(first, BudgetRung::kFull) < 10);
+  CHECK(count_level(first, DegradationLevel::kFull) < 10);
   const BudgetRun repeated = drive({}, 25, &first.decisions);
   CHECK(same_poses(first, repeated));
   for (std::size_t i = kFirstScans; i < first.results.size(); ++i)
-    CHECK(first.results[i].rung == repeated.results[i].rung);
+    CHECK(first.results[i].degradation_level == repeated.results[i].degradation_level);
 }
 
-TEST_CASE("the decisions of a run without a budget repeat it, too") {
+TEST_CASE("the decisions of a run without a budget repeat it, too", "[compute_budget]") {
   const BudgetRun first = drive({}, 15);
   const BudgetRun repeated =
       drive({BudgetMode::kOps, Duration::from_milliseconds(0.5)}, 15, &first.decisions);
   CHECK(same_poses(first, repeated));
 }
 
-TEST_CASE("without decisions to repeat, a run by the clock is another one") {
+TEST_CASE("without decisions a run by the clock gives other poses", "[compute_budget]") {
   work_clock.cost_ns = {35.0, 200.0, 110.0, 80'000.0};
   const BudgetRun first =
       drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
   CHECK_FALSE(same_poses(first, drive({}, 25)));
 }
 
-TEST_CASE("whatever a clock answers, and be it no points and yet an iteration, each scan has a pose") {
+TEST_CASE("for any answers of a clock each scan has a pose", "[compute_budget]") {
   std::mt19937 random(5);
   const auto below = [&](unsigned end) { return static_cast<unsigned>(random() % end); };
   constexpr std::array<std::uint32_t, 6> kPoints{0, 0, 1, 60, 2000, 35'000};
@@ -186,44 +191,44 @@ TEST_CASE("whatever a clock answers, and be it no points and yet an iteration, e
   }
 }
 
-TEST_CASE("a budget never stops a question more often than it can keep, and refuses all after that") {
-  WorkBudget budget(ops(0.01), nullptr);
+TEST_CASE("a budget denies all queries after its last recorded stop", "[compute_budget]") {
+  ComputeBudget budget(ops(0.01), nullptr);
   budget.begin_scan(0, false);
-  for (int i = 0; i < 200; ++i) CHECK_FALSE(budget.allows(Work::kNdt, 1'000'000));
+  for (int i = 0; i < 200; ++i) CHECK_FALSE(budget.allows(WorkKind::kNdt, 1'000'000));
   CHECK(budget.decisions().stop_size == BudgetDecisions::kMaxStops);
-  WorkBudget repeated({}, nullptr);
+  ComputeBudget repeated({}, nullptr);
   repeated.begin_scan(budget.decisions(), false);
-  for (int i = 0; i < 200; ++i) CHECK_FALSE(repeated.allows(Work::kNdt, 1));
+  for (int i = 0; i < 200; ++i) CHECK_FALSE(repeated.allows(WorkKind::kNdt, 1));
 }
 
-TEST_CASE("work that once was too dear to be begun is begun again") {
+TEST_CASE("work skipped as too expensive is tried again", "[compute_budget]") {
   work_clock.cost_ns = {20.0, 130.0, 60.0, 60'000.0};
-  WorkBudget budget({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, read_work_clock);
+  ComputeBudget budget({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, read_work_clock);
   work_clock.budget = &budget;
-  work_clock.cost_ns[static_cast<std::size_t>(Work::kPrepare)] = 5000.0;
+  work_clock.cost_ns[static_cast<std::size_t>(WorkKind::kPrepare)] = 5000.0;
   for (int i = 0; i < 20; ++i) {
     budget.begin_scan(0, false);
     if (const std::size_t points = budget.choose_scan_points(30000); points > 0)
-      budget.done(Work::kPrepare, points);
+      budget.record(WorkKind::kPrepare, points);
   }
-  work_clock.cost_ns[static_cast<std::size_t>(Work::kPrepare)] = 20.0;
+  work_clock.cost_ns[static_cast<std::size_t>(WorkKind::kPrepare)] = 20.0;
   std::size_t points = 0;
   for (int i = 0; i < 40; ++i) {
     budget.begin_scan(0, false);
     points = budget.choose_scan_points(30000);
-    if (points > 0) budget.done(Work::kPrepare, points);
+    if (points > 0) budget.record(WorkKind::kPrepare, points);
   }
   CHECK(points > 5000);
   work_clock.budget = nullptr;
 }
 
-TEST_CASE("what one preempted moment costs is not believed at once") {
+TEST_CASE("one preempted measurement changes the cost estimate by a bounded factor", "[compute_budget]") {
   work_clock.cost_ns = {20.0, 130.0, 60.0, 60'000.0};
-  WorkBudget budget({BudgetMode::kWall, Duration::from_milliseconds(10.0)}, read_work_clock);
+  ComputeBudget budget({BudgetMode::kWall, Duration::from_milliseconds(10.0)}, read_work_clock);
   work_clock.budget = &budget;
   budget.begin_scan(0, false);
-  work_clock.cost_ns[static_cast<std::size_t>(Work::kIcp)] = 60'000.0;
-  budget.done(Work::kIcp, 100);
-  CHECK(budget.cost_ns(Work::kIcp) < 120.0);
+  work_clock.cost_ns[static_cast<std::size_t>(WorkKind::kIcp)] = 60'000.0;
+  budget.record(WorkKind::kIcp, 100);
+  CHECK(budget.cost_ns(WorkKind::kIcp) < 120.0);
   work_clock.budget = nullptr;
 }

@@ -1,6 +1,7 @@
+#include "core/src/preprocessing/deskewing.hpp"
+
 #include "core/src/estimation/imu_buffer.hpp"
 #include "core/src/estimation/twist_filter.hpp"
-#include "core/src/preprocessing/deskewing.hpp"
 #include "tests/support/synthetic_room.hpp"
 
 #include <catch2/catch.hpp>
@@ -16,7 +17,7 @@ ImuSample sample_at(double time_s, double rate_z) {
 
 }  // namespace
 
-TEST_CASE("the IMU buffer refuses stamps that do not advance and values that are not finite") {
+TEST_CASE("the IMU buffer refuses stamps that do not advance and values that are not finite", "[deskewing]") {
   ImuBuffer buffer(10);
   const Eigen::Quaterniond identity = Eigen::Quaterniond::Identity();
   CHECK(buffer.add(sample_at(1.0, 0.1), identity));
@@ -26,7 +27,7 @@ TEST_CASE("the IMU buffer refuses stamps that do not advance and values that are
   CHECK(buffer.size() == 1);
 }
 
-TEST_CASE("the IMU buffer keeps the newest samples and interpolates between them") {
+TEST_CASE("the IMU buffer keeps the newest samples and interpolates between them", "[deskewing]") {
   ImuBuffer buffer(4);
   for (int i = 0; i < 10; ++i) REQUIRE(buffer.add(sample_at(0.1 * i, i), Eigen::Quaterniond::Identity()));
   CHECK(buffer.size() == 4);
@@ -36,7 +37,7 @@ TEST_CASE("the IMU buffer keeps the newest samples and interpolates between them
   CHECK(buffer.angular_velocity_at(Time::from_seconds(5.0)).z() == Approx(9.0));
 }
 
-TEST_CASE("coverage needs samples on both sides and no long gap in between") {
+TEST_CASE("coverage needs samples on both sides and no long gap in between", "[deskewing]") {
   ImuBuffer buffer(100);
   for (const double t : {0.0, 0.01, 0.02, 0.10, 0.11})
     REQUIRE(buffer.add(sample_at(t, 0.0), Eigen::Quaterniond::Identity()));
@@ -48,17 +49,17 @@ TEST_CASE("coverage needs samples on both sides and no long gap in between") {
   CHECK_FALSE(buffer.covers(at(0.0), at(0.12), Duration::from_seconds(0.09)));
 }
 
-TEST_CASE("deskewing brings every firing to where it would be seen from the end of the scan") {
+TEST_CASE("deskewing moves every firing to the frame at the end of the scan", "[deskewing]") {
   // A curve at 15 m/s and 1 rad/s: constant twist, so the model is exact.
   Vector6 twist;
   twist << 15.0, 0.0, 0.0, 0.0, 0.0, 1.0;
   const auto T_world_base = [&](double t) { return se3_exp(twist * t); };
-  const SweepMotion::Span span{Time{0}, Time{0}, Time::from_seconds(0.1)};
-  SweepMotion motion;
+  const MotionModel::Span span{Time{0}, Time{0}, Time::from_seconds(0.1)};
+  MotionModel motion;
   motion.set_constant_rotation(span, twist.tail<3>());
   motion.predict(Vector3(3.0, 0.0, 0.0));
-  // What registration finds of a scan deskewed at 3 m/s: its middle.
-  const SE3 registered = T_world_base(0.05) * motion.half_sweep();
+  // Registration of a scan deskewed at 3 m/s finds its midpoint.
+  const SE3 registered = T_world_base(0.05) * motion.T_middle_end();
   const Vector6 measured = motion.measure(registered, se3_exp(twist * 0.05), 0.1);
   CHECK((measured - twist).norm() < 1e-3);
   const SE3 T_end = motion.refine(registered, measured);
@@ -81,7 +82,7 @@ TEST_CASE("deskewing brings every firing to where it would be seen from the end 
   CHECK(worst < 1e-3);
 }
 
-TEST_CASE("the gyro's rotation inside the sweep is followed and not bent to the registration") {
+TEST_CASE("the gyro's rotation inside the sweep is kept when registration corrects the pose", "[deskewing]") {
   // Rotation that swings back: no constant rate describes it.
   const auto T_world_base = [](double t) {
     return SE3{so3_exp({0.0, 0.0, 0.05 * std::sin(2.0 * M_PI * t / 0.1)}), Vector3(10.0 * t, 0.0, 0.0)};
@@ -90,8 +91,8 @@ TEST_CASE("the gyro's rotation inside the sweep is followed and not bent to the 
   ImuBuffer buffer(1000);
   for (int i = -10; i < 40; ++i)
     REQUIRE(buffer.add(imu_sample(T_world_base, 0.005 * i, bias), Eigen::Quaterniond::Identity()));
-  const SweepMotion::Span span{Time{0}, Time{0}, Time::from_seconds(0.1)};
-  SweepMotion motion;
+  const MotionModel::Span span{Time{0}, Time{0}, Time::from_seconds(0.1)};
+  MotionModel motion;
   motion.set_rotation_from_imu(span, buffer, bias);
   motion.predict(Vector3(10.0, 0.0, 0.0));
   // A previous pose that was wrong by a degree: the gyro's rotation inside the sweep is kept.
@@ -116,8 +117,8 @@ TEST_CASE("the gyro's rotation inside the sweep is followed and not bent to the 
   CHECK((motion.body_velocity() - Vector3(10.0, 0.0, 0.0)).norm() < 0.05);
 }
 
-TEST_CASE("a scan of no duration is left as it is") {
-  SweepMotion motion;
+TEST_CASE("a scan of zero duration is not deskewed", "[deskewing]") {
+  MotionModel motion;
   motion.set_constant_rotation({Time{0}, Time{100}, Time{100}}, Vector3::Zero());
   motion.predict(Vector3::Zero());
   motion.refine(SE3{}, motion.measure(SE3{}, SE3{}, 0.0));
@@ -126,7 +127,8 @@ TEST_CASE("a scan of no duration is left as it is") {
   CHECK((output[0] - Eigen::Vector3f(1.0F, 2.0F, 3.0F)).norm() < 1e-6F);
 }
 
-TEST_CASE("roll and pitch rates have no trend, and over a gap neither trend nor sway is extrapolated") {
+TEST_CASE("roll and pitch rates have no trend, and over a gap neither trend nor sway is extrapolated",
+          "[deskewing]") {
   TwistFilter filter;
   Vector6 twist = Vector6::Zero();
   const TwistStep step{0.1, {}, Vector3::Zero()};

@@ -1,4 +1,5 @@
 #include "core/src/estimation/imu_rate_odometry.hpp"
+
 #include "tests/support/synthetic_imu_drive.hpp"
 
 #include <algorithm>
@@ -39,7 +40,7 @@ struct Circle {
   }
 };
 
-/// What an IMU mounted as `T_base_imu` says of that, with its bias in base_link, `seconds` by its clock.
+/// Sample of an IMU mounted as `T_base_imu`, with its bias in base_link, at `seconds` of its clock.
 ImuSample sample(const SE3& T_base_imu, double rate, double seconds) {
   const Vector3 gyro = T_base_imu.rotation.conjugate() * (Vector3(0.0, 0.0, rate) + kBias);
   return {Time::from_seconds(seconds), {gyro.x(), gyro.y(), gyro.z()}, {0.0, 0.0, 9.81}};
@@ -50,12 +51,13 @@ double angle(const SE3& a, const SE3& b) { return so3_log(a.rotation.conjugate()
 
 }  // namespace
 
-TEST_CASE("a pose follows a circle by the gyro, whatever the IMU's mounting and time shift") {
-  ImuPropagatorConfig config;
+TEST_CASE("a pose follows a circle by the gyro, whatever the IMU's mounting and time shift",
+          "[imu_rate_odometry]") {
+  ImuRateOdometryConfig config;
   config.T_base_imu.rotation = so3_exp(Vector3(0.3, -1.1, 2.0));
   const Circle circle;
   const double shift_s = 0.012;
-  ImuPropagator propagator(config);
+  ImuRateOdometry propagator(config);
   ScanPose scan = circle.scan(0.0);
   scan.angular_velocity.setZero();  // the gyro alone has to tell
   scan.imu_time_shift = Duration::from_seconds(shift_s);
@@ -77,11 +79,11 @@ TEST_CASE("a pose follows a circle by the gyro, whatever the IMU's mounting and 
   CHECK(poses == 799);
 }
 
-TEST_CASE("a scan pose that comes late gives what it would have given in time") {
+TEST_CASE("a late scan pose gives the same poses as one in time", "[imu_rate_odometry]") {
   const Circle circle;
-  const ImuPropagatorConfig config;
-  ImuPropagator in_time(config);
-  ImuPropagator late(config);
+  const ImuRateOdometryConfig config;
+  ImuRateOdometry in_time(config);
+  ImuRateOdometry late(config);
   for (double t = -0.1; t < 0.0; t += kSampleSeconds) {
     CHECK_FALSE(in_time.add(sample(config.T_base_imu, circle.rate, t)).has_value());
     CHECK_FALSE(late.add(sample(config.T_base_imu, circle.rate, t)).has_value());
@@ -122,9 +124,9 @@ struct DriveErrors {
 
 /// Thirty seconds with a scan every half a second.
 DriveErrors run(const Drive& drive) {
-  ImuPropagatorConfig config;
+  ImuRateOdometryConfig config;
   config.T_base_imu = drive.T_base_imu;
-  ImuPropagator propagator(config);
+  ImuRateOdometry propagator(config);
   DriveErrors errors;
   Vector3 position = Vector3::Zero();
   for (int i = 0; i <= 12'000; ++i) {
@@ -148,18 +150,19 @@ DriveErrors run(const Drive& drive) {
 }  // namespace
 
 TEST_CASE(
-    "an accelerometer that predicts the scans' velocities is followed, tilt, bias and lever arm included") {
+    "an accelerometer that predicts the scans' velocities is followed, tilt, bias and lever arm included",
+    "[imu_rate_odometry]") {
   const DriveErrors errors = run({});
   CHECK(errors.follows_accelerometer);
   CHECK(errors.largest_m < 0.04);
   CHECK(errors.largest_m_s < 0.15);
-  // Held, the velocity is off by up to 2.4 m/s^2 for half a second.
+  // A constant velocity errs by up to 2.4 m/s^2 for half a second.
   Drive broken;
   broken.scale = 1.0 / 9.81;
   CHECK(run(broken).largest_m > 0.25);
 }
 
-TEST_CASE("an accelerometer in the wrong unit or with a wrong sign is left out") {
+TEST_CASE("an accelerometer in the wrong unit or with a wrong sign is not used", "[imu_rate_odometry]") {
   for (const double scale : {1.0 / 9.81, 9.81, -1.0}) {
     INFO(scale);
     Drive drive;
@@ -170,10 +173,10 @@ TEST_CASE("an accelerometer in the wrong unit or with a wrong sign is left out")
   }
 }
 
-TEST_CASE("an IMU that is not trusted only gives the time, and the scan's twist is held") {
+TEST_CASE("a rejected IMU only gives the time, and the scan's twist is constant", "[imu_rate_odometry]") {
   const Circle circle;
-  const ImuPropagatorConfig config;
-  ImuPropagator propagator(config);
+  const ImuRateOdometryConfig config;
+  ImuRateOdometry propagator(config);
   ScanPose scan = circle.scan(0.0);
   scan.imu_trusted = false;
   propagator.set_scan_pose(scan);
@@ -185,14 +188,15 @@ TEST_CASE("an IMU that is not trusted only gives the time, and the scan's twist 
   }
 }
 
-TEST_CASE("a gap in the samples is bridged at the scan's twist, and the gyro is followed again after it") {
+TEST_CASE("a gap in the samples is bridged at the scan's twist, and the gyro is used again after it",
+          "[imu_rate_odometry]") {
   const Circle circle;
-  const ImuPropagatorConfig config;
-  ImuPropagator propagator(config);
+  const ImuRateOdometryConfig config;
+  ImuRateOdometry propagator(config);
   ScanPose scan = circle.scan(0.0);
   propagator.set_scan_pose(scan);
   for (const double t : {0.0025, 0.005, 0.305, 0.3075}) {
-    // A rate at the gap's ends that would be a wrong guess of what was between them.
+    // Rates at the ends of the gap that would be a wrong interpolation across it.
     const double rate = t > 0.1 && t < 0.306 ? 40.0 : circle.rate;
     const auto pose = propagator.add(sample(config.T_base_imu, rate, t));
     REQUIRE(pose.has_value());
@@ -202,10 +206,11 @@ TEST_CASE("a gap in the samples is bridged at the scan's twist, and the gyro is 
   }
 }
 
-TEST_CASE("samples from before the scan, out of order, not finite or long after it give no pose") {
+TEST_CASE("samples from before the scan, out of order, not finite or long after it give no pose",
+          "[imu_rate_odometry]") {
   const Circle circle;
-  const ImuPropagatorConfig config;
-  ImuPropagator propagator(config);
+  const ImuRateOdometryConfig config;
+  ImuRateOdometry propagator(config);
   const auto add = [&](double t) {
     return propagator.add(sample(config.T_base_imu, circle.rate, t)).has_value();
   };
@@ -225,7 +230,8 @@ TEST_CASE("samples from before the scan, out of order, not finite or long after 
   CHECK(add(6.02));
 }
 
-TEST_CASE("the covariance grows with the square of the age, along the axes of the vehicle") {
+TEST_CASE("the covariance grows with the square of the age, along the axes of the vehicle",
+          "[imu_rate_odometry]") {
   Matrix6 pose = Matrix6::Identity() * 1e-4;
   Matrix6 twist = Matrix6::Zero();
   twist(0, 0) = 0.04;  // 0.2 m/s forward

@@ -7,7 +7,7 @@ namespace nilio::core {
 /// Consistency test of the gyro: does it predict the registered rotation better than a constant rate? It is
 /// accepted on evidence from turns (any gyro agrees with a straight road), rejected when clearly worse, and
 /// accepted again after more evidence.
-class GyroTrust {
+class GyroConsistency {
  public:
   /// Adds the mean rates over a scan of `seconds`, rad/s.
   void add(const Vector3& gyro, const Vector3& registered, double seconds);

@@ -9,12 +9,12 @@ namespace nilio::core {
 
 /// Whether the specific force in axes of base_link, m/s^2, is gravity on a road of any slope; if not, unit or
 /// axes are wrong.
-bool shows_gravity(const Vector3& force);
+bool is_gravity_plausible(const Vector3& force);
 
 /// Static initialisation: detects from the IMU alone that the vehicle has been stationary since the start,
 /// which scans cannot where most of the scene begins to move. The mean specific force meanwhile initialises
 /// gravity and accelerometer bias. Not thread-safe.
-class StandingStart {
+class StaticInitialization {
  public:
   /// Call once a scan with the samples of the last `kWindow` and the last registered position, m. Returns
   /// whether the vehicle is still stationary; ends for good when the IMU measures a change, or when scans
@@ -33,7 +33,7 @@ class StandingStart {
 
   bool is_over_ = false;
   int scans_ = 0;
-  Vector3 first_place_ = Vector3::Zero();
+  Vector3 first_position_ = Vector3::Zero();
   Vector3 mean_force_ = Vector3::Zero();
 };
 

@@ -1,4 +1,5 @@
 #include "core/src/map/gaussian_voxel_map.hpp"
+
 #include "core/src/preprocessing/scan_filter.hpp"
 
 #include <cmath>
@@ -27,12 +28,12 @@ std::vector<Vector3> points_on_plane(const Vector3& center, const Vector3& norma
 
 }  // namespace
 
-TEST_CASE("a voxel learns the plane of the points in it") {
+TEST_CASE("a voxel estimates the plane of its points", "[gaussian_voxel_map]") {
   VoxelMap map({1.0, 100.0, 1000, 6, 100});
   const Vector3 normal = Vector3(0.1, -0.2, 1.0).normalized();
   const Vector3 center(1000.5, -2000.5, 3.5);
   map.insert(points_on_plane(center, normal, 0.01, 90));
-  const VoxelSurface* surface = map.find(map.index_of(center));
+  const GaussianVoxel* surface = map.find(map.index_of(center));
   REQUIRE(surface != nullptr);
   CHECK(std::abs(surface->normal.cast<double>().dot(normal)) > 0.999);
   CHECK((map.corner_of(map.index_of(center)) + surface->mean.cast<double>() - center).norm() < 0.1);
@@ -40,7 +41,7 @@ TEST_CASE("a voxel learns the plane of the points in it") {
   CHECK(surface->planarity < 0.01F);
 }
 
-TEST_CASE("a voxel with too few points has no surface") {
+TEST_CASE("a voxel with too few points has no Gaussian", "[gaussian_voxel_map]") {
   VoxelMap map({1.0, 100.0, 1000, 6, 100});
   const Vector3 center(0.5, 0.5, 0.5);
   map.insert(points_on_plane(center, Vector3::UnitZ(), 0.01, 5));
@@ -48,7 +49,7 @@ TEST_CASE("a voxel with too few points has no surface") {
   CHECK(map.size() == 1);
 }
 
-TEST_CASE("the points of one beam are no plane until another beam has seen the voxel") {
+TEST_CASE("the points of one beam are no plane until another beam hits the voxel", "[gaussian_voxel_map]") {
   VoxelMapConfig config{1.0, 100.0, 1000, 6, 100};
   config.min_beam_spread = 0.02F;
   VoxelMap map(config);
@@ -57,10 +58,10 @@ TEST_CASE("the points of one beam are no plane until another beam has seen the v
   std::vector<float> elevations(60, 0.1F);
   for (std::size_t i = 0; i < elevations.size(); i += 2) elevations[i] += 0.005F;
   map.insert(std::span(points).first(60), elevations);
-  const VoxelSurface* surface = map.find(map.index_of(center));
+  const GaussianVoxel* surface = map.find(map.index_of(center));
   REQUIRE(surface != nullptr);
   CHECK(surface->planarity > 1.0F);
-  // It still tells where its points are, for the coarse registration.
+  // Its mean still serves the coarse registration.
   CHECK(surface->information[5] > surface->information[0]);
 
   const std::vector<float> next_beam{0.135F};
@@ -68,7 +69,7 @@ TEST_CASE("the points of one beam are no plane until another beam has seen the v
   CHECK(map.find(map.index_of(center))->planarity < 0.01F);
 }
 
-TEST_CASE("a full map refuses new voxels, counts them and keeps the old ones") {
+TEST_CASE("a full map refuses new voxels, counts them and keeps the old ones", "[gaussian_voxel_map]") {
   VoxelMap map({1.0, 1000.0, 10, 1, 100});
   std::vector<Vector3> points;
   for (int i = 0; i < 25; ++i) points.emplace_back(i + 0.5, 0.5, 0.5);
@@ -79,7 +80,8 @@ TEST_CASE("a full map refuses new voxels, counts them and keeps the old ones") {
   CHECK(map.find(map.index_of(points[20])) == nullptr);
 }
 
-TEST_CASE("eviction drops what is far, keeps what is near, and looks at a bounded share of the slab") {
+TEST_CASE("eviction drops far voxels, keeps near ones, and visits a bounded share of the slab",
+          "[gaussian_voxel_map]") {
   VoxelMap map({1.0, 50.0, 4096, 1, 100});
   std::mt19937_64 generator(11);
   std::uniform_real_distribution<double> uniform(-200.0, 200.0);
@@ -106,20 +108,22 @@ TEST_CASE("eviction drops what is far, keeps what is near, and looks at a bounde
   CHECK(map.size() == kept);
 }
 
-TEST_CASE("a voxel fed for ever follows a world that changes, and its count stays bounded") {
+TEST_CASE("a voxel with endless insertions follows a changing world, and its count stays bounded",
+          "[gaussian_voxel_map]") {
   VoxelMap map({1.0, 100.0, 100, 6, 100});
   const Vector3 low(0.5, 0.5, 0.2);
   const Vector3 high(0.5, 0.5, 0.8);
   for (int i = 0; i < 200; ++i) map.insert(points_on_plane(low, Vector3::UnitZ(), 0.001, 50));
   for (int i = 0; i < 20; ++i) map.insert(points_on_plane(high, Vector3::UnitZ(), 0.001, 50));
-  const VoxelSurface* surface = map.find(map.index_of(low));
+  const GaussianVoxel* surface = map.find(map.index_of(low));
   REQUIRE(surface != nullptr);
   CHECK(surface->count <= 100);
   CHECK(surface->mean.z() == Approx(0.8).margin(0.01));
 }
 
-TEST_CASE("the voxel filter keeps the first point of each voxel and forgets it in the next pass") {
-  VoxelFilter filter(100);
+TEST_CASE("the downsampler keeps the first point of each voxel and starts empty in the next pass",
+          "[gaussian_voxel_map]") {
+  VoxelDownsampler filter(100);
   for (int pass = 0; pass < 3; ++pass) {
     filter.begin(0.5F);
     CHECK(filter.insert({0.1F, 0.1F, 0.1F}));
@@ -129,8 +133,8 @@ TEST_CASE("the voxel filter keeps the first point of each voxel and forgets it i
   }
 }
 
-TEST_CASE("a full voxel filter refuses points instead of searching for ever") {
-  VoxelFilter filter(8);
+TEST_CASE("a full downsampler refuses points instead of probing for ever", "[gaussian_voxel_map]") {
+  VoxelDownsampler filter(8);
   filter.begin(1.0F);
   int kept = 0;
   for (int i = 0; i < 100; ++i) kept += filter.insert({static_cast<float>(i) + 0.5F, 0.0F, 0.0F}) ? 1 : 0;
@@ -138,7 +142,8 @@ TEST_CASE("a full voxel filter refuses points instead of searching for ever") {
 }
 
 TEST_CASE(
-    "filtering leaves out points that are too near, too far or not finite, and moves the rest to base_link") {
+    "filtering leaves out points that are too near, too far or not finite, and moves the rest to base_link",
+    "[gaussian_voxel_map]") {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float infinite = std::numeric_limits<float>::infinity();
   Scan scan;
@@ -159,7 +164,7 @@ TEST_CASE(
   SE3 T_base_lidar;
   T_base_lidar.rotation = Eigen::Quaterniond(Eigen::AngleAxisd(M_PI / 2.0, Vector3::UnitZ()));
   T_base_lidar.translation = Vector3(0.0, 0.0, 1.7);
-  VoxelFilter filter(100);
+  VoxelDownsampler filter(100);
   std::vector<SweepPoint> output;
   filter_scan(scan, {1.0F, 100.0F, 0.5F, 0.0F}, T_base_lidar, filter, output);
   REQUIRE(output.size() == 1);
@@ -167,14 +172,15 @@ TEST_CASE(
   CHECK(output[0].time_s == Approx(-0.075F));
 }
 
-TEST_CASE("the elevation correction raises a beam by its angle and keeps its range and heading") {
+TEST_CASE("the elevation correction raises a beam by its angle and keeps its range and heading",
+          "[gaussian_voxel_map]") {
   Scan scan;
   Point point;
   point.x = 3.0F;
   point.y = 4.0F;
   point.z = -1.0F;
   scan.points.push_back(point);
-  VoxelFilter filter(100);
+  VoxelDownsampler filter(100);
   std::vector<SweepPoint> output;
   const float angle = 0.01F;
   filter_scan(scan, {1.0F, 100.0F, 0.5F, angle}, {}, filter, output);

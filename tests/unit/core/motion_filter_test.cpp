@@ -1,4 +1,4 @@
-#include "core/src/estimation/felt_motion_filter.hpp"
+#include "core/src/estimation/motion_filter.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,8 +14,8 @@ constexpr double kStep = 0.1;
 constexpr double kScanDeviation = 0.01;
 constexpr double kForceDeviation = 0.1;
 
-/// A vehicle whose velocity and support are wrong by as much as the filter is told, corrected by scans of
-/// that noise.
+/// A vehicle whose velocity and gravity-and-bias err by the filter's initial variances, corrected by scans of
+/// the given noise.
 struct Error {
   Vector3 place = Vector3::Zero();
   Vector3 velocity = Vector3::Zero();
@@ -24,15 +24,15 @@ struct Error {
 
 struct Trial {
   Error error;
-  double support_variance = 0.0;
+  double gravity_bias_variance = 0.0;
 };
 
-Trial corrected_by_scans(const FeltMotionFilter::Variances& variances, int scans, bool shown, unsigned seed) {
+Trial corrected_by_scans(const MotionFilter::Variances& variances, int scans, bool shown, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
   const Matrix3 R = so3_exp(Vector3(0.1, -0.2, 0.7)).toRotationMatrix();
-  FeltMotionFilter filter;
+  MotionFilter filter;
   filter.begin(variances);
   Trial trial;
   Error& error = trial.error;  // estimate less truth
@@ -43,7 +43,7 @@ Trial corrected_by_scans(const FeltMotionFilter::Variances& variances, int scans
     error.place += kStep * error.velocity - 0.5 * kStep * kStep * wrong;
     error.velocity -= kStep * wrong;
     filter.advance(kStep, 0.0);
-    const Vector3 prior = filter.place_variance(R);
+    const Vector3 prior = filter.position_variance(R);
     Vector3 share = Vector3::Zero();
     if (shown) share = prior.array() / (prior.array() + kScanDeviation * kScanDeviation);
     const Vector3 seen = -(R.transpose() * error.place) + kScanDeviation * noise();
@@ -53,13 +53,13 @@ Trial corrected_by_scans(const FeltMotionFilter::Variances& variances, int scans
     error.velocity += R * gain.cwiseProduct(moved);
     error.support += filter.correct(R, moved, share);
   }
-  trial.support_variance = filter.support_variance();
+  trial.gravity_bias_variance = filter.gravity_bias_variance();
   return trial;
 }
 
 }  // namespace
 
-TEST_CASE("scans tell what the accelerometer is biased by, as exactly as the filter says") {
+TEST_CASE("scans estimate the accelerometer's bias within the filter's covariance", "[motion_filter]") {
   constexpr int kTrials = 200;
   double squares = 0.0;
   double variances = 0.0;
@@ -68,24 +68,24 @@ TEST_CASE("scans tell what the accelerometer is biased by, as exactly as the fil
     CHECK(trial.error.support.norm() < 0.4);
     CHECK(trial.error.velocity.norm() < 0.2);
     squares += trial.error.support.squaredNorm() / 3.0;
-    variances += trial.support_variance;
+    variances += trial.gravity_bias_variance;
   }
   CHECK(squares < 1.5 * variances);
   CHECK(squares > 0.5 * variances);
 }
 
-TEST_CASE("scans that show nothing leave velocity and support as they are felt") {
+TEST_CASE("unobserving scans leave velocity and gravity-and-bias to the accelerometer", "[motion_filter]") {
   const Trial trial = corrected_by_scans({0.0, 0.0}, 50, false, 1);
   CHECK(trial.error.support.norm() == 0.0);
   // Fifty steps, each wrong by that.
   CHECK(trial.error.velocity.norm() < 3.0 * kForceDeviation * kStep * std::sqrt(3.0 * 50.0));
-  // Beside a bare wall the prediction is worth less from scan to scan, but the map moves on with it.
-  FeltMotionFilter filter;
+  // Beside a bare wall the prediction degrades from scan to scan, and the map follows it.
+  MotionFilter filter;
   filter.begin({0.01 * 0.01, 0.01 * 0.01});
   Vector3 before = Vector3::Zero();
   for (int i = 0; i < 100; ++i) {
     filter.advance(kStep, 0.0);
-    const Vector3 variance = filter.place_variance(Matrix3::Identity());
+    const Vector3 variance = filter.position_variance(Matrix3::Identity());
     CHECK((variance.array() > before.array()).all());
     before = variance;
     filter.correct(Matrix3::Identity(), Vector3::Zero(), Vector3::Zero());
@@ -93,16 +93,16 @@ TEST_CASE("scans that show nothing leave velocity and support as they are felt")
   CHECK(std::sqrt(before.maxCoeff()) < 0.05);
 }
 
-TEST_CASE("a support that is known outweighs scans that pull the same way for seconds") {
-  // Everything in sight sets off with the vehicle: scans say that it stands, 1.2 m/s^2 say that it does not.
-  FeltMotionFilter filter;
+TEST_CASE("a known gravity-and-bias outweighs scans that pull the same way for seconds", "[motion_filter]") {
+  // Everything in sight departs with the vehicle: scans show no motion, the IMU measures 1.2 m/s^2.
+  MotionFilter filter;
   filter.begin({0.02 * 0.02, 0.02 * 0.02});
   double support = 0.0;
   double velocity = 0.0;
   for (int i = 0; i < 20; ++i) {
     velocity += (1.2 - support) * kStep;
     filter.advance(kStep, 0.0);
-    // What is farther off than the kernel of the registration has no say.
+    // Residuals beyond the kernel of the registration have no weight.
     const Vector3 moved(-std::min(0.01, 0.03 * velocity * kStep), 0.0, 0.0);
     velocity += filter.velocity_gain(Matrix3::Identity()).x() * moved.x();
     support += filter.correct(Matrix3::Identity(), moved, Vector3(0.05, 0.0, 0.0)).x();
@@ -112,9 +112,10 @@ TEST_CASE("a support that is known outweighs scans that pull the same way for se
   CHECK(velocity > 2.0);
 }
 
-TEST_CASE("a support that was taken to be known and is wrong is found out by scans that show everything") {
-  // As after a map was given up with its axes: 2 m/s^2 where 0.02 were promised.
-  FeltMotionFilter filter;
+TEST_CASE("a wrong gravity-and-bias with small variance is contradicted by fully observing scans",
+          "[motion_filter]") {
+  // As after a map reset with other axes: an error of 2 m/s^2 at a standard deviation of 0.02.
+  MotionFilter filter;
   filter.begin({0.02 * 0.02, 0.02 * 0.02});
   Vector3 velocity = Vector3::Zero();
   Vector3 support = Vector3(2.0, 0.0, 0.0);
@@ -130,18 +131,18 @@ TEST_CASE("a support that was taken to be known and is wrong is found out by sca
   CHECK(scans < 10);
 }
 
-TEST_CASE("a support is less certain after a turn, with which biases turn") {
-  FeltMotionFilter straight;
-  FeltMotionFilter turned;
-  for (FeltMotionFilter* filter : {&straight, &turned}) filter->begin({0.0, 0.0});
+TEST_CASE("the variance of gravity-and-bias grows in a turn", "[motion_filter]") {
+  MotionFilter straight;
+  MotionFilter turned;
+  for (MotionFilter* filter : {&straight, &turned}) filter->begin({0.0, 0.0});
   straight.advance(5.0, 0.0);
   turned.advance(5.0, -1.5);
-  CHECK(std::sqrt(straight.support_variance()) < 0.05);
-  CHECK(std::sqrt(turned.support_variance()) > 0.1);
+  CHECK(std::sqrt(straight.gravity_bias_variance()) < 0.05);
+  CHECK(std::sqrt(turned.gravity_bias_variance()) > 0.1);
 }
 
-TEST_CASE("what was forgotten has to begin anew, and then knows nothing of before") {
-  FeltMotionFilter filter;
+TEST_CASE("after a reset the filter starts without any correlation", "[motion_filter]") {
+  MotionFilter filter;
   CHECK_FALSE(filter.has_begun());
   filter.begin({1.0, 1.0});
   CHECK(filter.has_begun());
@@ -152,5 +153,5 @@ TEST_CASE("what was forgotten has to begin anew, and then knows nothing of befor
   filter.begin({0.0, 0.0});
   CHECK(filter.has_begun());
   CHECK(filter.velocity_gain(Matrix3::Identity()).norm() == 0.0);
-  CHECK(filter.support_variance() == 0.0);
+  CHECK(filter.gravity_bias_variance() == 0.0);
 }

@@ -1,4 +1,4 @@
-#include "core/src/estimation/felt_velocity.hpp"
+#include "core/src/estimation/inertial_velocity.hpp"
 
 #include "core/src/estimation/twist_filter.hpp"
 #include "tests/support/synthetic_imu_drive.hpp"
@@ -34,7 +34,7 @@ RegisteredMotion motion_of(double from, double to) {
 Run run(const Drive& drive, double noise, bool by_gyro, const Eigen::Quaterniond& configured) {
   ImuBuffer imu(20'000);
   for (double t = 0.0; t < 31.0; t += kSampleSeconds) imu.add(drive.sample(t), configured);
-  FeltVelocity felt(drive.T_base_imu.translation, Duration::from_seconds(0.1));
+  InertialVelocity felt(drive.T_base_imu.translation, Duration::from_seconds(0.1));
   std::mt19937 random(7);
   std::normal_distribution<double> normal(0.0, noise);
   Run result;
@@ -59,20 +59,21 @@ Run run(const Drive& drive, double noise, bool by_gyro, const Eigen::Quaterniond
 
 }  // namespace
 
-TEST_CASE("a change of speed is felt through bends, a tilted odom, a lever arm and a bias") {
+TEST_CASE("a change of speed is measured through bends, a tilted odom, a lever arm and a bias",
+          "[inertial_velocity]") {
   for (const bool by_gyro : {true, false}) {
     INFO(by_gyro);
     const Drive drive;
     const Run exact = run(drive, 0.02, by_gyro, drive.T_base_imu.rotation);
     CHECK(exact.followed > 190);
     CHECK(exact.felt_square < 0.02 * exact.held_square);
-    // Velocities that are as far off as speed changes in three scans.
+    // Velocity errors as large as the change of speed in three scans.
     const Run noisy = run(drive, 0.5, by_gyro, drive.T_base_imu.rotation);
     CHECK(noisy.felt_square < 0.3 * noisy.held_square);
   }
 }
 
-TEST_CASE("an accelerometer with wrong axes, sign or unit is not followed") {
+TEST_CASE("an accelerometer with wrong axes, sign or unit is not used", "[inertial_velocity]") {
   for (const double scale : {-1.0, 1.0 / 9.81, 9.81}) {
     INFO(scale);
     Drive drive;
@@ -84,7 +85,7 @@ TEST_CASE("an accelerometer with wrong axes, sign or unit is not followed") {
   CHECK(run(drive, 0.05, true, left_for_forward * drive.T_base_imu.rotation).followed == 0);
 }
 
-TEST_CASE("a velocity whose change is felt follows braking at 1 g that a held one lags behind") {
+TEST_CASE("the accelerometer follows braking at 1 g where a constant velocity lags", "[inertial_velocity]") {
   constexpr double kBraking = -9.81;
   const auto worst = [](const std::optional<Vector3>& acceleration) {
     TwistFilter filter;

@@ -8,7 +8,7 @@ namespace nilio::core {
 /// velocity? A sequential probability ratio test (Wald 1945) decides; a Kalman filter estimates the vector to
 /// subtract from the specific force, which is gravity, bias and the tilt of odom together, in odom axes. An
 /// accelerometer with wrong axes, unit or range is not used until it recovers. Not thread-safe.
-class AccelerometerJudge {
+class AccelerometerConsistency {
  public:
   /// Measurements over a span of `seconds` between two scans, in odom axes, m/s.
   struct Evidence {
@@ -23,22 +23,22 @@ class AccelerometerJudge {
   };
   void learn(const Evidence& evidence);
   /// Sets the externally estimated vector and its variance along each axis, m^2/s^4.
-  void know_support(const Vector3& support, double variance);
+  void set_gravity_bias(const Vector3& support, double variance);
 
   [[nodiscard]] bool helps() const;
   /// Specific force at constant velocity, m/s^2.
-  [[nodiscard]] const Vector3& support() const { return support_; }
-  [[nodiscard]] double support_variance() const { return support_variance_; }
+  [[nodiscard]] const Vector3& gravity_bias() const { return gravity_bias_; }
+  [[nodiscard]] double gravity_bias_variance() const { return gravity_bias_variance_; }
   /// Variance of a measured velocity along each axis, m^2/s^2.
   [[nodiscard]] double velocity_variance() const { return noise_square_; }
 
  private:
-  void learn_noise(double square);
+  void update_noise(double square);
 
   int spans_ = 0;
-  Vector3 support_ = Vector3::Zero();
-  double support_variance_ = 0.0;  ///< along each axis
-  double noise_square_ = 0.0;      ///< of a measured change of velocity, along each axis
+  Vector3 gravity_bias_ = Vector3::Zero();
+  double gravity_bias_variance_ = 0.0;  ///< along each axis
+  double noise_square_ = 0.0;           ///< of a measured change of velocity, along each axis
   double log_likelihood_ratio_ = 0.0;
 };
 

@@ -1,6 +1,7 @@
+#include "core/src/registration/methods.hpp"
+
 #include "nilio/core/odometry.hpp"
 
-#include "core/src/registration/methods.hpp"
 #include "core/src/registration/point_factors.hpp"
 #include "tests/support/synthetic_room.hpp"
 
@@ -96,15 +97,15 @@ SE3 closed_form(const std::vector<Vector3>& from, const std::vector<Vector3>& to
 
 }  // namespace
 
-TEST_CASE("the gradient of the point equations is that of the squared distances, numerically") {
+TEST_CASE("the gradient of the point equations is that of the squared distances, numerically", "[methods]") {
   check_gradient(point_equations);
 }
 
-TEST_CASE("the gradient of the line equations is that of the squared distances, numerically") {
+TEST_CASE("the gradient of the line equations is that of the squared distances, numerically", "[methods]") {
   check_gradient(line_equations);
 }
 
-TEST_CASE("point-to-point ICP by Gauss-Newton ends where ICP by SVD ends") {
+TEST_CASE("point-to-point ICP by Gauss-Newton ends where ICP by SVD ends", "[methods]") {
   const PlaneMetric metric{1.0, 1e6, 0.1, 0.2};
   const SE3 guess = offset(0.15, -0.1, 0.01);
   SE3 by_svd = guess;
@@ -132,7 +133,7 @@ TEST_CASE("point-to-point ICP by Gauss-Newton ends where ICP by SVD ends") {
   CHECK(so3_log(difference.rotation).norm() < 1e-5);
 }
 
-TEST_CASE("every method finds the pose from a third of a metre and a degree away") {
+TEST_CASE("every method converges from a third of a metre and a degree away", "[methods]") {
   for (const RegistrationMethodInfo& method : registration_methods()) {
     CAPTURE(method.name);
     SolverOptions options;
@@ -145,7 +146,7 @@ TEST_CASE("every method finds the pose from a third of a metre and a degree away
   }
 }
 
-TEST_CASE("every method gives the same bits at any number of threads") {
+TEST_CASE("every method gives the same bits at any number of threads", "[methods]") {
   std::vector<Eigen::Vector3f> points;
   for (int i = 0; i < 8; ++i)
     points.insert(points.end(), room_maps().points.begin(), room_maps().points.end());
@@ -165,7 +166,7 @@ TEST_CASE("every method gives the same bits at any number of threads") {
   }
 }
 
-TEST_CASE("methods have names of their own and are found by them") {
+TEST_CASE("methods have unique names and are found by them", "[methods]") {
   std::set<std::string> names;
   for (const RegistrationMethodInfo& method : registration_methods()) {
     names.insert(method.name);
@@ -177,13 +178,13 @@ TEST_CASE("methods have names of their own and are found by them") {
   CHECK(find_registration_method("loam") == nullptr);
 }
 
-TEST_CASE("the methods with surfaces track a drive through the room") {
+TEST_CASE("the methods with surfaces track a drive through the room", "[methods]") {
   const Room room = Room::with_pillars();
   const auto drive = [](double t) {
     return SE3{Eigen::Quaterniond(Eigen::AngleAxisd(0.1 * t, Vector3::UnitZ())), Vector3(2.0 * t, 0.0, 0.0)};
   };
   for (const RegistrationMethodInfo& method : registration_methods()) {
-    // A flat floor's rings look the same from everywhere: points alone take them for standing still.
+    // A flat floor's rings look the same from everywhere: points alone indicate no motion.
     if (method.needs_points) continue;
     CAPTURE(method.name);
     OdometryConfig config;

@@ -1,4 +1,4 @@
-#include "core/src/imu_monitor/gyro_trust.hpp"
+#include "core/src/imu_monitor/gyro_consistency.hpp"
 
 #include "nilio/core/units.hpp"
 
@@ -11,7 +11,7 @@ namespace {
 
 // Memory of ten scans.
 constexpr double kMemory = 0.9;
-constexpr double kLeastWeight = 5.0;
+constexpr double kMinWeight = 5.0;
 // 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
 constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
 // Rejection: the gyro's error is so many times that of a constant rate.
@@ -31,19 +31,21 @@ constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDe
 
 }  // namespace
 
-bool GyroTrust::compared() const { return weight_ >= kLeastWeight; }
+bool GyroConsistency::compared() const { return weight_ >= kMinWeight; }
 
-bool GyroTrust::refused() const {
+bool GyroConsistency::refused() const {
   return !given_ && (withdrawn_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
 }
 
-double GyroTrust::gyro_error() const { return weight_ > 0.0 ? std::sqrt(gyro_squares_ / weight_) : 0.0; }
+double GyroConsistency::gyro_error() const {
+  return weight_ > 0.0 ? std::sqrt(gyro_squares_ / weight_) : 0.0;
+}
 
-double GyroTrust::constant_rate_error() const {
+double GyroConsistency::constant_rate_error() const {
   return weight_ > 0.0 ? std::sqrt(constant_squares_ / weight_) : 0.0;
 }
 
-bool GyroTrust::contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const {
+bool GyroConsistency::contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const {
   if (!has_rate_) return false;
   const double gyro_angle = (gyro - registered).norm() * seconds;
   const double constant_angle = (rate_ - registered).norm() * seconds;
@@ -51,31 +53,31 @@ bool GyroTrust::contradicted(const Vector3& gyro, const Vector3& registered, dou
          gyro_angle > kPlainlyWorse * gyro_error();
 }
 
-void GyroTrust::withdraw() {
+void GyroConsistency::withdraw() {
   given_ = false;
   withdrawn_ = true;
   gyro_evidence_ = 0.0;
   constant_evidence_ = 0.0;
 }
 
-void GyroTrust::forget() {
+void GyroConsistency::forget() {
   const bool given = given_;
-  *this = GyroTrust();
+  *this = GyroConsistency();
   given_ = given;
 }
 
-bool GyroTrust::is_proven() const {
+bool GyroConsistency::is_proven() const {
   const double needed = withdrawn_ ? kEvidenceAfterWithdrawal * kEvidenceSquares : kEvidenceSquares;
   return constant_evidence_ > needed && gyro_evidence_ < kLargestShareOfSquares * constant_evidence_;
 }
 
-void GyroTrust::gather_evidence(double gyro_angle, double constant_angle) {
+void GyroConsistency::gather_evidence(double gyro_angle, double constant_angle) {
   const auto excess = [](double angle) { return std::max(0.0, angle * angle - kNoiseSquares); };
   gyro_evidence_ = kEvidenceMemory * gyro_evidence_ + excess(gyro_angle);
   constant_evidence_ = kEvidenceMemory * constant_evidence_ + excess(constant_angle);
 }
 
-void GyroTrust::update(double gyro_angle, double constant_angle, double turned) {
+void GyroConsistency::update(double gyro_angle, double constant_angle, double turned) {
   gyro_squares_ = kMemory * gyro_squares_ + gyro_angle * gyro_angle;
   constant_squares_ = kMemory * constant_squares_ + constant_angle * constant_angle;
   weight_ = kMemory * weight_ + 1.0;
@@ -90,7 +92,7 @@ void GyroTrust::update(double gyro_angle, double constant_angle, double turned) 
   }
 }
 
-void GyroTrust::add(const Vector3& gyro, const Vector3& registered, double seconds) {
+void GyroConsistency::add(const Vector3& gyro, const Vector3& registered, double seconds) {
   if (has_rate_) {
     update((gyro - registered).norm() * seconds, (rate_ - registered).norm() * seconds,
            registered.norm() * seconds);

@@ -1,4 +1,4 @@
-#include "core/src/estimation/standing_start.hpp"
+#include "core/src/estimation/static_initialization.hpp"
 
 #include "nilio/core/odometry.hpp"
 
@@ -31,7 +31,7 @@ ImuStatistics felt(const Vector3& force) {
 
 const Vector3 kSupport(-0.2, 0.1, 9.8);
 
-/// Stands for 2 s, then sets off at 1.2 m/s^2 that take a second to build up.
+/// Stationary for 2 s, then departs with 1.2 m/s^2 that take a second to build up.
 double travelled(double t) {
   constexpr double kStart = 2.0;
   constexpr double kAcceleration = 1.2;
@@ -43,8 +43,8 @@ double travelled(double t) {
 
 SE3 setting_off(double t) { return {Eigen::Quaterniond::Identity(), Vector3(travelled(t), 0.0, 0.0)}; }
 
-/// A tube without ends in which a lorry sets off with the vehicle, and what shows the motion along it beside
-/// its back are a few posts.
+/// A tube without ends in which a truck departs with the vehicle; beside its back only a few posts show the
+/// motion along the tube.
 Room tube_with_lorry(double t) {
   Room room;
   room.low = Vector3(-1000.0, -6.0, -1.8);
@@ -82,8 +82,9 @@ double place_behind_lorry(bool imu, double seconds) {
 
 }  // namespace
 
-TEST_CASE("what idles stands until it sets off, and shows the support exactly") {
-  StandingStart start;
+TEST_CASE("an idling vehicle is stationary until it departs, and its gravity-and-bias is exact",
+          "[static_initialization]") {
+  StaticInitialization start;
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0.0, kForceNoise / std::sqrt(40.0));
   const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
@@ -96,14 +97,15 @@ TEST_CASE("what idles stands until it sets off, and shows the support exactly") 
   CHECK(start.is_over());
 }
 
-TEST_CASE("an acceleration that no longer changes is not standing again") {
-  StandingStart start;
+TEST_CASE("a constant acceleration after the departure is not stationary", "[static_initialization]") {
+  StaticInitialization start;
   CHECK(start.observe(felt(kSupport), Vector3::Zero()));
   for (int scan = 0; scan < 50; ++scan)
     CHECK_FALSE(start.observe(felt(kSupport + Vector3(1.2, 0.0, 0.0)), Vector3::Zero()));
 }
 
-TEST_CASE("shaking is no standing, and an IMU that is stuck, silent or shows no gravity no sign of it") {
+TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or without gravity",
+          "[static_initialization]") {
   ImuStatistics shaking = felt(kSupport);
   shaking.acceleration_deviation = 0.5;
   ImuStatistics swaying = felt(kSupport);
@@ -113,21 +115,22 @@ TEST_CASE("shaking is no standing, and an IMU that is stuck, silent or shows no 
   const ImuStatistics sideways = felt(Vector3(9.8, 0.1, -0.2));
   const ImuStatistics in_units_of_g = felt(kSupport / 9.81);
   for (const ImuStatistics& statistics : {shaking, swaying, stuck, ImuStatistics{}, sideways, in_units_of_g})
-    CHECK_FALSE(StandingStart().observe(statistics, Vector3::Zero()));
+    CHECK_FALSE(StaticInitialization().observe(statistics, Vector3::Zero()));
 }
 
-TEST_CASE("a walking pace that cannot be felt is not taken for standing once scans have shown it") {
-  StandingStart start;
+TEST_CASE("a smooth walking pace ends the stationary phase once scans show it", "[static_initialization]") {
+  StaticInitialization start;
   int scans = 0;
   while (scans < 100 && start.observe(felt(kSupport), Vector3(0.04 * scans, 0.0, 0.0))) ++scans;
   CHECK(scans > 1);
   CHECK(scans < 6);
 }
 
-TEST_CASE("a lorry that sets off with the vehicle does not hold the pose where setting off is felt") {
+TEST_CASE("a truck that departs with the vehicle does not hold the pose where the IMU measures the departure",
+          "[static_initialization]") {
   const double truth = travelled(6.0);
   REQUIRE(truth > 7.0);
   CHECK(std::abs(place_behind_lorry(true, 6.0) - truth) < 0.05 * truth);
-  // Where it is not, the lorry does.
+  // Without the IMU the truck does hold the pose.
   CHECK(place_behind_lorry(false, 6.0) < 0.5 * truth);
 }

@@ -20,7 +20,7 @@ std::vector<Vector3> random_points(std::size_t count, double half_width, std::ui
 
 }  // namespace
 
-TEST_CASE("the nearest points are those that a search through all finds") {
+TEST_CASE("the nearest points equal those of an exhaustive search", "[point_voxel_map]") {
   // Few enough that none is left out as too near to another or one too many.
   const std::vector<Vector3> points = random_points(60, 2.0, 1);
   PointMap map({1.0, 50.0, 1000});
@@ -48,13 +48,13 @@ TEST_CASE("the nearest points are those that a search through all finds") {
   CHECK(compared > 300);
 }
 
-TEST_CASE("a voxel keeps a bounded number of points, evenly spaced") {
+TEST_CASE("a voxel keeps a bounded number of points, evenly spaced", "[point_voxel_map]") {
   PointMap map({1.0, 50.0, 1000});
   std::vector<Vector3> points = random_points(20000, 0.5, 3);
   for (Vector3& point : points) point.array() += 0.5;
   map.insert(points);
   CHECK(map.size() == 1);
-  // All that is stored, by asking from everywhere.
+  // All stored points, queried from everywhere.
   std::vector<Vector3> stored;
   for (const Vector3& query : points) {
     std::array<PointMap::Neighbour, 1> nearest;
@@ -69,14 +69,14 @@ TEST_CASE("a voxel keeps a bounded number of points, evenly spaced") {
   }
 }
 
-TEST_CASE("a full point map refuses voxels and counts them") {
+TEST_CASE("a full point map refuses voxels and counts them", "[point_voxel_map]") {
   PointMap map({1.0, 50.0, 2});
   map.insert(std::vector<Vector3>{{0.5, 0.5, 0.5}, {1.5, 0.5, 0.5}, {2.5, 0.5, 0.5}, {1.9, 0.5, 0.5}});
   CHECK(map.size() == 2);
   CHECK(map.refused() == 1);
 }
 
-TEST_CASE("what the vehicle has left behind is dropped, and its cells are used again") {
+TEST_CASE("points behind the vehicle are evicted, and their cells are used again", "[point_voxel_map]") {
   PointMap map({1.0, 20.0, 500});
   std::array<PointMap::Neighbour, 1> nearest;
   // Once around the rolling grid and more: 64 cells along each side.

@@ -1,0 +1,49 @@
+#include "core/src/estimation/static_initialization.hpp"
+
+#include "core/src/estimation/gravity.hpp"
+
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr std::size_t kMinSamples = 5;
+// Above an idling engine's vibration, below a driving vehicle's; over all three axes.
+constexpr double kMaxForceDeviation = 0.1;
+constexpr double kMaxRateDeviation = 0.01;
+// A departure changes the mean specific force long before the scans show it.
+constexpr double kMaxForceChange = 0.05;
+constexpr double kMaxMetres = 0.1;
+constexpr double kGravityTolerance = 0.5;
+// Cosine of the steepest road: gravity farther from base_link's z means a wrong extrinsic.
+constexpr double kMinUprightness = 0.9;
+
+}  // namespace
+
+bool is_gravity_plausible(const Vector3& force) {
+  const double size = force.norm();
+  return std::abs(size - kGravity) <= kGravityTolerance && force.z() >= kMinUprightness * size;
+}
+
+bool StaticInitialization::goes_on(const ImuStatistics& felt, const Vector3& place) const {
+  // Constant values indicate a fault, not a stationary vehicle.
+  if (felt.count < kMinSamples || felt.acceleration_deviation <= 0.0) return false;
+  if (felt.acceleration_deviation > kMaxForceDeviation) return false;
+  if (felt.angular_velocity_deviation > kMaxRateDeviation || !is_gravity_plausible(felt.mean_acceleration))
+    return false;
+  if (scans_ > 0 && (felt.mean_acceleration - mean_force_).norm() > kMaxForceChange) return false;
+  return scans_ < 2 || (place - first_position_).norm() < kMaxMetres;
+}
+
+bool StaticInitialization::observe(const ImuStatistics& felt, const Vector3& place) {
+  is_over_ = is_over_ || !goes_on(felt, place);
+  if (is_over_) return false;
+  // The initial velocity search moves the second scan.
+  if (scans_ < 2) first_position_ = place;
+  ++scans_;
+  mean_force_ += (felt.mean_acceleration - mean_force_) / scans_;
+  return true;
+}
+
+}  // namespace nilio::core
