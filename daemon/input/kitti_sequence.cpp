@@ -25,7 +25,7 @@ constexpr double kBeamSpacingDeg = 0.4;
 constexpr std::uintmax_t kLargestScanBytes = 64ULL * 1024 * 1024;
 constexpr std::size_t kBytesPerPoint = 16;
 
-/// 0 where that is not the size of a scan.
+/// 0 if the file size is not that of a scan.
 std::uintmax_t scan_bytes(const fs::path& path) {
   std::error_code error;
   const std::uintmax_t size = fs::file_size(path, error);
@@ -41,7 +41,7 @@ class KittiScanFeed : public ScanFeed {
     while (next_ < files_.size()) {
       if (!is_due(timeout)) return FeedState::kIdle;
       const std::size_t index = next_++;
-      // A damaged scan is an empty one: it gets the predicted pose, so that line k stays that of scan k.
+      // A damaged scan is delivered empty and gets the predicted pose, so that line k stays that of scan k.
       const bool is_whole = load(files_[index], scan);
       scan.sequence = index;
       scan.start = stamps_[index];

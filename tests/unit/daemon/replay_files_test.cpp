@@ -2,7 +2,9 @@
 #include "tests/support/hdl64e_packets.hpp"
 #include "tests/support/room_drive.hpp"
 
+#include <map>
 #include <span>
+#include <string>
 
 #include <catch2/catch.hpp>
 
@@ -98,14 +100,16 @@ TEST_CASE("a replay reads the calibration transmitted by an HDL-64E ahead and st
   CHECK(input->first_stamp == packets[0].stamp);
 }
 
-TEST_CASE("a damaged KITTI scan keeps its place, as an empty one, and its file is named") {
+TEST_CASE("a damaged KITTI scan is delivered as an empty scan with a warning that names the file",
+          "[replay_files]") {
   const TemporaryFolder folder;
   const std::string whole(160, '\0');
-  folder.write("velodyne/000000.bin", whole);
-  folder.write("velodyne/000001.bin", whole.substr(0, 150));
-  folder.write("velodyne/000002.bin", whole);
-  folder.write("times.txt", "0.0\n0.1\n0.2\n");
-  folder.write("calib.txt", "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n");
+  const std::map<std::string, std::string> content{{"velodyne/000000.bin", whole},
+                                                   {"velodyne/000001.bin", whole.substr(0, 150)},
+                                                   {"velodyne/000002.bin", whole},
+                                                   {"times.txt", "0.0\n0.1\n0.2\n"},
+                                                   {"calib.txt", "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n"}};
+  for (const auto& [name, bytes] : content) REQUIRE_FALSE(folder.write(name, bytes).empty());
   const auto files = find_replay_files({folder.text()});
   REQUIRE(files.ok());
   auto input = open_replay(*files, Config{});
