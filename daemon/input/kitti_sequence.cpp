@@ -25,7 +25,7 @@ constexpr double kBeamSpacingDeg = 0.4;
 constexpr std::uintmax_t kLargestScanBytes = 64ULL * 1024 * 1024;
 constexpr std::size_t kBytesPerPoint = 16;
 
-/// Number of points in a scan file; 0 if its size is not that of a scan.
+/// Size of a scan file in bytes; 0 if it is not that of a scan.
 std::uintmax_t scan_bytes(const fs::path& path) {
   std::error_code error;
   const std::uintmax_t size = fs::file_size(path, error);
