@@ -192,7 +192,7 @@ bool ComputeBudget::allows(WorkKind work, std::size_t units) {
   return false;
 }
 
-void ComputeBudget::learn(WorkKind work, double sample_ns) {
+void ComputeBudget::update(WorkKind work, double sample_ns) {
   double& cost = cost_ns_[static_cast<std::size_t>(work)];
   const double limited = std::clamp(sample_ns, cost / kLargestRatio, cost * kLargestRatio);
   cost += (limited > cost ? kRiseGain : kFallGain) * (limited - cost);
@@ -204,7 +204,7 @@ void ComputeBudget::record(WorkKind work, std::size_t units) {
   counted_ns_ += static_cast<std::int64_t>(cost_ns(work) * cost_units(work, units));
   if (config_.mode != BudgetMode::kWall || answers_ == Answers::kRepeated) return;
   if (answers_ == Answers::kDecided)
-    learn(work, static_cast<double>(now_ns() - lap_ns_) / cost_units(work, units));
+    update(work, static_cast<double>(now_ns() - lap_ns_) / cost_units(work, units));
   mark_lap();
 }
 

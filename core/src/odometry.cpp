@@ -44,7 +44,7 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   return result;
 }
 
-/// The motion `moved`, and what the samples of the IMU are corrected by.
+/// Fills twist and IMU corrections from the motion.
 void Odometry::State::fill_motion(const MotionModel& moved, OdometryResult& result) const {
   result.twist.head<3>() = moved.body_velocity();
   result.twist.tail<3>() = moved.mean_angular_velocity();
@@ -92,7 +92,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
     s.arena.execute([&] { s.start(scan, result); });
   } else {
     s.predict(scan, result);
-    // The second scan tells first how fast the vehicle is, then what to select.
+    // The second scan first determines the initial velocity, then selects points.
     if (s.scans > 1) s.select_points(s.T_predicted);
     s.budget.record(WorkKind::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
@@ -101,7 +101,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
       s.reconsider_imu(result);
     });
     s.stamp(result, OdometryStage::kFine);
-    s.judge(result);
+    s.check_registration(result);
     s.map_update_pending = true;
   }
   s.finish(scan, result);

@@ -24,56 +24,52 @@
 
 namespace nilio::core {
 
-/// Scans until map and velocity are established. The map is fed more densely meanwhile: one thinned scan
-/// leaves its voxels short of the points that a plane needs.
+/// Scans until map and velocity are established. Insertion is denser meanwhile, because one downsampled scan
+/// leaves too few points per voxel.
 inline constexpr std::uint64_t kInitialScans = 5;
-/// NDT goes first in the beginning, until so many scans have shown every axis; after one that has not, until
-/// so many in a row do. While nothing is known of the speed, a plane or two of somebody else's vehicle would
-/// tell it.
+/// NDT runs until this many scans observed every axis; after one that did not, until this many in a row do:
+/// moving objects must not determine the initial velocity.
 inline constexpr int kMinScansWithNdt = 4;
 inline constexpr int kScansToBeSure = 20;
 inline constexpr float kFirstVoxelShare = 0.5F;
 inline constexpr float kInitialVoxelShare = 0.7F;
-/// Voxel of the points that the coarse map is fed with and that registration chooses from.
+/// Voxel of the points for the NDT map and of the candidates for registration.
 inline constexpr float kCoarseVoxelMetres = 1.0F;
-/// Scans without a pose after which the old map is given up: it has moved out of sight, or the search would
-/// have found it. So many relocalization_attempts in a row that did not lead back to tracking saw another
-/// place.
+/// Predicted poses, and failed relocalisations, in a row until the map is reset.
 inline constexpr int kRestartAfterFailures = 30;
 inline constexpr int kRestartAfterSearches = 10;
-/// Largest prediction error that the gate follows; also where it starts.
+/// Maximum of the prediction error, also its initial value.
 inline constexpr double kMaxSigmaMetres = 2.0;
-/// Where the gate is, in such errors.
+/// Correspondence threshold in standard deviations.
 inline constexpr double kGateSigmas = 3.0;
-/// Least one. A place that was searched for has to agree as closely.
+/// Minimum of the prediction error; a relocalised pose is registered with it.
 inline constexpr double kMinSigmaMetres = 0.1;
-/// An acceleration that is sampled more seldom says little of the velocity between its samples.
+/// Longest gap between accelerometer samples that still determine the velocity.
 inline constexpr Duration kMaxAccelerometerGap = Duration::from_milliseconds(50.0);
-/// What turns rotation into distance where errors are put together.
+/// Lever that converts rotation errors to distances.
 inline constexpr double kErrorLeverMetres = 30.0;
-/// Of the support as an IMU has it that stands.
+/// Variance of gravity-and-bias of a stationary vehicle, m^2/s^4.
 inline constexpr double kStationaryGravityBiasVariance = 0.02 * 0.02;
 
-/// The last sample may be so much older than the end of the scan, live, where the next one was not waited
-/// for: a vehicle turns on as it did.
+/// Maximum lag of the last IMU sample behind the end of a live scan; the rate is held constant.
 inline constexpr Duration kMaxImuLag = Duration::from_milliseconds(15.0);
 
-/// Neighbours of a point are looked for this far.
+/// Voxel of the point map.
 inline constexpr double kPointVoxelMetres = 1.0;
 inline constexpr std::size_t kCoarsePoints = 800;
-/// Points whose beams differ by this come from different ones.
+/// Beam numbers that differ by this belong to different beams.
 inline constexpr float kBeamSpread = 0.5F;
 
-/// For a scan whose prediction errs by so much.
+/// Metric for a prediction error of `sigma_m`.
 [[nodiscard]] PlaneMetric plane_metric(double sigma_m);
 
-/// Every k-th element, at most `target` of them.
+/// Samples at most `target` elements evenly.
 void sample_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
                    std::vector<Eigen::Vector3f>& output);
 
-/// What the odometry keeps from scan to scan, and its steps: filtering and map in odometry_map.cpp,
-/// prediction in odometry_prediction.cpp, registration in odometry_registration.cpp, what it teaches in
-/// odometry_learning.cpp, the search for a start or a lost vehicle in odometry_search.cpp.
+/// State of the odometry from scan to scan, and its steps: map/local_map.cpp,
+/// estimation/motion_prediction.cpp, registration/ndt_icp.cpp, recovery/tracking_gate.cpp,
+/// recovery/relocalization.cpp.
 struct Odometry::State {
   explicit State(const OdometryConfig& configuration, ClockFunction clock_function)
       : config(configuration),
@@ -91,7 +87,7 @@ struct Odometry::State {
         selector(config.max_filtered_points) {
     if (method.needs_points)
       point_map.emplace(PointMapConfig{kPointVoxelMetres, config.map_radius_m, config.map_capacity});
-    // Touched here, so that the first scans do not wait for their memory.
+    // Prefaults the buffers.
     const auto prepare = [](std::size_t capacity, auto&... buffers) {
       (buffers.resize(capacity), ...);
       (buffers.clear(), ...);
@@ -112,19 +108,19 @@ struct Odometry::State {
     if (clock != nullptr) result.stage_ns[static_cast<std::size_t>(stage)] = clock();
   }
 
-  /// The pose that most points agreed with so far.
+  /// Best hypothesis so far, by inliers.
   struct Search {
     SE3 T_best;
     std::uint32_t inliers = 0;
   };
 
-  /// What the prediction of a scan's end goes by.
+  /// Span and IMU coverage of a prediction.
   struct MotionPrior {
     MotionModel::Span span;
-    bool imu_covers = false;  ///< the span
-    bool imu_used = false;    ///< covers it and is trusted
-    bool stands = false;      ///< has been standing since the beginning
-    /// Mean over the time from the middle of the sweep before to that of this one.
+    bool imu_covers = false;     ///< the span
+    bool imu_used = false;       ///< covers the span and is accepted
+    bool is_stationary = false;  ///< stationary since the start
+    /// Mean acceleration between the midpoints of the last sweep and this one.
     std::optional<Vector3> acceleration;
     [[nodiscard]] double span_s() const { return (span.end - span.previous).seconds(); }
   };
@@ -168,7 +164,7 @@ struct Odometry::State {
   [[nodiscard]] double agreement() const;
   [[nodiscard]] bool is_in_family() const;
   [[nodiscard]] bool is_doubtful() const;
-  void judge(OdometryResult& result);
+  void check_registration(OdometryResult& result);
   void accept(OdometryResult& result);
   void fall_back(OdometryResult& result);
   void apply_pending_map_update();
@@ -184,13 +180,13 @@ struct Odometry::State {
                     MotionModel& target) const;
   [[nodiscard]] std::optional<Vector3> imu_acceleration(const MotionPrior& next) const;
   [[nodiscard]] Vector6 expected_twist(const MotionPrior& next) const;
-  /// The accelerometer has seen the whole of the motion, and is not known to be broken.
+  /// Whether the accelerometer covers the whole motion and is not known to be faulty.
   [[nodiscard]] bool accelerometer_observes_motion() const {
     return motion_prior.imu_covers && monitor.force_usable(motion_prior.span.previous);
   }
   [[nodiscard]] bool detect_static_start();
-  /// The second scan still has to tell whether standing is what a smooth ride is taken for.
-  [[nodiscard]] bool applies_zero_velocity_update() const { return motion_prior.stands && scans > 1; }
+  /// The second scan still decides between stationary and a smooth ride.
+  [[nodiscard]] bool applies_zero_velocity_update() const { return motion_prior.is_stationary && scans > 1; }
   void propagate_motion_filter();
   [[nodiscard]] TwistStep measured_step() const;
   [[nodiscard]] SE3 expected_pose(const MotionPrior& next, MotionModel& target) const;
@@ -220,7 +216,7 @@ struct Odometry::State {
   ClockFunction clock;
   const RegistrationMethodInfo& method;
   tbb::task_arena arena;
-  tbb::task_arena single_thread_arena;  ///< where others would take longer to wake up than to help
+  tbb::task_arena single_thread_arena;  ///< for small work
   ImuBuffer imu;
   ImuMonitor monitor;
   InertialVelocity inertial_velocity;
@@ -230,39 +226,38 @@ struct Odometry::State {
   std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;
   ComputeBudget budget;
-  VoxelDownsampler filter;  ///< of one use after the other
+  VoxelDownsampler filter;  ///< scratch, reused
   NormalSpaceSampler selector;
   MotionModel motion;
 
   std::uint64_t scans = 0;
   std::size_t last_fine_iterations = 0;
-  /// The scan registered last has not been fed to the map yet.
+  /// The last scan has not been inserted yet.
   bool map_update_pending = false;
-  /// The first scans feed the map more densely.
+  /// Denser insertion while initialising.
   bool is_initializing_map = true;
-  /// The map has the axes of the first pose, levelled only on the way out: what is registered does not depend
-  /// on an accelerometer that may be wrong.
+  /// The map keeps the axes of the first pose and is levelled only in the output, so that registration does
+  /// not depend on the accelerometer.
   SE3 T_odom_map;
   SE3 T_map_base;
   SE3 T_accepted;  ///< the last pose that is not a prediction
   SE3 T_published;
   double published_speed = 0.0;  ///< of its twist, m/s
-  SE3 T_last_keyframe;           ///< the middle of the sweep that the map was fed last
+  SE3 T_last_keyframe;           ///< midpoint of the sweep inserted last
   Time time;
   Time registered_time;  ///< of the last pose that is not a prediction
   SE3 T_predicted;
   MotionPrior motion_prior;  ///< of the scan that is registered
   bool coarse_was_due = false;
   bool motion_compensated = false;
-  /// The previous pose was a prediction, or this one was searched for: what lies between them is no motion of
-  /// this scan.
+  /// The pose is relocalised, or follows a predicted one: the step is no motion of this scan.
   bool relocalized = false;
-  /// The last pose was searched for or agrees with the map worse than usual; how many did so in a row,
-  /// predicted ones included, and after how many of them the vehicle was looked for everywhere.
+  /// Whether the last pose was relocalised or out of family, how many were so in a row (predicted ones
+  /// included), and the failed relocalisations among them.
   bool doubtful = false;
   int doubts = 0;
   int relocalization_attempts = 0;
-  SE3 last_T_middle_end;  ///< of the scan before: from the middle of its sweep to its end
+  SE3 last_T_middle_end;  ///< of the previous scan
   double last_sweep_s = 0.0;
   TwistFilter twist;
   Vector6 measured_twist = Vector6::Zero();  ///< by the last registration
@@ -270,22 +265,22 @@ struct Odometry::State {
   Vector3 gyro_bias = Vector3::Zero();
   std::uint64_t bias_updates = 0;
   double sigma_m = kMaxSigmaMetres;
-  int sigma_scans = 0;  ///< that it has been learnt from since nothing was known of it
+  int sigma_scans = 0;  ///< scans behind it
   double prediction_error_m = 0.0;
   Vector6 prediction_error_variance = Vector6::Zero();  ///< of corrections of predictions, in body axes
   double plane_voxel_m = 0.0;
   UnobservedDrift drift;
   double period_s = 0.1;  ///< between poses, slowly averaged
   double mean_agreement = 0.0;
-  int coarse_scans_left = kMinScansWithNdt;  ///< that are still to come
+  int coarse_scans_left = kMinScansWithNdt;  ///< remaining scans with NDT
   int failures = 0;
-  std::size_t scan_points = 0;        ///< of the scan that are looked at
-  std::size_t registered_points = 0;  ///< that `registration` was given
-  /// Where the search for a lost vehicle goes on, when a scan's time was over before its end.
+  std::size_t scan_points = 0;        ///< visited points of the scan
+  std::size_t registered_points = 0;  ///< points of the last registration
+  /// Hypothesis at which relocalisation continues in the next scan.
   std::size_t next_hypothesis = 0;
   RegistrationResult registration;
 
-  // The first scan is kept until the second has told how fast the vehicle was.
+  // The first scan is kept until the second gives the initial velocity.
   std::vector<SweepPoint> first_sweep;
   MotionModel::Span first_span;
 

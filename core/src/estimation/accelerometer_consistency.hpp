@@ -12,7 +12,7 @@ class AccelerometerConsistency {
  public:
   /// Measurements over a span of `seconds` between two scans, in odom axes, m/s.
   struct Evidence {
-    Vector3 felt;             ///< integral of the specific force
+    Vector3 imu_change;       ///< integral of the specific force
     Vector3 measured;         ///< change of the IMU's velocity
     double held_error = 0.0;  ///< error of a constant velocity in the vehicle's axes
     double seconds = 0.0;
@@ -21,9 +21,9 @@ class AccelerometerConsistency {
     /// Runs the test only: gravity and bias are estimated elsewhere, with position and velocity.
     bool only_weigh = false;
   };
-  void learn(const Evidence& evidence);
+  void update(const Evidence& evidence);
   /// Sets the externally estimated vector and its variance along each axis, m^2/s^4.
-  void set_gravity_bias(const Vector3& support, double variance);
+  void set_gravity_bias(const Vector3& gravity_bias, double variance);
 
   [[nodiscard]] bool helps() const;
   /// Specific force at constant velocity, m/s^2.

@@ -44,13 +44,13 @@ void ImuRateOdometry::update_accelerometer(const ScanPose& next) {
   AccelerometerConsistency::Evidence evidence;
   evidence.seconds = (to - from).seconds();
   const TurnRate rate{imu_, next.gyro_bias, {}};
-  evidence.felt = integrate_imu(rate, from, to, scan_.T_odom_base.rotation).velocity;
+  evidence.imu_change = integrate_imu(rate, from, to, scan_.T_odom_base.rotation).velocity;
   const auto velocity = [&](const ScanPose& scan, Time imu_time) -> Vector3 {
     return scan.T_odom_base.rotation * (scan.linear_velocity + lever(rate.at(imu_time)));
   };
   evidence.measured = velocity(next, to) - velocity(scan_, from);
   evidence.held_error = (next.linear_velocity - scan_.linear_velocity).norm();
-  accelerometer_.learn(evidence);
+  accelerometer_.update(evidence);
 }
 
 Vector3 ImuRateOdometry::rate_at(Time imu_time) const {

@@ -46,11 +46,11 @@ class InertialVelocity {
                                                     const Vector3& velocity) const;
   /// Updates the consistency test with a registered motion and its body velocity; `share` is the
   /// observability along each axis, 0 to 1. `only_weigh` as in AccelerometerConsistency::Evidence.
-  void learn(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
-             const Vector3& share, bool only_weigh);
+  void update(const TurnRate& rate, const RegisteredMotion& motion, const Vector3& velocity,
+              const Vector3& share, bool only_weigh);
   /// Sets the gravity and bias vector that is subtracted from the specific force.
-  void set_gravity_bias(const Vector3& support, double variance) {
-    consistency_.set_gravity_bias(support, variance);
+  void set_gravity_bias(const Vector3& gravity_bias, double variance) {
+    consistency_.set_gravity_bias(gravity_bias, variance);
   }
   [[nodiscard]] const AccelerometerConsistency& consistency() const { return consistency_; }
   /// Resets the consistency test.

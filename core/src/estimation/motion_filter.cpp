@@ -26,7 +26,7 @@ constexpr double kMinInnovations = 1.0;
 void MotionFilter::begin(const Variances& variances) {
   covariance_.setZero();
   covariance_.diagonal() << Vector3::Constant(kPositionVariance), Vector3::Constant(variances.velocity),
-      Vector3::Constant(variances.support);
+      Vector3::Constant(variances.gravity_bias);
   normalised_squares_ = 0.0;
   innovations_ = 0.0;
   has_begun_ = true;

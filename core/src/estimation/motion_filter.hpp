@@ -11,8 +11,8 @@ class MotionFilter {
  public:
   /// Variances along each axis.
   struct Variances {
-    double velocity = 0.0;  ///< m^2/s^2
-    double support = 0.0;   ///< m^2/s^4
+    double velocity = 0.0;      ///< m^2/s^2
+    double gravity_bias = 0.0;  ///< m^2/s^4
   };
   /// Starts at a position that was just registered.
   void begin(const Variances& variances);

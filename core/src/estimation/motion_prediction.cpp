@@ -6,7 +6,7 @@ namespace nilio::core {
 
 namespace {
 
-// What is not known better than by scans alone, and of what stands.
+// Lower bounds of the variances, and those of a stationary vehicle.
 constexpr double kMinVelocityVariance = 0.1 * 0.1;
 constexpr double kMinGravityBiasVariance = 0.01 * 0.01;
 constexpr double kStandingSpeedVariance = 0.02 * 0.02;
@@ -28,7 +28,7 @@ TurnRate Odometry::State::turn_rate(bool by_gyro) const {
   return rate;
 }
 
-/// What the accelerometer says of the time from the middle of the last sweep to that of the next one.
+/// Mean acceleration between the midpoints of the last sweep and the next one.
 std::optional<Vector3> Odometry::State::imu_acceleration(const MotionPrior& next) const {
   const MotionModel::Span& span = next.span;
   const Time from = span.previous - Duration::from_seconds(0.5 * last_sweep_s);
@@ -38,7 +38,7 @@ std::optional<Vector3> Odometry::State::imu_acceleration(const MotionPrior& next
       T_map_base.rotation * last_T_middle_end.rotation.conjugate(), twist.twist().head<3>());
 }
 
-/// What stands is held still and shows what its accelerometer feels while it does.
+/// Zero-velocity update while stationary since the start; the mean specific force initialises gravity.
 bool Odometry::State::detect_static_start() {
   if (accelerometer_observes_motion()) {
     const Time end = motion_prior.span.end;
@@ -49,30 +49,30 @@ bool Odometry::State::detect_static_start() {
   return false;
 }
 
-/// How exact the prediction is where the accelerometer carries it on.
+/// Propagates the covariance of the IMU-predicted motion.
 void Odometry::State::propagate_motion_filter() {
-  if (motion_prior.stands) {
+  if (motion_prior.is_stationary) {
     motion_filter.begin({kStandingSpeedVariance, kStationaryGravityBiasVariance});
     return;
   }
-  const AccelerometerConsistency& judge = inertial_velocity.consistency();
+  const AccelerometerConsistency& consistency = inertial_velocity.consistency();
   const double seconds = motion.between_s(last_sweep_s);
   if (!motion_prior.acceleration || !motion_filter.has_begun()) {
     const double by_error = prediction_error_variance.head<3>().maxCoeff() / (seconds * seconds);
-    motion_filter.begin({std::max({kMinVelocityVariance, judge.velocity_variance(), by_error}),
-                         std::max(kMinGravityBiasVariance, judge.gravity_bias_variance())});
+    motion_filter.begin({std::max({kMinVelocityVariance, consistency.velocity_variance(), by_error}),
+                         std::max(kMinGravityBiasVariance, consistency.gravity_bias_variance())});
   }
   motion_filter.advance(seconds, seconds * motion.mean_angular_velocity().z());
 }
 
-/// Between the middles of the last sweep and of this one.
+/// Step between the midpoints of the last sweep and this one.
 TwistStep Odometry::State::measured_step() const {
   const double seconds = motion.between_s(last_sweep_s);
   const Matrix3 R = T_predicted.rotation.toRotationMatrix();
   return {seconds, motion_prior.acceleration, seconds * motion_filter.velocity_gain(R)};
 }
 
-/// Over the middle of the span, which the prediction is for.
+/// Twist at the middle of the predicted span.
 Vector6 Odometry::State::expected_twist(const MotionPrior& next) const {
   return twist.predict({next.span_s(), next.acceleration});
 }
@@ -86,7 +86,7 @@ SE3 Odometry::State::expected_pose(const MotionPrior& next, MotionModel& target)
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   motion_prior = motion_prior_for(scan);
   relocalized = failures > 0;
-  motion_prior.stands = detect_static_start();
+  motion_prior.is_stationary = detect_static_start();
   if (applies_zero_velocity_update()) motion_prior.acceleration = Vector3::Zero();
   T_predicted = expected_pose(motion_prior, motion);
   propagate_motion_filter();

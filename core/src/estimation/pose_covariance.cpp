@@ -8,16 +8,15 @@ namespace nilio::core {
 
 namespace {
 
-// Share of a wrong prediction that deskewing leaves in a pose: for points evenly in time half of what the
-// sweep was predicted wrong by, less what the map has in common with the scan, whose newest points come from
-// scans bent alike.
+// Share of a prediction error that deskewing leaves in the pose: half of it for points evenly in time, minus
+// the part common to map and scan.
 constexpr double kDeskewShare = 1.0 / 3.0;
 
 constexpr double kTranslationFloor = 0.002 * 0.002;
 constexpr double kRotationFloor = 5e-5 * 5e-5;
 constexpr double kUnobservedTranslation = 1.0;
 constexpr double kUnobservedRotation = 0.1 * 0.1;
-// What a vehicle's velocity may change by while it is not seen: m^2/s^2, rad^2/s^2.
+// Variance of the unobserved change of velocity: m^2/s^2, rad^2/s^2.
 constexpr double kUnseenSpeedSquare = 10.0 * 10.0;
 constexpr double kUnseenTurnRateSquare = 1.0;
 

@@ -6,15 +6,13 @@
 
 namespace nilio::core {
 
-/// How uncertain the pose has become along axes of base_link that the scans do not show, while they do not:
-/// every scan the predicted displacement may be off by what predictions were off by when there was something
-/// to see, and stays so, as a speed does.
+/// Variance along degenerate axes of base_link: each scan adds a prediction error that persists as a velocity
+/// error.
 class UnobservedDrift {
  public:
-  /// After each scan; an axis that is not weak is known again. Bits and axes as in
-  /// RegistrationResult::degenerate_axes.
+  /// Call after each scan; an observed axis is reset. Bits and axes as RegistrationResult::degenerate_axes.
   void advance(std::uint8_t weak_axes, const Vector6& prediction_error_variance);
-  /// m^2, rad^2.
+  /// Variance, m^2 and rad^2.
   [[nodiscard]] const Vector6& variance() const { return position_; }
 
  private:
@@ -23,21 +21,21 @@ class UnobservedDrift {
   Vector6 velocity_ = Vector6::Zero();
 };
 
-/// What the covariance of a pose follows from.
+/// Inputs of the pose covariance.
 struct PoseEvidence {
   const RegistrationResult& registration;
-  /// Mean square of what registration corrected the last predictions by, in axes of base_link; m^2, rad^2.
+  /// Mean square of recent corrections of predictions, in axes of base_link; m^2, rad^2.
   const Vector6& prediction_error_variance;
-  /// Of axes that the scans have not shown lately.
+  /// Variance along degenerate axes.
   Vector6 drift = Vector6::Zero();
   double span_s = 0.0;       ///< since the previous pose
   double predicted_s = 0.0;  ///< since the last pose that was registered
 };
 
-/// Fills pose and twist covariance of a result whose pose is set: the inverse of the information matrix times
-/// the residual variance; what deskewing with a motion that has changed since does to a scan; floors for what
-/// neither shows (calibration, map noise). Along axes that are not observed the variance grows with every
-/// such pose, for poses that are only predicted with the time since the last registered one.
+/// Fills pose and twist covariance of a result with a pose: inverse information times residual variance, the
+/// share of prediction errors left by deskewing, and floors for calibration and map noise. Variances grow
+/// along degenerate axes with every pose, and for predicted poses with the time since the last registered
+/// one.
 void fill_covariance(const PoseEvidence& evidence, OdometryResult& result);
 
 }  // namespace nilio::core

@@ -26,23 +26,23 @@ bool is_gravity_plausible(const Vector3& force) {
   return std::abs(size - kGravity) <= kGravityTolerance && force.z() >= kMinUprightness * size;
 }
 
-bool StaticInitialization::goes_on(const ImuStatistics& felt, const Vector3& place) const {
+bool StaticInitialization::is_still_stationary(const ImuStatistics& imu, const Vector3& place) const {
   // Constant values indicate a fault, not a stationary vehicle.
-  if (felt.count < kMinSamples || felt.acceleration_deviation <= 0.0) return false;
-  if (felt.acceleration_deviation > kMaxForceDeviation) return false;
-  if (felt.angular_velocity_deviation > kMaxRateDeviation || !is_gravity_plausible(felt.mean_acceleration))
+  if (imu.count < kMinSamples || imu.acceleration_deviation <= 0.0) return false;
+  if (imu.acceleration_deviation > kMaxForceDeviation) return false;
+  if (imu.angular_velocity_deviation > kMaxRateDeviation || !is_gravity_plausible(imu.mean_acceleration))
     return false;
-  if (scans_ > 0 && (felt.mean_acceleration - mean_force_).norm() > kMaxForceChange) return false;
+  if (scans_ > 0 && (imu.mean_acceleration - mean_force_).norm() > kMaxForceChange) return false;
   return scans_ < 2 || (place - first_position_).norm() < kMaxMetres;
 }
 
-bool StaticInitialization::observe(const ImuStatistics& felt, const Vector3& place) {
-  is_over_ = is_over_ || !goes_on(felt, place);
-  if (is_over_) return false;
+bool StaticInitialization::observe(const ImuStatistics& imu, const Vector3& place) {
+  has_ended_ = has_ended_ || !is_still_stationary(imu, place);
+  if (has_ended_) return false;
   // The initial velocity search moves the second scan.
   if (scans_ < 2) first_position_ = place;
   ++scans_;
-  mean_force_ += (felt.mean_acceleration - mean_force_) / scans_;
+  mean_force_ += (imu.mean_acceleration - mean_force_) / scans_;
   return true;
 }
 

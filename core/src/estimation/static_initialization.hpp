@@ -19,19 +19,19 @@ class StaticInitialization {
   /// Call once a scan with the samples of the last `kWindow` and the last registered position, m. Returns
   /// whether the vehicle is still stationary; ends for good when the IMU measures a change, or when scans
   /// moved the position all the same, as at a smooth walking pace.
-  bool observe(const ImuStatistics& felt, const Vector3& place);
+  bool observe(const ImuStatistics& imu, const Vector3& place);
   /// Ends the phase: motion was detected elsewhere.
-  void end() { is_over_ = true; }
-  [[nodiscard]] bool is_over() const { return is_over_; }
+  void end() { has_ended_ = true; }
+  [[nodiscard]] bool is_over() const { return has_ended_; }
   /// Mean specific force while stationary, m/s^2, in axes of base_link.
   [[nodiscard]] const Vector3& mean_force() const { return mean_force_; }
 
   static constexpr Duration kWindow = Duration::from_milliseconds(200.0);
 
  private:
-  [[nodiscard]] bool goes_on(const ImuStatistics& felt, const Vector3& place) const;
+  [[nodiscard]] bool is_still_stationary(const ImuStatistics& imu, const Vector3& place) const;
 
-  bool is_over_ = false;
+  bool has_ended_ = false;
   int scans_ = 0;
   Vector3 first_position_ = Vector3::Zero();
   Vector3 mean_force_ = Vector3::Zero();

@@ -9,11 +9,11 @@ namespace {
 
 constexpr double kMinGain = 0.2;
 constexpr double kMaxGain = 0.9;
-// How fast the gain follows, and over how many innovations their usual size is taken.
+// Step of the gain, and memory of the innovation variance.
 constexpr double kGainStep = 0.1;
 constexpr double kMemory = 0.9;
-// A trend of the velocity is extrapolated over two lost scans at most. Roll and pitch rates are body sway: of
-// zero mean, so they have no trend, and over a longer gap only this long a part of it goes on.
+// Trends are extrapolated over two lost scans at most. Roll and pitch rates are body sway with zero mean: no
+// trend, and over a longer gap only this much of them continues.
 constexpr double kMaxExtrapolationSeconds = 0.25;
 constexpr int kRollRate = 3;
 
@@ -40,12 +40,12 @@ Vector6 TwistFilter::predict(const TwistStep& step) const {
 TwistFilter::Gains TwistFilter::gains(const Vector6& share, const TwistStep& step) const {
   Gains gains;
   for (int i = 0; i < 6; ++i) {
-    // Kalata's relation: the gain of the speed that belongs to the gain of the place.
+    // Kalata's relation between the gains of velocity and position.
     const double alpha = std::clamp(share[i], 0.01, 1.0);
     const double beta = 2.0 * (2.0 - alpha) - 4.0 * std::sqrt(1.0 - alpha);
     const double gain = std::min(gain_[i], beta / alpha);
     gains.slope[i] = gain * gain / (2.0 - gain);
-    // At the end of the interval rather than in its middle, which the mean belongs to.
+    // At the end of the interval; the mean belongs to its middle.
     gains.twist[i] = gain + 0.5 * gains.slope[i];
   }
   if (step.acceleration) {
@@ -71,7 +71,7 @@ void TwistFilter::stand() {
   last_.head<3>().setZero();
 }
 
-void TwistFilter::learn(const Vector6& mean, const Vector6& share, const TwistStep& step) {
+void TwistFilter::update(const Vector6& mean, const Vector6& share, const TwistStep& step) {
   const Vector6 error = innovation(mean, step);
   const Gains used = gains(share, step);
   twist_ = predict(step) + used.twist.cwiseProduct(error);

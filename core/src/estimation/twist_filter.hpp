@@ -6,38 +6,35 @@
 
 namespace nilio::core {
 
-/// A step in time, and how the linear velocity changes meanwhile, m/s^2, where that is felt; it changes as it
-/// did, else.
+/// A time step; acceleration in m/s^2 where the accelerometer measures it, otherwise the trend holds.
 struct TwistStep {
   double seconds = 0.0;
   std::optional<Vector3> acceleration;
-  /// Part of a mean velocity's error by which a felt velocity is corrected, 0 to 1 along each axis.
+  /// Gain of the velocity for an error of the mean velocity, 0 to 1 along each axis, where the accelerometer
+  /// is used.
   Vector3 velocity_gain = Vector3::Zero();
 };
 
-/// Twist of base_link in its own axes (linear m/s, then angular rad/s) and how it changes, from noisy
-/// measurements: an alpha-beta filter for each component (Kalata 1984), whose gain follows the drive. Where
-/// innovations keep their sign the filter lags, and its gain rises; where they alternate it follows noise,
-/// and its gain falls. Where a registration followed the prediction instead of the scan, it says nothing new:
-/// the gain is bounded by what an alpha-beta filter makes of a place that is known to that share, and the
-/// change of the twist is forgotten. Where the change is felt, nothing of it is learnt, and the gain is given
-/// (MotionFilter).
+/// Twist of base_link in its own axes (linear m/s, angular rad/s) and its trend: an alpha-beta filter for
+/// each component (Kalata 1984). The gain rises while innovations keep their sign (lag) and falls while they
+/// alternate (noise). It is bounded by Kalata's relation for the observability of the axis, and trends of
+/// unobserved axes decay. Where the accelerometer is used, its acceleration replaces the trend and
+/// MotionFilter gives the gain.
 class TwistFilter {
  public:
-  /// Starts anew from a twist that is simply believed.
+  /// Resets to a given twist.
   void reset(const Vector6& twist);
-  /// Twist at the middle of the last sweep.
+  /// Twist at the midpoint of the last sweep.
   [[nodiscard]] const Vector6& twist() const { return twist_; }
-  /// Twist at the end of the step. Over a gap neither trends nor sway are extrapolated.
+  /// Twist at the end of the step. Neither trends nor sway are extrapolated over a gap.
   [[nodiscard]] Vector6 predict(const TwistStep& step) const;
-  /// Twist after the step, had its mean over the step been `mean`. `share` of it, 0 to 1 along each axis,
-  /// comes from the scan.
+  /// Twist after the step, given its mean and its observability, 0 to 1 along each axis.
   [[nodiscard]] Vector6 correct(const Vector6& mean, const Vector6& share, const TwistStep& step) const;
-  /// Goes on to it.
-  void learn(const Vector6& mean, const Vector6& share, const TwistStep& step);
-  /// Goes on without a measurement: the twist stays as it is but for sway, which ends, and what is felt.
+  /// Updates to it.
+  void update(const Vector6& mean, const Vector6& share, const TwistStep& step);
+  /// Propagates without a measurement: sway ends, the rest stays or follows the accelerometer.
   void hold(const TwistStep& step);
-  /// The vehicle is known to stand; how it turns is not.
+  /// Zero-velocity update of the linear part; rotation is unaffected.
   void stand();
 
  private:

@@ -41,10 +41,10 @@ void AccelerometerAlignment::add(Time time, const SE3& T_odom_base, const Vector
   records_[next_] = {time, T_odom_base.rotation.toRotationMatrix(), imu_position, force};
   next_ = (next_ + 1) % records_.size();
   count_ = std::min(count_ + 1, records_.size());
-  if (count_ == records_.size() && evenly_spaced()) learn();
+  if (count_ == records_.size() && evenly_spaced()) update();
 }
 
-void AccelerometerAlignment::learn() {
+void AccelerometerAlignment::update() {
   const double span = 0.5 * (record(2 * kSpan).time - record(0).time).seconds();
   const Vector3 acceleration =
       (record(2 * kSpan).position - 2.0 * record(kSpan).position + record(0).position) / (span * span);

@@ -45,7 +45,7 @@ class AccelerometerAlignment {
 
   [[nodiscard]] const Record& record(std::size_t i) const;
   [[nodiscard]] bool evenly_spaced() const;
-  void learn();
+  void update();
   void update_steady(const Vector3& acceleration);
 
   std::array<Record, 2 * kSpan + 1> records_{};

@@ -70,7 +70,7 @@ constexpr std::array<Row, kImuChecks> kRows = {{
 
 const Row& row_of(ImuCheck check) { return kRows[static_cast<std::size_t>(check)]; }
 
-void judge(ImuDiagnosis& row, ImuCheckState state, double threshold) {
+void set_state(ImuDiagnosis& row, ImuCheckState state, double threshold) {
   row.state = state;
   row.threshold = threshold;
   if (state < row.worst_state) return;
@@ -144,16 +144,16 @@ void set_row(ImuHealth& health, ImuCheck check, double value, double sigma) {
   const double bad = row.state == ImuCheckState::kBad ? kBetterBelow * limits.bad : limits.bad;
   const double warn = row.state >= ImuCheckState::kWarn ? kBetterBelow * limits.warn : limits.warn;
   if (distance > bad) {
-    judge(row, ImuCheckState::kBad, limits.bad);
+    set_state(row, ImuCheckState::kBad, limits.bad);
   } else {
-    judge(row, distance > warn ? ImuCheckState::kWarn : ImuCheckState::kOk, limits.warn);
+    set_state(row, distance > warn ? ImuCheckState::kWarn : ImuCheckState::kOk, limits.warn);
   }
 }
 
 void set_flag_row(ImuHealth& health, ImuCheck check, double value) {
   ImuDiagnosis& row = health.rows[static_cast<std::size_t>(check)];
   row.value = value;
-  judge(row, value > 0.0 ? ImuCheckState::kBad : ImuCheckState::kOk, 0.0);
+  set_state(row, value > 0.0 ? ImuCheckState::kBad : ImuCheckState::kOk, 0.0);
 }
 
 void clear_row(ImuHealth& health, ImuCheck check) {

@@ -24,7 +24,7 @@ constexpr double kTurning = 0.3 * kRadiansPerDegree;
 // (10 deg) or wrongly scaled gyro does not reach. After a rejection four times as much is required.
 constexpr double kEvidenceMemory = 1.0 - 1.0 / 600.0;
 constexpr double kEvidenceSquares = 0.3 * 0.3 * kRadiansPerDegree * kRadiansPerDegree;
-constexpr double kEvidenceAfterWithdrawal = 4.0;
+constexpr double kEvidenceAfterRejection = 4.0;
 constexpr double kLargestShareOfSquares = 1.0 / 36.0;
 // Noise of a registered rotation, subtracted from the evidence.
 constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDegree;
@@ -33,8 +33,8 @@ constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDe
 
 bool GyroConsistency::compared() const { return weight_ >= kMinWeight; }
 
-bool GyroConsistency::refused() const {
-  return !given_ && (withdrawn_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
+bool GyroConsistency::rejected() const {
+  return !accepted_ && (rejected_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
 }
 
 double GyroConsistency::gyro_error() const {
@@ -53,21 +53,21 @@ bool GyroConsistency::contradicted(const Vector3& gyro, const Vector3& registere
          gyro_angle > kPlainlyWorse * gyro_error();
 }
 
-void GyroConsistency::withdraw() {
-  given_ = false;
-  withdrawn_ = true;
+void GyroConsistency::reject() {
+  accepted_ = false;
+  rejected_ = true;
   gyro_evidence_ = 0.0;
   constant_evidence_ = 0.0;
 }
 
-void GyroConsistency::forget() {
-  const bool given = given_;
+void GyroConsistency::reset_evidence() {
+  const bool accepted = accepted_;
   *this = GyroConsistency();
-  given_ = given;
+  accepted_ = accepted;
 }
 
 bool GyroConsistency::is_proven() const {
-  const double needed = withdrawn_ ? kEvidenceAfterWithdrawal * kEvidenceSquares : kEvidenceSquares;
+  const double needed = rejected_ ? kEvidenceAfterRejection * kEvidenceSquares : kEvidenceSquares;
   return constant_evidence_ > needed && gyro_evidence_ < kLargestShareOfSquares * constant_evidence_;
 }
 
@@ -85,10 +85,10 @@ void GyroConsistency::update(double gyro_angle, double constant_angle, double tu
   if (turned > kTurning) gather_evidence(gyro_angle, constant_angle);
   const double gyro = gyro_error();
   const double constant = std::max(constant_rate_error(), kIndifferent);
-  if ((given_ || turned > kTurning) && gyro > kPlainlyWorse * constant) withdraw();
-  if (!given_ && gyro <= constant && is_proven()) {
-    given_ = true;
-    withdrawn_ = false;
+  if ((accepted_ || turned > kTurning) && gyro > kPlainlyWorse * constant) reject();
+  if (!accepted_ && gyro <= constant && is_proven()) {
+    accepted_ = true;
+    rejected_ = false;
   }
 }
 

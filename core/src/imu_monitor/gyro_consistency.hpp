@@ -12,15 +12,15 @@ class GyroConsistency {
   /// Adds the mean rates over a scan of `seconds`, rad/s.
   void add(const Vector3& gyro, const Vector3& registered, double seconds);
   [[nodiscard]] bool contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const;
-  void withdraw();
+  void reject();
   /// Discards the statistics but keeps the decision: the gyro's stamps were corrected.
-  void forget();
+  void reset_evidence();
   /// Marks a discontinuity: the next scan has no constant rate to be predicted from.
   void interrupt() { has_rate_ = false; }
 
-  [[nodiscard]] bool given() const { return given_; }
+  [[nodiscard]] bool accepted() const { return accepted_; }
   /// True after a rejection, or after turns that would have proven a sound gyro.
-  [[nodiscard]] bool refused() const;
+  [[nodiscard]] bool rejected() const;
   /// True once enough scans have been compared for the errors to be meaningful.
   [[nodiscard]] bool compared() const;
   /// Root mean squares of the last second, rad per scan.
@@ -38,8 +38,8 @@ class GyroConsistency {
   double gyro_squares_ = 0.0;
   double constant_squares_ = 0.0;
   double weight_ = 0.0;
-  bool given_ = false;
-  bool withdrawn_ = false;
+  bool accepted_ = false;
+  bool rejected_ = false;
   /// Sums of squared errors over scans that turned since the start or the last withdrawal, rad^2.
   double gyro_evidence_ = 0.0;
   double constant_evidence_ = 0.0;

@@ -51,15 +51,15 @@ bool ImuMonitor::force_usable(Time since) const {
 bool ImuMonitor::contradicts(const ImuBuffer& imu, const Vector3& gyro_bias,
                              const RegisteredMotion& motion) const {
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to) - gyro_bias;
-  return trust_.contradicted(gyro_rate, motion.mean_rate(), motion.seconds());
+  return gyro_consistency_.contradicted(gyro_rate, motion.mean_rate(), motion.seconds());
 }
 
 void ImuMonitor::demote() {
-  trust_.withdraw();
-  withdraw(ImuCheck::kGyroAgreement);
+  gyro_consistency_.reject();
+  reject(ImuCheck::kGyroAgreement);
 }
 
-void ImuMonitor::withdraw(ImuCheck reason) {
+void ImuMonitor::reject(ImuCheck reason) {
   if (health_.trusted) ++health_.demotions;
   health_.trusted = false;
   health_.reason = reason;
@@ -67,7 +67,7 @@ void ImuMonitor::withdraw(ImuCheck reason) {
 
 void ImuMonitor::skip() {
   force_.interrupt();
-  trust_.interrupt();
+  gyro_consistency_.interrupt();
 }
 
 bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
@@ -94,7 +94,7 @@ void ImuMonitor::compare_with_registration(const ImuBuffer& imu, const Vector3& 
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to);
   const Vector3 registered = motion.mean_rate();
   const bool sound = signal_is_sound(motion.from, motion.to);
-  if (sound) trust_.add(gyro_rate - gyro_bias, registered, motion.seconds());
+  if (sound) gyro_consistency_.add(gyro_rate - gyro_bias, registered, motion.seconds());
   if (sound && registered.norm() < kCalmRate) {
     bias_sum_ = kBiasMemory * bias_sum_ + gyro_rate - registered;
     bias_weight_ = kBiasMemory * bias_weight_ + 1.0;
@@ -136,14 +136,14 @@ bool ImuMonitor::fill_table(Time now) {
   const ImuCheck obstacle = find_obstacle(health_);
   const bool was_trusted = health_.trusted;
   if (obstacle != ImuCheck::kCount) {
-    withdraw(obstacle);
-  } else if (!trust_.given()) {
-    withdraw(trust_.refused() ? ImuCheck::kGyroAgreement : ImuCheck::kCount);
+    reject(obstacle);
+  } else if (!gyro_consistency_.accepted()) {
+    reject(gyro_consistency_.rejected() ? ImuCheck::kGyroAgreement : ImuCheck::kCount);
   } else {
     health_.trusted = true;
     health_.reason = ImuCheck::kCount;
   }
-  if (was_trusted && !health_.trusted) trust_.withdraw();
+  if (was_trusted && !health_.trusted) gyro_consistency_.reject();
   // Scans deskewed with the gyro_ reveal its errors more exactly, so the fit starts again.
   if (!was_trusted && health_.trusted) rotation_ = GyroAlignment();
   return shifted;
@@ -173,9 +173,10 @@ bool ImuMonitor::fill_rotation() {
   fill_bias();
   // Before the gyro_ is in use, deskewing at a constant rate distorts bends and would count against it. After
   // a rejection the row keeps its maximum: on a straight road any gyro_ agrees.
-  const double disagreement = trust_.gyro_error() * kDegreesPerRadian;
-  const bool is_worse = trust_.refused() && disagreement > health_[ImuCheck::kGyroAgreement].value;
-  if (trust_.compared() && (health_.trusted || is_worse))
+  const double disagreement = gyro_consistency_.gyro_error() * kDegreesPerRadian;
+  const bool is_worse =
+      gyro_consistency_.rejected() && disagreement > health_[ImuCheck::kGyroAgreement].value;
+  if (gyro_consistency_.compared() && (health_.trusted || is_worse))
     set_row(health_, ImuCheck::kGyroAgreement, disagreement);
   return follow_offset(estimate);
 }
@@ -214,7 +215,7 @@ bool ImuMonitor::follow_offset(const GyroAlignmentEstimate& estimate) {
   shift_ = Duration::from_seconds(total_s);
   health_.time_shift_ms = 1e3 * shift_.seconds();
   rotation_ = GyroAlignment();
-  trust_.forget();
+  gyro_consistency_.reset_evidence();
   pending_count_ = 0;
   return true;
 }

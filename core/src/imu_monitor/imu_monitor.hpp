@@ -62,7 +62,7 @@ class ImuMonitor {
   /// Rejects the gyro because of a contradiction.
   void demote();
   /// Angular rate of the last registered motion, rad/s; the constant-rate prediction starts from it.
-  [[nodiscard]] const Vector3& registered_rate() const { return trust_.registered_rate(); }
+  [[nodiscard]] const Vector3& registered_rate() const { return gyro_consistency_.registered_rate(); }
 
   /// Evaluates a scan whose registration was accepted; `gyro_bias` is the bias in use. Returns true if
   /// time_shift() changed: the samples in `imu` then carry outdated stamps and should be cleared.
@@ -96,7 +96,7 @@ class ImuMonitor {
   void fill_bias();
   bool follow_offset(const GyroAlignmentEstimate& estimate);
   void fill_force();
-  void withdraw(ImuCheck reason);
+  void reject(ImuCheck reason);
 
   ImuMonitorConfig config_;
   TriadSignal gyro_{kMinGyroFullScale};
@@ -104,7 +104,7 @@ class ImuMonitor {
   SampleTiming timing_;
   GyroAlignment rotation_;
   AccelerometerAlignment force_;
-  GyroConsistency trust_;
+  GyroConsistency gyro_consistency_;
   ImuHealth health_;
 
   std::array<RegisteredMotion, kPending> pending_{};

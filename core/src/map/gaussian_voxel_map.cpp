@@ -11,14 +11,13 @@ namespace nilio::core {
 
 namespace {
 
-// Share of the slab that eviction looks at per scan.
+// Share of the slab that eviction visits per scan.
 constexpr std::size_t kSweepShare = 10;
-// Covariance eigenvalues below this share of the largest are raised to it (Magnusson 2009, section 6.2.1),
-// and no surface is taken to be thinner than the sensor's range noise.
+// Eigenvalues below this share of the largest are raised to it (Magnusson 2009, section 6.2.1); no surface is
+// thinner than the range noise.
 constexpr double kEigenvalueRatioFloor = 0.01;
 constexpr double kEigenvalueFloor = 0.02 * 0.02;
-// A piece of one scan line has no normal: its points must spread across the line, too, by this share of the
-// voxel.
+// Minimum spread of points across a scan line, as a share of the voxel: points of one line have no normal.
 constexpr double kMinSpreadShare = 0.05;
 
 void count_scan(GaussianVoxel& surface) {
@@ -41,7 +40,7 @@ VoxelMap::VoxelMap(const VoxelMapConfig& config)
 void VoxelMap::reset(double voxel_size_m) {
   config_.voxel_size_m = voxel_size_m;
   inverse_size_ = 1.0 / voxel_size_m;
-  // Only what was used is touched: a start must not cost the whole slab.
+  // Only used voxels are cleared: a reset must not cost the whole slab.
   for (std::uint32_t voxel = 0; voxel < used_; ++voxel) {
     if (!moments_[voxel].occupied) continue;
     std::size_t slot = home_slot(moments_[voxel].key);
@@ -49,7 +48,7 @@ void VoxelMap::reset(double voxel_size_m) {
     slots_[slot] = Slot{};
     moments_[voxel].occupied = false;
   }
-  // The lowest index is handed out first.
+  // The lowest index is used first.
   free_.resize(config_.capacity);
   for (std::size_t i = 0; i < free_.size(); ++i) free_[i] = static_cast<std::uint32_t>(free_.size() - 1 - i);
   used_ = 0;
@@ -97,7 +96,7 @@ void VoxelMap::erase(std::uint32_t voxel) {
 
 void VoxelMap::insert(std::span<const Vector3> points, std::span<const float> beams) {
   scan_ = static_cast<std::uint16_t>(std::max(1, (scan_ + 1) & 0xFFFF));
-  // In blocks, whose memory is fetched while the block before is worked on.
+  // Blocks, with the memory of the next one prefetched.
   constexpr std::size_t kBlock = 32;
   std::array<std::uint64_t, kBlock> keys;
   std::array<std::uint32_t, kBlock> voxels;
@@ -144,7 +143,7 @@ void VoxelMap::add(std::uint32_t voxel, const Eigen::Vector3f& local, float beam
   m.products[3] += local.y() * local.y();
   m.products[4] += local.y() * local.z();
   m.products[5] += local.z() * local.z();
-  // The point of the second beam makes a plane of what was none.
+  // The first point of a second beam completes a plane.
   if (one_beam && seen_by_several_beams(m))
     m.refresh_at = std::max(static_cast<std::uint16_t>(config_.min_points), m.count);
   if (m.count >= m.refresh_at) refresh(voxel);
@@ -152,8 +151,8 @@ void VoxelMap::add(std::uint32_t voxel, const Eigen::Vector3f& local, float beam
 
 void VoxelMap::refresh(std::uint32_t voxel) {
   Moments& m = moments_[voxel];
-  // The surface changes little with each point: solving at every half again as many is as good and far
-  // cheaper.
+  // The Gaussian is solved again at half again as many points: as accurate and far cheaper than at every
+  // point.
   m.refresh_at =
       static_cast<std::uint16_t>(std::min<std::uint32_t>(config_.max_points, m.count + (m.count + 1U) / 2U));
   const double inverse_count = 1.0 / m.count;

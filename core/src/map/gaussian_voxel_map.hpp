@@ -15,27 +15,26 @@ namespace nilio::core {
 /// Integer coordinates of a voxel.
 using VoxelIndex = Eigen::Vector3i;
 
-/// What registration reads of a voxel: one cache line. Positions are relative to the voxel's lower corner, so
-/// that single precision is enough anywhere.
+/// Registration data of a voxel: one cache line. Positions are relative to the lower corner, so that single
+/// precision suffices anywhere.
 struct alignas(64) GaussianVoxel {
   Eigen::Vector3f mean = Eigen::Vector3f::Zero();
   /// Unit normal of the plane through the mean (smallest eigenvector).
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
   /// Inverse of the regularised covariance, upper triangle: xx xy xz yy yz zz (1/m^2).
   float information[6] = {};
-  /// Smallest eigenvalue over the middle one; 1 where the points are too much in line for a plane, 2 where
-  /// they are of one beam.
+  /// Smallest eigenvalue over the middle one; 1 if the points are collinear, 2 if they come from one beam.
   float planarity = 2.0F;
   /// Smallest eigenvalue, m^2: the thickness of the plane.
   float thickness = 0.0F;
-  /// Points behind the surface, 0 until there are enough for one.
+  /// Number of points, 0 until there are enough for a Gaussian.
   std::uint16_t count = 0;
-  /// Insertions that any of its points came with: what stays is seen again and again, what drives by is not.
+  /// Number of scans that contributed points: static surfaces are seen again and again.
   std::uint16_t scans = 0;
-  /// The map's own: the half of the voxel's key that its hash table leaves out.
+  /// Half of the voxel's key that the hash table omits; private to the map.
   std::uint32_t key_high = 0;
 
-  /// Else its shape turns with the sensor: neither plane nor Gaussian say where they are.
+  /// Points of a single beam give a shape that turns with the sensor: neither plane nor Gaussian.
   [[nodiscard]] bool is_seen_by_several_beams() const { return planarity <= 1.0F; }
 };
 
@@ -45,13 +44,13 @@ struct VoxelMapConfig {
   double radius_m = 100.0;
   /// Voxels the map can hold; all memory is allocated at construction.
   std::size_t capacity = 100000;
-  /// Points from which a voxel has a surface.
+  /// Minimum number of points for a Gaussian.
   std::uint32_t min_points = 6;
   /// Moments are halved when a voxel reaches this many points, so that it follows a changing world and never
   /// overflows.
   std::uint32_t max_points = 100;
-  /// A voxel is no plane while the numbers of its points' beams lie within this range: points of one beam
-  /// lie on its cone whatever they hit, so their plane turns with the sensor. 0 = not looked at.
+  /// Minimum range of beam numbers in a voxel: points of one beam lie on its cone whatever they hit. 0 = not
+  /// checked.
   float min_beam_spread = 0.0F;
 };
 
@@ -64,13 +63,12 @@ class VoxelMap {
   explicit VoxelMap(const VoxelMapConfig& config);
 
   void clear() { reset(config_.voxel_size_m); }
-  /// Empties the map and changes the edge of its voxels.
+  /// Clears the map and sets the voxel size.
   void reset(double voxel_size_m);
-  /// Inserts the points of one scan, given in the map frame. `beams` that saw them: one for each point,
-  /// or none for a map that does not look at them.
+  /// Inserts the points of one scan in the map frame, with the beam of each point (or none, if beams are not
+  /// checked).
   void insert(std::span<const Vector3> points, std::span<const float> beams = {});
-  /// Looks at a tenth of the slab and drops what is farther than the radius from `center`: bounded work a
-  /// scan.
+  /// Visits a tenth of the slab and evicts voxels beyond the radius around `center`: bounded work per scan.
   void evict_far_from(const Vector3& center);
 
   [[nodiscard]] VoxelIndex index_of(const Vector3& position) const {
@@ -84,9 +82,9 @@ class VoxelMap {
   [[nodiscard]] Vector3 corner_of(const VoxelIndex& index) const {
     return index.cast<double>() * config_.voxel_size_m;
   }
-  /// The surface of a voxel, or nullptr while it has none.
+  /// The Gaussian of a voxel, or nullptr.
   [[nodiscard]] const GaussianVoxel* find(const VoxelIndex& index) const { return find_key(pack_key(index)); }
-  /// find() for several voxels at once, which does not wait for the memory of one after the other.
+  /// find() for several voxels with interleaved memory accesses.
   template <std::size_t count>
   void find_all(const std::array<VoxelIndex, count>& indices, std::size_t used,
                 std::array<const GaussianVoxel*, count>& surfaces) const {
@@ -95,7 +93,7 @@ class VoxelMap {
       keys[i] = pack_key(indices[i]);
       __builtin_prefetch(&slots_[home_slot(keys[i])]);
     }
-    // The home slot is nearly always the right one; if not, only time is lost.
+    // The home slot is nearly always the right one.
     for (std::size_t i = 0; i < used; ++i) {
       const Slot& home = slots_[home_slot(keys[i])];
       if (home.voxel != kNoVoxel) __builtin_prefetch(&surfaces_[home.voxel]);
@@ -112,7 +110,7 @@ class VoxelMap {
   static constexpr std::int64_t kAxisOffset = 1 << 20;
   static constexpr std::uint64_t kAxisMask = (1ULL << 21U) - 1ULL;
 
-  // What only insertion touches: one cache line. Positions are relative to the voxel's middle, in voxels.
+  // Insertion data: one cache line. Positions are relative to the voxel centre, in voxels.
   struct alignas(64) Moments {
     std::uint64_t key = 0;
     float sum[3] = {};
@@ -132,8 +130,7 @@ class VoxelMap {
   [[nodiscard]] bool seen_by_several_beams(const Moments& moments) const {
     return moments.max_beam - moments.min_beam >= config_.min_beam_spread;
   }
-  // 21 bits an axis: +-1048 km at 1 m. Positions outside wrap onto a voxel that eviction has emptied long
-  // ago.
+  // 21 bits per axis: +-1048 km at 1 m. Positions outside wrap onto evicted voxels.
   [[nodiscard]] static std::uint64_t pack_key(const VoxelIndex& index) {
     const auto axis = [](int value) { return static_cast<std::uint64_t>(value + kAxisOffset) & kAxisMask; };
     return axis(index.x()) | (axis(index.y()) << 21U) | (axis(index.z()) << 42U);

@@ -11,19 +11,19 @@ namespace nilio::core {
 
 namespace {
 
-// Two neighbouring beams meet a wall this far away in one voxel: what a plane voxel needs at 16 beams.
+// Distance at which two neighbouring beams meet a wall in one plane voxel, as 16 beams require.
 constexpr double kPlaneReachMetres = 45.0;
 constexpr double kMinPlaneVoxelMetres = 1.0;
 constexpr double kMaxPlaneVoxelMetres = 2.0;
-// Fewer points are fed to both maps before a second thread has woken up.
+// Minimum number of points for which a second thread pays.
 constexpr std::size_t kMinSharedPoints = 8000;
-// Below both, the vehicle stands and the map is not fed: noise would thicken its planes for ever.
+// Below both limits the vehicle is stationary and nothing is inserted: noise would thicken planes for ever.
 constexpr double kStandingSpeed = 0.05;
 constexpr double kStandingTurnRate = 0.01;
-// One scan's noise alone can look like a speed above these; a vehicle that moves also gets somewhere.
+// Minimum displacement since the last insertion: noise alone can exceed the speed limits above.
 constexpr double kStandingMetres = 0.02;
 constexpr double kStandingRadians = 0.002;
-// Fewer points make no map to register against.
+// Minimum number of points of a first map.
 constexpr std::size_t kMinStartPoints = 50;
 constexpr double kStillForceDeviation = 0.5;
 
@@ -37,7 +37,7 @@ double plane_voxel_for(const OdometryConfig& config, float beam_spacing_rad) {
 
 void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
   is_initializing_map = scans < kInitialScans;
-  // Where points stand for the surface between them, all are needed.
+  // Methods that register against points need all of them.
   const std::size_t most_points = method.needs_points ? scan.points.size() : config.scan_points;
   scan_points = budget.choose_scan_points(std::min(most_points, scan.points.size()));
   const float share = scans == 0 ? kFirstVoxelShare : is_initializing_map ? kInitialVoxelShare : 1.0F;
@@ -66,8 +66,7 @@ bool Odometry::State::restart_is_due() const {
   return (has_not_begun || is_elsewhere) && sweep.size() >= kMinStartPoints;
 }
 
-/// To begin again from the predicted pose. What the vehicle did meanwhile is not known: its speed least of
-/// all, and nothing could be predicted yet where it had not begun.
+/// Resets the map at the predicted pose; the velocity is unknown.
 void Odometry::State::reset_map() {
   if (scans < kInitialScans) T_map_base = T_accepted;
   scans = 0;
@@ -86,7 +85,7 @@ void Odometry::State::reset_map() {
 }
 
 void Odometry::State::start(const Scan& scan, OdometryResult& result) {
-  // A restart knows its attitude better than the accelerometer of a moving vehicle does.
+  // After a reset the attitude is better known than from the accelerometer of a moving vehicle.
   if (first_sweep.empty()) align_with_gravity(scan);
   first_sweep = sweep;
   const Time start = motion_compensated ? scan.end : scan.start;
@@ -103,7 +102,7 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
 
 void Odometry::State::rebuild_first_map() {
   MotionModel first_motion;
-  // The gyro has not shown yet what it is worth.
+  // The gyro has not been tested yet.
   set_rotation(first_span, false, twist.twist(), first_motion);
   first_motion.predict(twist.twist().head<3>());
   first_motion.deskew(first_sweep, deskewed);
@@ -121,8 +120,7 @@ void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vec
   world_points.clear();
   for (const Eigen::Vector3f& p : points)
     world_points.emplace_back(R * p.cast<double>() + T_odom_moving.translation);
-  // Neither map knows of the other: the order does not matter. Only the address of this counts, which a
-  // worker knows without reading what another thread has written.
+  // The two insertions are independent. `order` is only an address for the ThreadSanitizer annotations.
   static char order;
   const auto feed_planes = [&] {
     sanitizer_acquire(&order);
@@ -147,7 +145,7 @@ void Odometry::State::insert_planes(const std::vector<SweepPoint>& seen) {
 }
 
 void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) {
-  // The coarse level needs few points a voxel: feed it thinned, in the order of the scan.
+  // The NDT map needs few points per voxel: downsampled in scan order.
   filter.begin(kCoarseVoxelMetres * (is_initializing_map ? kInitialVoxelShare : 1.0F));
   coarse_world_points.clear();
   const auto position_of = [&](std::size_t i, Eigen::Vector3f& position) {
@@ -167,15 +165,15 @@ void Odometry::State::apply_pending_map_update() {
 
 void Odometry::State::update_maps() {
   motion.deskew(sweep, deskewed);
-  const bool stands =
+  const bool is_stationary =
       twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
-  // The middle of the sweep is known better than its end.
+  // The midpoint of the sweep is more accurate than its end.
   const SE3 T_map_middle = T_map_base * motion.T_middle_end().inverse();
   const SE3 since_fed = T_last_keyframe.inverse() * T_map_middle;
   const bool got_somewhere =
       since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
   const bool moved_as_known = failures == 0 && !doubtful;
-  if (moved_as_known && (is_initializing_map || (!stands && got_somewhere))) {
+  if (moved_as_known && (is_initializing_map || (!is_stationary && got_somewhere))) {
     insert(sweep, deskewed, T_map_base);
     T_last_keyframe = T_map_middle;
   }

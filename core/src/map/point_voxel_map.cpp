@@ -9,10 +9,10 @@ namespace nilio::core {
 namespace {
 
 constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
-// Share of the slab that eviction looks at per scan, and the cells of play that this leaves the grid.
+// Share of the slab that eviction visits per scan, and the margin in cells that this requires of the grid.
 constexpr std::size_t kSweepShare = 10;
 constexpr double kCellsOfPlay = 24.0;
-// What a LiDAR sees lies flat: the grid is a quarter as high as wide.
+// The scene of a LiDAR is flat: the grid is a quarter as high as wide.
 constexpr std::uint32_t kHeightShare = 4;
 constexpr std::uint32_t kMinHeight = 32;
 
@@ -64,7 +64,7 @@ double PointMap::spacing_m() const { return std::sqrt(static_cast<double>(square
 void PointMap::clear() {
   std::fill(cells_.begin(), cells_.end(), kNoVoxel);
   for (Voxel& voxel : voxels_) voxel.count = 0;
-  // The lowest index is handed out first.
+  // The lowest index is used first.
   free_.resize(config_.capacity);
   for (std::size_t i = 0; i < free_.size(); ++i) free_[i] = static_cast<std::uint32_t>(free_.size() - 1 - i);
   size_ = 0;

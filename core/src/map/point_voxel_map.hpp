@@ -21,10 +21,9 @@ struct PointMapConfig {
   std::size_t capacity = 100000;
 };
 
-/// Map points themselves, a bounded number a voxel and spaced evenly, for metrics that need a point's
-/// neighbours. Cells of a grid that rolls along with the vehicle lead to voxels of a preallocated slab; when
-/// the slab is full, new voxels are refused and counted. One writer; concurrent const access is safe while
-/// nobody writes.
+/// Map of points, a bounded and evenly spaced number per voxel, for metrics that need nearest neighbours. A
+/// rolling grid refers to voxels of a preallocated slab; a full slab refuses voxels and counts them. One
+/// writer; concurrent const access is safe while nobody writes.
 class PointMap {
  public:
   static constexpr std::size_t kPointsPerVoxel = 20;
@@ -37,10 +36,9 @@ class PointMap {
   explicit PointMap(const PointMapConfig& config);
 
   void clear();
-  /// Inserts points given in the map frame; one that is nearer to a stored point than the even spacing is
-  /// left out.
+  /// Inserts points in the map frame; a point closer to a stored one than the spacing is skipped.
   void insert(std::span<const Vector3> points);
-  /// Looks at a tenth of the slab and drops what is farther than the radius from `center`.
+  /// Visits a tenth of the slab and evicts voxels beyond the radius around `center`.
   void evict_far_from(const Vector3& center);
 
   /// The nearest stored points within `max_distance_m`, at most as far as one voxel, nearest first. Fills
@@ -49,7 +47,7 @@ class PointMap {
                            std::span<Neighbour> neighbours) const;
 
   [[nodiscard]] const PointMapConfig& config() const { return config_; }
-  /// Stored points of a voxel are at least so far apart, metres.
+  /// Minimum distance of stored points in a voxel, metres.
   [[nodiscard]] double spacing_m() const;
   [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] std::uint64_t refused() const { return refused_; }

@@ -48,7 +48,7 @@ void NormalSpaceSampler::select(const VoxelMap& map, VoxelDownsampler& filter,
               [&](std::size_t i) { candidates_.push_back(static_cast<std::uint32_t>(i)); });
   sort_candidates(map, positions, T_map_moving, config.max_planarity);
 
-  // Smallest group first, so that what it cannot give is shared among those still to come.
+  // Smallest group first; its unused share goes to the others.
   std::array<std::size_t, kGroups> order{};
   for (std::size_t g = 0; g < kGroups; ++g) order[g] = g;
   // Ties by index: as stable_sort, which would allocate.

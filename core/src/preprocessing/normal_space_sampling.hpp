@@ -13,23 +13,22 @@
 namespace nilio::core {
 
 struct SelectionConfig {
-  /// Points to choose at most.
+  /// Maximum number of points.
   std::size_t target = 2000;
-  /// Voxel of the candidates, metres: neighbours on one surface say the same thing twice.
+  /// Voxel of the candidates, metres: neighbours on one surface are redundant.
   float voxel_size_m = 1.0F;
   double max_planarity = 0.1;
 };
 
-/// Chooses points so that every direction of motion is held by its share: candidates are sorted by the map
-/// normal they will meet (ground near, ground far, four headings of vertical planes, every other plane,
-/// voxels without a plane) and each group gives an equal number, small groups all they have. Order and choice
-/// depend on the data alone.
+/// Normal-space sampling: candidates are grouped by the map normal at their predicted position (near ground,
+/// far ground, four headings of vertical planes, other planes, non-planar voxels); each group contributes an
+/// equal number, small groups all they have. Depends on the data alone.
 class NormalSpaceSampler {
  public:
   explicit NormalSpaceSampler(std::size_t capacity);
 
-  /// Fills `selection` with indices into `points`, ascending. `positions` are the points as they are expected
-  /// at the end of the scan, `T_map_moving` the expected pose. `filter` is used meanwhile.
+  /// Fills `selection` with ascending indices. `positions` are deskewed points, `T_map_moving` is the
+  /// predicted pose; `filter` serves as scratch.
   void select(const VoxelMap& map, VoxelDownsampler& filter, std::span<const Eigen::Vector3f> positions,
               const SE3& T_map_moving, const SelectionConfig& config, std::vector<std::uint32_t>& selection);
 

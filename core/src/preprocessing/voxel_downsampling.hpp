@@ -10,26 +10,25 @@
 
 namespace nilio::core {
 
-/// Keeps the first point of every voxel. The table is stamped with a generation instead of being cleared, so
-/// that a scan costs its points and not the table's size.
+/// Keeps the first point of every voxel. Slots carry a generation instead of being cleared: a pass costs its
+/// points, not the size of the table.
 class VoxelDownsampler {
  public:
-  /// Where a point belongs: 16 bits an axis. Points farther than 32,767 voxels from the origin share the
-  /// outermost ones.
+  /// Voxel key: 16 bits per axis. Points beyond 32,767 voxels share the outermost ones.
   using Key = std::uint64_t;
 
-  /// `capacity` bounds the survivors of one pass (rounded up to a power of two, half of it usable).
+  /// Capacity of a pass (rounded up to a power of two, half of it usable).
   explicit VoxelDownsampler(std::size_t capacity);
 
   /// Starts a pass with the given voxel size, metres.
   void begin(float voxel_size_m);
-  /// True for the first point in its voxel since begin(); false for all others, when the table is full, and
-  /// for what is not finite.
+  /// True for the first point in its voxel since begin(); false for others, when the table is full, and for
+  /// NaN.
   [[nodiscard]] bool insert(const Eigen::Vector3f& position) { return insert_key(key_of(position)); }
 
-  /// Calls `keep(i)` for the first point of each voxel, in order, of `count` points `i = index_of(0)`,
-  /// `index_of(1)`, ...; those for which `position_of(i, position)` is false are passed over. Faster than
-  /// insert() point by point: the table's lines are fetched motion_prior.
+  /// Calls `keep(i)` for the first point of each voxel, for `count` points i = index_of(0), index_of(1), ...;
+  /// points with false `position_of(i, position)` are skipped. Faster than insert(): table lines are
+  /// prefetched.
   template <class IndexOf, class PositionOf, class Keep>
   void thin(std::size_t count, const IndexOf& index_of, const PositionOf& position_of, const Keep& keep) {
     constexpr std::size_t kBlock = 32;

@@ -8,27 +8,26 @@ namespace nilio::core {
 
 namespace {
 
-// Enough to tell a right pose from a wrong one, where many are tried.
+// Points per hypothesis, enough to rank hypotheses.
 constexpr std::size_t kStartPoints = 250;
-// From here ICP finds the pose; the one that is kept is registered once more.
+// Convergence thresholds within the basin of ICP; the best pose is registered again.
 constexpr CoarseEpsilon kSearchEpsilon{0.1, 0.01};
-// Start: speeds to look at along the vehicle's axis, as displacements a scan: -20 to 50 m/s at 10 Hz. Of
-// those that look likely, so many are tried, and not two that lead to the same place.
+// Initial velocity search: displacements along the vehicle's axis for -20 to 50 m/s at 10 Hz; the best few
+// that are not the same place are registered.
 constexpr double kMinStartDisplacementMetres = -2.0;
 constexpr double kStartStepMetres = 1.0;
 constexpr std::size_t kStartDisplacements = 8;
 constexpr int kStartTrials = 2;
 constexpr double kSamePlaceMetres = 1.25;
 
-// Where to look for a lost vehicle: turned, and motion_prior of or behind the prediction. NDT reaches 3 m and
-// 10 deg from each.
+// Relocalisation hypotheses around the prediction. NDT converges from 3 m and 10 deg around each.
 struct Hypothesis {
   double forward_m;
   double yaw_rad;
 };
 constexpr std::array<Hypothesis, 7> kRelocalizationHypotheses = {
     {{0.0, 0.0}, {0.0, 0.17}, {0.0, -0.17}, {0.0, 0.35}, {0.0, -0.35}, {4.0, 0.0}, {-4.0, 0.0}}};
-// What NDT takes from one of them, about.
+// Typical number of NDT iterations for a hypothesis.
 constexpr std::size_t kSearchIterations = 15;
 
 }  // namespace
@@ -60,8 +59,8 @@ SE3 Odometry::State::start_hypothesis(std::size_t i) const {
 }
 
 void Odometry::State::find_initial_velocity(OdometryResult& result) {
-  // Nothing is known of the speed: look at many along the vehicle's axis, register from the likeliest and
-  // keep what most points agree with.
+  // The speed is unknown: scores displacements along the axis, registers the best ones, keeps the one with
+  // most inliers.
   motion.deskew(sweep, deskewed);
   sample_evenly(deskewed, kStartPoints, search_points);
   std::array<double, kStartDisplacements> scores{};
@@ -83,16 +82,15 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
 }
 
 SE3 Odometry::State::relocalization_hypothesis(std::size_t i) const {
-  // It may have stopped where it was seen last.
+  // The vehicle may have stopped at the last registered pose.
   if (i == 0) return T_accepted;
   const Hypothesis& h = kRelocalizationHypotheses[i - 1];
   return T_predicted * SE3{Eigen::Quaterniond(Eigen::AngleAxisd(h.yaw_rad, Vector3::UnitZ())),
                            Vector3(h.forward_m, 0.0, 0.0)};
 }
 
-/// The pose that was registered from the prediction stays unless one that is searched for agrees with the map
-/// better; where no vehicle can have driven to, it has to agree as well as while tracking. Elsewhere it is
-/// motion like any other.
+/// The tracked pose stays unless a relocalised one converged and agrees better with the map; a pose that no
+/// vehicle can have driven to must also agree as well as while tracking. A reachable one counts as motion.
 void Odometry::State::compare_hypotheses(OdometryResult& result) {
   const bool was_relocated = relocalized;
   const RegistrationResult tracked = registration;
@@ -118,7 +116,7 @@ void Odometry::State::compare_hypotheses(OdometryResult& result) {
   count_inliers(result);
 }
 
-/// From the prediction as if it were worth as little as after a gap.
+/// Registers again with the wide gate and NDT, as after a gap.
 void Odometry::State::register_anew(OdometryResult& result) {
   registration = {};
   registration.T_map_moving = T_map_base * motion.predict(expected_twist(motion_prior).head<3>());
@@ -134,7 +132,7 @@ void Odometry::State::relocalize(OdometryResult& result) {
   const bool has_time = budget.allows(WorkKind::kNdt, kSearchIterations * kCoarsePoints);
   sample_evenly(deskewed, has_time ? kCoarsePoints : kStartPoints, search_points);
   Search search{T_predicted, 0};
-  // What this scan has no time for, the next ones look at.
+  // Hypotheses without time in this scan are continued in the next one.
   for (std::size_t tried = 0; tried <= kRelocalizationHypotheses.size(); ++tried) {
     if (!budget.allows(WorkKind::kNdt, kSearchIterations * search_points.size())) break;
     try_hypothesis(relocalization_hypothesis(next_hypothesis), search, result);
@@ -142,7 +140,7 @@ void Odometry::State::relocalize(OdometryResult& result) {
     if (tried == kRelocalizationHypotheses.size()) ++relocalization_attempts;
   }
   registration.T_map_moving = search.T_best;
-  // The points were chosen for the pose that was wrong.
+  // Points were selected at the rejected pose.
   select_points(search.T_best);
 }
 

@@ -12,25 +12,25 @@ namespace {
 constexpr double kErrorMemory = 0.9;
 constexpr int kGuessIsForgotten = 100;
 constexpr double kPeriodMemory = 0.9;
-// An agreement with the map below this part of its running mean is not tracking.
+// Share of the running mean below which the agreement with the map is out of family.
 constexpr double kAgreementCollapse = 0.75;
 constexpr double kAgreementMemory = 0.95;
-// Poses in a row that are predicted, and that agree with the map worse than usual.
+// Number of predicted poses, and of poses out of family, in a row until the state is lost.
 constexpr int kLostAfterFailures = 5;
 constexpr int kLostAfterDoubts = 8;
-// No road vehicle is faster, or turns faster.
+// Maximum speed and turn rate of a road vehicle.
 constexpr double kMaxSpeed = 90.0;
 constexpr double kMaxTurnRate = 6.0;
-// Nor is it pushed or turned harder without being wrecked.
+// Maximum acceleration, short of an accident.
 constexpr double kMaxAcceleration = 50.0;
 constexpr double kMaxTurnAcceleration = 10.0;
 constexpr double kGyroBiasGain = 0.02;
 constexpr double kMaxGyroBias = 0.1;
 constexpr double kCalmTurnRate = 0.02;
-// Half a step of the search for a start.
+// Half a step of the initial velocity search.
 constexpr double kStartSpeedError = 5.0;
 
-/// How far it moves a point at the lever's end, at most.
+/// Maximum displacement of a point at the lever.
 double metres_of(const SE3& error) {
   const double angle = so3_log(error.rotation).norm();
   return error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
@@ -47,7 +47,7 @@ bool Odometry::State::is_plausible() const {
   if (!has_pose() || motion.body_velocity().norm() > kMaxSpeed ||
       motion.mean_angular_velocity().norm() > kMaxTurnRate)
     return false;
-  // A place that was searched for is a local optimum, or nothing: none is somewhere on the way to one.
+  // A relocalised pose must be a local optimum.
   return !relocalized || has_converged();
 }
 
@@ -64,24 +64,23 @@ bool Odometry::State::is_doubtful() const { return !is_plausible() || !is_in_fam
 
 SE3 Odometry::State::prediction_error() const { return T_predicted.inverse() * registration.T_map_moving; }
 
-/// Whether a vehicle can have been accelerated so far off a constant motion in that time.
+/// Whether the deviation from constant motion is within the acceleration limits.
 bool Odometry::State::is_drivable(const SE3& off, double seconds) {
   return off.translation.norm() <= kMaxAcceleration * seconds * seconds &&
          so3_log(off.rotation).norm() <= kMaxTurnAcceleration * seconds * seconds;
 }
 
-/// Whether a vehicle can have driven from the last published pose to this one.
+/// Whether the step from the last published pose is within the motion limits.
 bool Odometry::State::is_drivable_step(const SE3& T_map_end, double seconds) const {
   const SE3 step = T_published.inverse() * T_map_end;
-  // A corrected speed is no jump.
+  // A corrected speed estimate is not a jump.
   const double speed = std::max(published_speed, motion.body_velocity().norm());
   const double reach = std::min(kMaxSpeed, speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
   return step.translation.norm() <= reach &&
          so3_log(step.rotation).norm() <= kMaxTurnRate * seconds + kScanErrorMetres;
 }
 
-/// Farther from its prediction than scans lately were from theirs, and than any acceleration brings it since
-/// it was seen last.
+/// Outlier: beyond both the recent prediction errors and the acceleration limits.
 bool Odometry::State::exceeds_motion_limits() const {
   const SE3 error = prediction_error();
   if (scans < kInitialScans || metres_of(error) < kGateSigmas * sigma_m) return false;
@@ -92,7 +91,7 @@ void Odometry::State::update_gyro_bias() {
   const RegisteredMotion step = registered_motion();
   if (!motion_prior.imu_covers || step.seconds() <= 0.0) return;
   const Vector3 rate = step.mean_rate();
-  // While turning, a gyro that is not trusted may differ by more than its bias.
+  // In turns an unused gyro may differ by more than its bias.
   if (!motion_prior.imu_used && rate.norm() > kCalmTurnRate) return;
   const Vector3 error = mean_angular_velocity(imu, step.from, step.to) - gyro_bias - rate;
   const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
@@ -105,20 +104,19 @@ void Odometry::State::update_prediction_error() {
   const Vector3 turn = so3_log(error.rotation);
   Vector6 squares;
   squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
-  // A manoeuvre is believed at once, calm only after a while, and only where the scan would have shown it: an
-  // axis that follows the prediction teaches nothing of its errors.
+  // Increases at once, decays exponentially; unobserved axes do not contribute.
   const Vector6 expected = prediction_error_variance.cwiseProduct(registration.observability);
   prediction_error_variance =
       squares.cwiseMax(prediction_error_variance + (1.0 - kErrorMemory) * (squares - expected));
   prediction_error_m = metres_of(error);
-  // What it begins with is a guess, worth one scan.
+  // The initial value counts as one scan.
   sigma_scans = std::min(sigma_scans + 1, kGuessIsForgotten);
   const double memory = std::min(kErrorMemory, 1.0 - 1.0 / (sigma_scans + 1));
   const double square = memory * sigma_m * sigma_m + (1.0 - memory) * prediction_error_m * prediction_error_m;
   sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
 
-/// How much of the motion along each axis the scan showed, rather than followed.
+/// Observability of the translation along each axis, 0 to 1.
 Vector3 Odometry::State::translation_observability() const {
   Vector3 share = registration.observability.head<3>();
   for (int axis = 0; axis < 3; ++axis) {
@@ -129,14 +127,14 @@ Vector3 Odometry::State::translation_observability() const {
 
 void Odometry::State::update_inertial_velocity() {
   if (accelerometer_observes_motion()) {
-    inertial_velocity.learn(turn_rate(motion_prior.imu_used), registered_motion(), measured_twist.head<3>(),
-                            translation_observability(), motion_prior.acceleration.has_value());
+    inertial_velocity.update(turn_rate(motion_prior.imu_used), registered_motion(), measured_twist.head<3>(),
+                             translation_observability(), motion_prior.acceleration.has_value());
   } else {
     inertial_velocity.interrupt();
   }
 }
 
-/// What lies between the last pose and this one is no motion to judge the IMU by.
+/// Skips a motion that is no evidence about the IMU.
 void Odometry::State::skip_motion() {
   monitor.skip();
   inertial_velocity.interrupt();
@@ -158,11 +156,11 @@ void Odometry::State::update_velocity() {
   if (scans < kInitialScans) {
     twist.reset(measured_twist);
   } else {
-    twist.learn(measured_twist, registration.observability, measured_step());
+    twist.update(measured_twist, registration.observability, measured_step());
   }
-  if (motion_prior.stands && scans == 1 && measured_twist.head<3>().norm() > kStartSpeedError)
+  if (motion_prior.is_stationary && scans == 1 && measured_twist.head<3>().norm() > kStartSpeedError)
     static_initialization.end();
-  if (motion_prior.stands && !static_initialization.is_over()) {
+  if (motion_prior.is_stationary && !static_initialization.is_over()) {
     twist.stand();
     inertial_velocity.set_gravity_bias(
         registration.T_map_moving.rotation * static_initialization.mean_force(),
@@ -202,7 +200,7 @@ void Odometry::State::accept(OdometryResult& result) {
   if (relocalized) {
     skip_motion();
     motion_filter.forget();
-    // Something brought it there that the accelerometer did not feel.
+    // A displacement that the accelerometer did not observe invalidates its velocity.
     if (exceeds_motion_limits()) inertial_velocity.reset();
     reset_prediction_error();
   } else {
@@ -249,7 +247,7 @@ void Odometry::State::fall_back(OdometryResult& result) {
   result.state = state_without_registration();
 }
 
-void Odometry::State::judge(OdometryResult& result) {
+void Odometry::State::check_registration(OdometryResult& result) {
   const bool is_tracked = !relocalized && has_converged();
   if (is_plausible() && (is_tracked || is_in_family() || !exceeds_motion_limits())) {
     accept(result);

@@ -13,21 +13,19 @@ namespace nilio::core {
 
 namespace {
 
-// Neighbouring points meet the same voxels, so their residuals are not independent: this many say one thing.
-// Measured on simulated drives with the floors of the pose's covariance, where the true error is 0.5 to 0.7
-// of what is said.
+// Residuals of neighbouring points are correlated through their voxel: this many count as one. Calibrated on
+// simulated drives, with the floors of the pose covariance.
 constexpr double kCorrelatedResiduals = 2.0;
-// What turns a point 30 m away by as much as no scan's place is known better than.
+// Rotation that moves a point at 30 m by kScanErrorMetres.
 constexpr double kMinRadians = kScanErrorMetres / 30.0;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
-// A direction that the scan shows worse than this is weak: 5 cm, which is how well a point lies on a plane,
-// and what turns a point 30 m away by as much.
+// A direction known worse than this from the scan alone is degenerate: 5 cm, the deviation of a point from a
+// plane, or the same at 30 m by rotation.
 constexpr double kKnownMetres = 0.05;
 constexpr double kKnownRadians = kKnownMetres / 30.0;
 
-// Twice what normals are off by: in a bare tube the squares that they show along it are one to two times what
-// follows from thickness, spread and number of the planes' points; where there is something to see, ten
-// times.
+// Squared margin on the error of normals: in a bare tube the squared cosines along it are one to two times
+// the error that follows from thickness, spread and count of the planes; with observable structure ten times.
 constexpr double kNormalMargin = 2.0 * 2.0;
 
 /// Unobserved directions of one 3x3 block of H, normalised so that a well observed direction is near 1/3.
@@ -53,10 +51,9 @@ BlockObservability observe(const Matrix3& block, double threshold) {
   return result;
 }
 
-/// What normals that are not exact make of one 3x3 block of H: in a bare tube they all lean a little along
-/// it, and each lean counts as a sight of the motion there. Normals that err by the square root of `share`
-/// add that share of the other directions' weight to each. The matrix shrinks a step's equations to what is
-/// left.
+/// Noisy normals add spurious information along the axis of a tube: normals with error variance `share` add
+/// that share of the other directions' weight to each direction. Returns the matrix that removes it from the
+/// step's equations.
 Matrix3 shrink_of(const Matrix3& block, double share) {
   const double trace = block.trace();
   if (!(trace > 0.0)) return Matrix3::Zero();
@@ -81,7 +78,7 @@ StepOutcome take_step(const Vector6& step, const SolverOptions& options, Registr
   return small ? StepOutcome::kConverged : StepOutcome::kStepped;
 }
 
-/// Axes that the directions lie along which the scan alone would not show as well as it should.
+/// Axes closest to the directions that the scan alone shows worse than required.
 std::uint8_t find_weak_axes(const Matrix6& information) {
   Vector6 known;
   known << Vector3::Constant(kKnownMetres), Vector3::Constant(kKnownRadians);
@@ -96,7 +93,7 @@ std::uint8_t find_weak_axes(const Matrix6& information) {
   return axes;
 }
 
-/// Information of what is uncertain by kScanErrorMetres, or what turns a point 30 m away by as much, beside.
+/// Adds kScanErrorMetres (and the equivalent rotation at 30 m) to the covariance; returns its inverse.
 Matrix6 with_error(const Matrix6& information) {
   Vector6 variance;
   variance << Vector3::Constant(kScanErrorMetres * kScanErrorMetres),
@@ -106,9 +103,8 @@ Matrix6 with_error(const Matrix6& information) {
   return 0.5 * (result + result.transpose());
 }
 
-/// Gauss-Newton step of scan and prior together. Vehicles mostly do as predicted and seldom something else,
-/// so an axis that the scan has moved away from the prediction is held less (Cauchy's weight), unless what
-/// they do is felt.
+/// Gauss-Newton step of scan and prior. Cauchy's weight relaxes the prior of an axis that the scan moves away
+/// from the prediction, unless the accelerometer observes manoeuvres.
 StepOutcome step_with_prior(const NormalEquations& equations, const SolverOptions& options,
                             RegistrationResult& result) {
   const PosePrior& prior = *options.prior;
@@ -117,7 +113,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   offset << moved.rotation.conjugate() * moved.translation, so3_log(moved.rotation);
   Vector6 held = (prior.variance.array() + offset.array().square()).inverse().matrix();
   if (prior.translation_is_gaussian) held.head<3>() = prior.variance.head<3>().cwiseInverse();
-  // Turning is seen by levers of many lengths, for which the other directions' weight is no measure.
+  // Rotation has levers of many lengths, for which this bound does not hold.
   Matrix6 shrink = Matrix6::Identity();
   const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
   shrink.topLeftCorner<3, 3>() =

@@ -11,15 +11,15 @@
 
 namespace nilio::core {
 
-/// The points of a voxel share the error of its plane, which no residual shows and no number of points
-/// averages out: no scan tells its place in the map better than this.
+/// Points of a voxel share the error of its plane, which averages out with no number of points: lower bound
+/// of the error of a registered pose.
 inline constexpr double kScanErrorMetres = 0.007;
 
 /// Sums `accumulate(point, equations)` over all points in a fixed order; `accumulate` fills the upper
 /// triangle of H only.
 template <class Accumulate>
 NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
-  // Points per leaf of the reduction. Fixed: the tree, and with it every rounding, depends on the number of
+  // Points per leaf of the reduction. Fixed, so that the tree and every rounding depend on the number of
   // points only.
   constexpr std::size_t grain = 512;
   using Range = tbb::blocked_range<std::size_t>;
@@ -41,12 +41,12 @@ NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Acc
 
 enum class StepOutcome { kStepped, kConverged, kNonFinite };
 
-/// Solves the equations and applies the step. Directions that are not observed keep where they began, or
-/// follow the prior (solution remapping; Zhang, Kaess, Singh 2016).
+/// Solves the equations and applies the step. Unobserved directions keep the initial guess or follow the
+/// prior (solution remapping; Zhang, Kaess, Singh 2016).
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result);
 
-/// What one iteration costs.
+/// Work of one iteration.
 struct IterationWork {
   WorkKind kind;
   std::size_t points;

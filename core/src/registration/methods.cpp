@@ -18,14 +18,14 @@ RegistrationResult refine_with_ndt(const RegistrationMaps& maps, std::span<const
                                    const SE3& T_map_guess, const PlaneMetric& metric,
                                    const SolverOptions& options) {
   RegistrationResult result = register_ndt(*maps.gaussians, points, T_map_guess, kNdtKernelSchedule, options);
-  // NDT has no inliers of its own: agreement is judged by the planes, as for the other methods.
+  // NDT has no inliers: they are counted on the plane map, as for the other methods.
   if (result.iterations > 0 && result.T_map_moving.is_finite())
     result.equations.inliers = plane_equations(*maps.planes, points, result.T_map_moving, metric).inliers;
   return result;
 }
 
-/// Stored points stand for the surface between them: gate and kernel narrower than their spacing would
-/// believe only those points that happen to be hit again, such as a flat floor's rings, which move along.
+/// Stored points sample the surface between them: a gate or kernel narrower than their spacing would favour
+/// points that are hit again, such as the rings on a flat floor, which move with the vehicle.
 PlaneMetric not_finer_than(const PointMap& map, PlaneMetric metric) {
   metric.gate_m = std::max(metric.gate_m, map.config().voxel_size_m);
   metric.kernel_scale_m = std::max(metric.kernel_scale_m, map.spacing_m());

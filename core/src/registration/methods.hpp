@@ -13,23 +13,22 @@
 
 namespace nilio::core {
 
-/// Kernel scales of NDT, wide first, then exact: with this schedule its basin reaches as far as its voxels
-/// see (3 m at 2 m voxels).
+/// Kernel scales of NDT, wide then exact; its convergence basin is 3 m with voxels of 2 m.
 inline constexpr std::array<double, 2> kNdtKernelSchedule = {5.0, 2.0};
 
-/// A smaller step ends NDT at each of its scales, metres and radians.
+/// Convergence thresholds of NDT at each scale, metres and radians.
 struct CoarseEpsilon {
   double translation_m = 0.01;
   double rotation_rad = 1e-3;
 };
 
-/// The coarse stage: NDT through its kernel schedule, at most `max_iterations` at each scale, as far as ICP
-/// needs. `budget` as in SolverOptions.
+/// Coarse stage: NDT through its kernel schedule, at most `max_iterations` at each scale. `budget` as in
+/// SolverOptions.
 RegistrationResult register_coarsely(const VoxelMap& gaussians, std::span<const Eigen::Vector3f> points,
                                      const SE3& T_map_guess, int max_iterations,
                                      ComputeBudget* budget = nullptr, const CoarseEpsilon& epsilon = {});
 
-/// What methods register against. `points` only has to be there for those that need it.
+/// Maps to register against. `points` is required only by methods that need points.
 struct RegistrationMaps {
   const VoxelMap* planes = nullptr;
   const VoxelMap* gaussians = nullptr;
@@ -39,10 +38,10 @@ struct RegistrationMaps {
 struct RegistrationMethodInfo {
   RegistrationMethod method;
   const char* name;  ///< in configuration and tables
-  /// NDT runs before it where odometry.coarse says so.
+  /// NDT runs before it as configured by odometry.coarse.
   bool coarse;
   bool needs_points;
-  /// From a guess to the pose. The inliers of the result are comparable from scan to scan.
+  /// Registers from an initial guess. Inliers are comparable from scan to scan.
   RegistrationResult (*refine)(const RegistrationMaps& maps, std::span<const Eigen::Vector3f> points,
                                const SE3& T_map_guess, const PlaneMetric& metric,
                                const SolverOptions& options);
@@ -51,7 +50,7 @@ struct RegistrationMethodInfo {
 /// All methods, the default first.
 std::span<const RegistrationMethodInfo> registration_methods();
 const RegistrationMethodInfo& info_of(RegistrationMethod method);
-/// Nullptr for a name that no method has.
+/// Returns nullptr for an unknown name.
 const RegistrationMethodInfo* find_registration_method(std::string_view name);
 
 }  // namespace nilio::core

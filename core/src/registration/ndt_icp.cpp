@@ -7,18 +7,18 @@ namespace nilio::core {
 
 namespace {
 
-// The kernel, as the gate, follows the prediction error.
+// Scale of the robust kernel in standard deviations of the prediction.
 constexpr double kKernelSigmas = 0.5;
-// Deskewing again pays only when the ends of the sweep move by more than registration resolves.
+// A pass is repeated if the end of the sweep moves by more than registration resolves.
 constexpr double kMotionEpsilonMetres = 2.5e-3;
 constexpr double kMotionEpsilonRadians = 2.5e-4;
-// Points times iterations of ICP, about 0.2 ms, for which a second thread is worth waking.
+// Points times iterations of ICP, about 0.2 ms, from which a second thread pays.
 constexpr std::size_t kMinSharedWork = 4000;
 constexpr double kCoarseTriggerErrorMetres = 0.5;
 constexpr double kCoarseTriggerGap = 1.5;
 
-/// However well the last scans were predicted, the next one may begin a gentle manoeuvre: 1 m/s^2, or what
-/// turns a point 30 m away as far, over a tenth of a second.
+/// Minimum prior variance: the next scan may begin a gentle manoeuvre of 1 m/s^2, or the same displacement at
+/// 30 m by rotation, over 0.1 s.
 Vector6 min_prediction_error_variance() {
   constexpr double kMinMetres = 0.01;
   Vector6 square;
@@ -27,7 +27,7 @@ Vector6 min_prediction_error_variance() {
   return square;
 }
 
-/// Whether it is worth going on from, also where the time was over before it converged.
+/// Whether the coarse pose is usable, also if the budget ended before convergence.
 bool has_found_pose(const RegistrationResult& coarse) {
   return coarse.iterations > 0 &&
          (coarse.stop_reason == StopReason::kBudget || coarse.stop_reason == StopReason::kConverged ||
@@ -83,7 +83,7 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
   return coarse;
 }
 
-/// Nothing where the prediction is worth nothing.
+/// The prior of the registration; none while initialising, after a gap or for a relocalised pose.
 std::optional<PosePrior> Odometry::State::pose_prior() const {
   if (relocalized || (!applies_zero_velocity_update() && (scans < kInitialScans || after_gap())))
     return std::nullopt;
@@ -95,12 +95,12 @@ std::optional<PosePrior> Odometry::State::pose_prior() const {
   return prior;
 }
 
-/// Returns by how much the motion that is known now moves the end of the sweep.
+/// Updates the motion and returns the resulting correction of the end of the sweep.
 SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   const SE3 T_registered = T_map_end;
   const SE3 T_previous_end = T_map_base.inverse() * T_registered;
   measured_twist = motion.measure(T_previous_end, last_T_middle_end, last_sweep_s);
-  // Nothing is predicted yet that could be worth keeping.
+  // While initialising there is no prediction to combine with.
   const bool initial = scans < kInitialScans;
   const Vector6 wanted =
       initial ? measured_twist : twist.correct(measured_twist, registration.observability, measured_step());
@@ -109,7 +109,7 @@ SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   return T_registered.inverse() * T_map_end;
 }
 
-/// What NDT found, where ICP found too few points or no time. NDT has no inliers of its own.
+/// The pose of NDT where ICP failed or had no time, with the inliers and agreement of the plane map.
 RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const PlaneMetric& metric) {
   if (has_no_time()) coarse.stop_reason = StopReason::kBudget;
   const NormalEquations agreeing = plane_equations(planes, selected, coarse.T_map_moving, metric);
@@ -131,7 +131,7 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
     if (coarse && pass == 0) by_coarse = register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
-    // A minimum among few points is worth less than NDT's.
+    // ICP with less than half of NDT's correspondences is a minimum among few points.
     const bool has_failed =
         !has_pose() || 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
     if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric);
@@ -149,7 +149,7 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
   }
 }
 
-/// The same bits from either.
+/// Arena of this registration; results do not depend on it.
 tbb::task_arena& Odometry::State::registration_arena() {
   const bool is_little = scans > 1 && !coarse_is_due() && failures == 0 &&
                          last_fine_iterations * selected_sweep.size() < kMinSharedWork;
@@ -173,7 +173,7 @@ void Odometry::State::register_sweep(OdometryResult& result) {
   compare_hypotheses(result);
 }
 
-/// The time was over before the first iteration, which says nothing of where the vehicle is.
+/// The budget ended before the first iteration: the registration is no evidence.
 bool Odometry::State::has_no_time() const {
   return registration.stop_reason == StopReason::kBudget && registration.iterations == 0;
 }
@@ -195,7 +195,7 @@ void Odometry::State::count_inliers(OdometryResult& result) const {
                                                      static_cast<double>(registered_points);
 }
 
-/// From the middle of one sweep to that of the next, which deskewing with a wrong motion hardly moves.
+/// Motion between the midpoints of two sweeps, which deskewing errors hardly affect.
 RegisteredMotion Odometry::State::registered_motion() const {
   const MotionModel::Span& span = motion_prior.span;
   return {span.previous - Duration::from_seconds(0.5 * last_sweep_s),
@@ -203,7 +203,7 @@ RegisteredMotion Odometry::State::registered_motion() const {
           registration.T_map_moving * motion.T_middle_end().inverse()};
 }
 
-/// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
+/// A contradicted gyro has already distorted the scan by deskewing: registers it again without the gyro.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
   if (!motion_prior.imu_used || relocalized || !is_plausible() ||
       !monitor.contradicts(imu, gyro_bias, registered_motion()))

@@ -9,13 +9,12 @@ namespace nilio::core {
 
 namespace {
 
-// A thinner plane has had too few points to show its thickness.
+// Lower bound: few points underestimate the thickness.
 constexpr double kMinPlaneVariance = 0.01 * 0.01;
-// The back of a lorry is a fine plane, too, but soon somewhere else: a plane has its whole weight from so
-// many scans on.
+// Scans from which a voxel has its full weight: moving objects leave a voxel sooner.
 constexpr int kFamiliarScans = 4;
 
-/// What stays is seen in scan after scan: 1 from so many on.
+/// Weight of a voxel by the number of scans that saw it, 0 to 1.
 double familiarity(const GaussianVoxel& surface) {
   return std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
 }
@@ -28,9 +27,8 @@ Matrix3 information_of(const GaussianVoxel& surface) {
   return information;
 }
 
-/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself. A plane is known
-/// best where its points were: away from them the error of its normal grows with the square of the distance
-/// in units of their spread.
+/// Weight of a point at `offset` from the plane's mean, 1 for a perfectly known plane. The error of the
+/// normal grows with the square of the distance in units of the points' spread.
 double plane_weight(const GaussianVoxel& surface, const Vector3& offset, double point_variance) {
   const float* packed = surface.information;
   const double square_distance =
@@ -41,14 +39,14 @@ double plane_weight(const GaussianVoxel& surface, const Vector3& offset, double 
   return point_variance / (point_variance + thickness * (1.0 + square_distance));
 }
 
-/// Of a point whose squared residual is so many times its variance.
+/// Agreement of a point whose squared residual is `normalised_square` times its variance.
 double agreement_of(double normalised_square) {
   const double root = 1.0 / (1.0 + normalised_square);
   return root * root;
 }
 
-/// Adds what a point at `q` (map axes, from the moving frame's origin) says of a motion in map axes, whose
-/// Jacobian is [I, -skew(q)]: `information` and `gradient` are weighted.
+/// Adds a point at `q` (map axes, from the origin of the moving frame) with Jacobian [I, -skew(q)];
+/// `information` and `gradient` are weighted.
 void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q,
                NormalEquations& equations) {
   const Matrix3 S = skew(q);
@@ -60,9 +58,9 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
   equations.b.tail<3>() += q.cross(gradient);
 }
 
-/// The residuals of a point at `error` from the mean of a voxel without a plane, along the three axes of its
-/// Gaussian: each weighs what that of a plane as thick as the Gaussian is along its normal does.
-/// Returns the squared residual that the three together are worth, m^2.
+/// Adds the residual vector of a point at `error` from the mean of a non-planar voxel, with the weight along
+/// each axis of its Gaussian that a plane of that thickness would have. Returns the equivalent squared
+/// residual, m^2.
 double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q,
                     const PlaneMetric& metric, NormalEquations& equations) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
@@ -87,7 +85,7 @@ void add_upper(Matrix6& H, const Vector6& J, double weight) {
   }
 }
 
-/// From a motion in map axes to the same one in the moving frame's.
+/// Converts equations of a motion in map axes to the axes of the moving frame.
 NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_moving) {
   const Matrix6 D = block_rotation(R_map_moving);
   equations.H = D.transpose() * equations.H * D;

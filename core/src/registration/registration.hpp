@@ -13,9 +13,8 @@
 
 namespace nilio::core {
 
-/// Gauss-Newton normal equations H * delta = -b of a perturbation on the right: T <- T * exp(delta),
-/// translation first, in the axes of the moving frame. So the equations stay well conditioned however far the
-/// vehicle is from the origin.
+/// Gauss-Newton normal equations H * delta = -b of a perturbation on the right, T <- T * exp(delta),
+/// translation first, in axes of the moving frame: well conditioned at any distance from the origin.
 struct NormalEquations {
   Matrix6 H = Matrix6::Zero();
   Vector6 b = Vector6::Zero();
@@ -23,13 +22,13 @@ struct NormalEquations {
   /// weights.
   double weighted_square_error = 0.0;
   double weight_sum = 0.0;
-  /// Sum of weight * square of what the plane's normal may be off by, rad^2; planes only.
+  /// Sum of weight * squared error of the plane's normal, rad^2; planes only.
   double normal_square = 0.0;
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
-  /// Sum over the correspondences of how well each agrees with the map, 1 where it lies on its surface, 0 far
-  /// from it in units of the surface's thickness and the point's deviation; planes only.
+  /// Sum of the agreement of correspondences: 1 on the surface, 0 far from it in units of plane thickness and
+  /// point deviation; planes and Gaussians only.
   double agreement = 0.0;
 
   NormalEquations& operator+=(const NormalEquations& other);
@@ -44,8 +43,8 @@ struct PlaneMetric {
   double max_planarity = 0.1;
   /// Residual below which a correspondence counts as an inlier, metres.
   double inlier_distance_m = 0.2;
-  /// How far a point may lie off a perfectly known plane, metres: range noise and what a real surface is not
-  /// flat. The uncertainty of a plane is weighed against it.
+  /// Deviation of a point from a perfectly known plane, metres: range noise and roughness. The uncertainty of
+  /// a plane is weighed against it.
   double point_deviation_m = 0.05;
 };
 
@@ -66,12 +65,13 @@ struct NdtMetric {
 NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
                               const SE3& T_map_moving, const NdtMetric& metric);
 
-/// What is known of a pose before its scan is looked at.
+/// Prior of a pose.
 struct PosePrior {
   SE3 T_map_moving;
   /// Translation then rotation, in axes of the moving frame; m^2, rad^2. All positive.
   Vector6 variance = Vector6::Ones();
-  /// No manoeuvre goes unfelt: a translation far from the prior is as unlikely as a normal distribution says.
+  /// The translation prior is Gaussian because the accelerometer observes manoeuvres; otherwise it is
+  /// relaxed.
   bool translation_is_gaussian = false;
 };
 
@@ -82,9 +82,9 @@ struct SolverOptions {
   std::uint32_t min_correspondences = 30;
   /// Without a prior: directions whose mean squared direction cosine falls below this are not observed.
   double degeneracy_threshold = 0.005;
-  /// With it every direction is weighed between scan and prior by what each knows of it.
+  /// Combines prior and scan in every direction by their information.
   std::optional<PosePrior> prior;
-  /// Asked before each iteration; null = unlimited.
+  /// Queried before each iteration; null = unlimited.
   ComputeBudget* budget = nullptr;
 };
 
@@ -93,15 +93,14 @@ struct RegistrationResult {
   NormalEquations equations;  ///< at the last linearisation
   StopReason stop_reason = StopReason::kMaxIterations;
   int iterations = 0;
-  /// Bit i: axis i (x y z rx ry rz) of the moving frame lies mostly in a direction that the scan does not
+  /// Bit i: axis i (x y z rx ry rz) of the moving frame is closest to a direction that the scan does not
   /// observe.
   std::uint8_t degenerate_axes = 0;
-  /// Share of the step along each axis that the scan decided, the rest followed the prior; 1 without one.
+  /// Share of the step along each axis that the scan decided; 1 without a prior.
   Vector6 observability = Vector6::Ones();
 };
 
-/// Variance of one of the residuals of plane_equations(), m^2: H divided by it is the scan's information
-/// about the pose.
+/// Variance of a residual of plane_equations(), m^2: H divided by it is the information of the scan.
 double measurement_variance(const NormalEquations& equations);
 
 /// ICP: point-to-plane Gauss-Newton with re-association in every iteration.

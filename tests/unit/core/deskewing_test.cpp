@@ -134,7 +134,7 @@ TEST_CASE("roll and pitch rates have no trend, and over a gap neither trend nor 
   const TwistStep step{0.1, {}, Vector3::Zero()};
   for (int i = 0; i < 20; ++i) {
     twist += Vector6::Constant(0.02);
-    filter.learn(twist, Vector6::Ones(), step);
+    filter.update(twist, Vector6::Ones(), step);
   }
   const Vector6 soon = filter.predict(step) - filter.twist();
   CHECK(soon[0] > 0.01);

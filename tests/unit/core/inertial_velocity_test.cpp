@@ -20,7 +20,7 @@ constexpr double kSampleSeconds = 0.0025;
 struct Run {
   int followed = 0;  ///< scans of the last twenty seconds for which there was an acceleration
   double held_square = 0.0;
-  double felt_square = 0.0;
+  double imu_square = 0.0;
 };
 
 RegisteredMotion motion_of(double from, double to) {
@@ -34,7 +34,7 @@ RegisteredMotion motion_of(double from, double to) {
 Run run(const Drive& drive, double noise, bool by_gyro, const Eigen::Quaterniond& configured) {
   ImuBuffer imu(20'000);
   for (double t = 0.0; t < 31.0; t += kSampleSeconds) imu.add(drive.sample(t), configured);
-  InertialVelocity felt(drive.T_base_imu.translation, Duration::from_seconds(0.1));
+  InertialVelocity increment(drive.T_base_imu.translation, Duration::from_seconds(0.1));
   std::mt19937 random(7);
   std::normal_distribution<double> normal(0.0, noise);
   Run result;
@@ -43,16 +43,16 @@ Run run(const Drive& drive, double noise, bool by_gyro, const Eigen::Quaterniond
     TurnRate rate{imu, Vector3::Zero(), {}};
     if (!by_gyro) rate.held = Vector3(0.0, 0.0, Drive::rate(middle));
     const Vector3 truth(Drive::speed(middle), 0.0, 0.0);
-    felt.learn(rate, motion_of(t, t + kScanSeconds),
-               truth + Vector3(normal(random), normal(random), normal(random)), Vector3::Ones(), false);
+    increment.update(rate, motion_of(t, t + kScanSeconds),
+                     truth + Vector3(normal(random), normal(random), normal(random)), Vector3::Ones(), false);
     const double next = middle + kScanSeconds;
-    const auto acceleration = felt.acceleration(rate, Time::from_seconds(middle), Time::from_seconds(next),
-                                                Drive::rotation(middle), truth);
+    const auto acceleration = increment.acceleration(
+        rate, Time::from_seconds(middle), Time::from_seconds(next), Drive::rotation(middle), truth);
     if (t < 10.0 || !acceleration) continue;
     const Vector3 later(Drive::speed(next), 0.0, 0.0);
     ++result.followed;
     result.held_square += (later - truth).squaredNorm();
-    result.felt_square += (later - truth - *acceleration * kScanSeconds).squaredNorm();
+    result.imu_square += (later - truth - *acceleration * kScanSeconds).squaredNorm();
   }
   return result;
 }
@@ -66,10 +66,10 @@ TEST_CASE("a change of speed is measured through bends, a tilted odom, a lever a
     const Drive drive;
     const Run exact = run(drive, 0.02, by_gyro, drive.T_base_imu.rotation);
     CHECK(exact.followed > 190);
-    CHECK(exact.felt_square < 0.02 * exact.held_square);
+    CHECK(exact.imu_square < 0.02 * exact.held_square);
     // Velocity errors as large as the change of speed in three scans.
     const Run noisy = run(drive, 0.5, by_gyro, drive.T_base_imu.rotation);
-    CHECK(noisy.felt_square < 0.3 * noisy.held_square);
+    CHECK(noisy.imu_square < 0.3 * noisy.held_square);
   }
 }
 
@@ -99,7 +99,7 @@ TEST_CASE("the accelerometer follows braking at 1 g where a constant velocity la
       error = std::max(error, std::abs(filter.predict(step)[0] - twist[0]));
       Vector6 mean = twist;
       mean[0] -= 0.5 * kBraking * kScanSeconds;
-      filter.learn(mean, Vector6::Ones(), step);
+      filter.update(mean, Vector6::Ones(), step);
     }
     return error;
   };

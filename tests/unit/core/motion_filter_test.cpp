@@ -19,7 +19,7 @@ constexpr double kForceDeviation = 0.1;
 struct Error {
   Vector3 place = Vector3::Zero();
   Vector3 velocity = Vector3::Zero();
-  Vector3 support = Vector3::Zero();
+  Vector3 gravity_bias = Vector3::Zero();
 };
 
 struct Trial {
@@ -37,9 +37,9 @@ Trial corrected_by_scans(const MotionFilter::Variances& variances, int scans, bo
   Trial trial;
   Error& error = trial.error;  // estimate less truth
   error.velocity = std::sqrt(variances.velocity) * noise();
-  error.support = std::sqrt(variances.support) * noise();
+  error.gravity_bias = std::sqrt(variances.gravity_bias) * noise();
   for (int i = 0; i < scans; ++i) {
-    const Vector3 wrong = error.support + kForceDeviation * noise();
+    const Vector3 wrong = error.gravity_bias + kForceDeviation * noise();
     error.place += kStep * error.velocity - 0.5 * kStep * kStep * wrong;
     error.velocity -= kStep * wrong;
     filter.advance(kStep, 0.0);
@@ -51,7 +51,7 @@ Trial corrected_by_scans(const MotionFilter::Variances& variances, int scans, bo
     const Vector3 gain = filter.velocity_gain(R);
     error.place += R * moved;
     error.velocity += R * gain.cwiseProduct(moved);
-    error.support += filter.correct(R, moved, share);
+    error.gravity_bias += filter.correct(R, moved, share);
   }
   trial.gravity_bias_variance = filter.gravity_bias_variance();
   return trial;
@@ -65,9 +65,9 @@ TEST_CASE("scans estimate the accelerometer's bias within the filter's covarianc
   double variances = 0.0;
   for (unsigned seed = 1; seed <= kTrials; ++seed) {
     const Trial trial = corrected_by_scans({0.3 * 0.3, 0.5 * 0.5}, 50, true, seed);
-    CHECK(trial.error.support.norm() < 0.4);
+    CHECK(trial.error.gravity_bias.norm() < 0.4);
     CHECK(trial.error.velocity.norm() < 0.2);
-    squares += trial.error.support.squaredNorm() / 3.0;
+    squares += trial.error.gravity_bias.squaredNorm() / 3.0;
     variances += trial.gravity_bias_variance;
   }
   CHECK(squares < 1.5 * variances);
@@ -76,7 +76,7 @@ TEST_CASE("scans estimate the accelerometer's bias within the filter's covarianc
 
 TEST_CASE("unobserving scans leave velocity and gravity-and-bias to the accelerometer", "[motion_filter]") {
   const Trial trial = corrected_by_scans({0.0, 0.0}, 50, false, 1);
-  CHECK(trial.error.support.norm() == 0.0);
+  CHECK(trial.error.gravity_bias.norm() == 0.0);
   // Fifty steps, each wrong by that.
   CHECK(trial.error.velocity.norm() < 3.0 * kForceDeviation * kStep * std::sqrt(3.0 * 50.0));
   // Beside a bare wall the prediction degrades from scan to scan, and the map follows it.
@@ -97,18 +97,18 @@ TEST_CASE("a known gravity-and-bias outweighs scans that pull the same way for s
   // Everything in sight departs with the vehicle: scans show no motion, the IMU measures 1.2 m/s^2.
   MotionFilter filter;
   filter.begin({0.02 * 0.02, 0.02 * 0.02});
-  double support = 0.0;
+  double gravity_bias = 0.0;
   double velocity = 0.0;
   for (int i = 0; i < 20; ++i) {
-    velocity += (1.2 - support) * kStep;
+    velocity += (1.2 - gravity_bias) * kStep;
     filter.advance(kStep, 0.0);
     // Residuals beyond the kernel of the registration have no weight.
     const Vector3 moved(-std::min(0.01, 0.03 * velocity * kStep), 0.0, 0.0);
     velocity += filter.velocity_gain(Matrix3::Identity()).x() * moved.x();
-    support += filter.correct(Matrix3::Identity(), moved, Vector3(0.05, 0.0, 0.0)).x();
+    gravity_bias += filter.correct(Matrix3::Identity(), moved, Vector3(0.05, 0.0, 0.0)).x();
     CHECK_FALSE(filter.is_contradicted());
   }
-  CHECK(support < 0.2);
+  CHECK(gravity_bias < 0.2);
   CHECK(velocity > 2.0);
 }
 
@@ -118,15 +118,15 @@ TEST_CASE("a wrong gravity-and-bias with small variance is contradicted by fully
   MotionFilter filter;
   filter.begin({0.02 * 0.02, 0.02 * 0.02});
   Vector3 velocity = Vector3::Zero();
-  Vector3 support = Vector3(2.0, 0.0, 0.0);
+  Vector3 gravity_bias = Vector3(2.0, 0.0, 0.0);
   int scans = 0;
   for (; scans < 50 && !filter.is_contradicted(); ++scans) {
-    velocity -= support * kStep;
+    velocity -= gravity_bias * kStep;
     filter.advance(kStep, 0.0);
     const Vector3 share = Vector3::Constant(0.5);
     const Vector3 moved = share.cwiseProduct(-velocity * kStep);
     velocity += filter.velocity_gain(Matrix3::Identity()).cwiseProduct(moved);
-    support += filter.correct(Matrix3::Identity(), moved, share);
+    gravity_bias += filter.correct(Matrix3::Identity(), moved, share);
   }
   CHECK(scans < 10);
 }

@@ -20,7 +20,7 @@ namespace {
 constexpr double kForceNoise = 0.02;
 constexpr double kGyroNoise = 0.002;
 
-ImuStatistics felt(const Vector3& force) {
+ImuStatistics imu(const Vector3& force) {
   ImuStatistics statistics;
   statistics.count = 40;
   statistics.mean_acceleration = force;
@@ -88,9 +88,9 @@ TEST_CASE("an idling vehicle is stationary until it departs, and its gravity-and
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0.0, kForceNoise / std::sqrt(40.0));
   const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
-  for (int scan = 0; scan < 20; ++scan) CHECK(start.observe(felt(kSupport + noise()), Vector3::Zero()));
+  for (int scan = 0; scan < 20; ++scan) CHECK(start.observe(imu(kSupport + noise()), Vector3::Zero()));
   double acceleration = 0.0;
-  while (start.observe(felt(kSupport + Vector3(acceleration, 0.0, 0.0) + noise()), Vector3::Zero()))
+  while (start.observe(imu(kSupport + Vector3(acceleration, 0.0, 0.0) + noise()), Vector3::Zero()))
     acceleration += 0.01;
   CHECK(acceleration < 0.1);
   CHECK((start.mean_force() - kSupport).norm() < 0.02);
@@ -99,21 +99,21 @@ TEST_CASE("an idling vehicle is stationary until it departs, and its gravity-and
 
 TEST_CASE("a constant acceleration after the departure is not stationary", "[static_initialization]") {
   StaticInitialization start;
-  CHECK(start.observe(felt(kSupport), Vector3::Zero()));
+  CHECK(start.observe(imu(kSupport), Vector3::Zero()));
   for (int scan = 0; scan < 50; ++scan)
-    CHECK_FALSE(start.observe(felt(kSupport + Vector3(1.2, 0.0, 0.0)), Vector3::Zero()));
+    CHECK_FALSE(start.observe(imu(kSupport + Vector3(1.2, 0.0, 0.0)), Vector3::Zero()));
 }
 
 TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or without gravity",
           "[static_initialization]") {
-  ImuStatistics shaking = felt(kSupport);
+  ImuStatistics shaking = imu(kSupport);
   shaking.acceleration_deviation = 0.5;
-  ImuStatistics swaying = felt(kSupport);
+  ImuStatistics swaying = imu(kSupport);
   swaying.angular_velocity_deviation = 0.05;
-  ImuStatistics stuck = felt(kSupport);
+  ImuStatistics stuck = imu(kSupport);
   stuck.acceleration_deviation = 0.0;
-  const ImuStatistics sideways = felt(Vector3(9.8, 0.1, -0.2));
-  const ImuStatistics in_units_of_g = felt(kSupport / 9.81);
+  const ImuStatistics sideways = imu(Vector3(9.8, 0.1, -0.2));
+  const ImuStatistics in_units_of_g = imu(kSupport / 9.81);
   for (const ImuStatistics& statistics : {shaking, swaying, stuck, ImuStatistics{}, sideways, in_units_of_g})
     CHECK_FALSE(StaticInitialization().observe(statistics, Vector3::Zero()));
 }
@@ -121,7 +121,7 @@ TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or w
 TEST_CASE("a smooth walking pace ends the stationary phase once scans show it", "[static_initialization]") {
   StaticInitialization start;
   int scans = 0;
-  while (scans < 100 && start.observe(felt(kSupport), Vector3(0.04 * scans, 0.0, 0.0))) ++scans;
+  while (scans < 100 && start.observe(imu(kSupport), Vector3(0.04 * scans, 0.0, 0.0))) ++scans;
   CHECK(scans > 1);
   CHECK(scans < 6);
 }

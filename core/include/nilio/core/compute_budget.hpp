@@ -108,7 +108,7 @@ class ComputeBudget {
   [[nodiscard]] static double cost_units(WorkKind work, std::size_t units);
   [[nodiscard]] std::int64_t end_of(WorkKind work) const;
   [[nodiscard]] std::int64_t predicted_ns(WorkKind work, std::size_t units) const;
-  void learn(WorkKind work, double sample_ns);
+  void update(WorkKind work, double sample_ns);
   void mark_lap();
 
   BudgetConfig config_;
