@@ -1,8 +1,8 @@
 #include "core/src/estimation/pose_covariance.hpp"
 
-#include <algorithm>
+#include "core/src/linear_algebra.hpp"
 
-#include <Eigen/LU>
+#include <algorithm>
 
 namespace nilio::core {
 
@@ -52,7 +52,7 @@ void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
     Matrix6 information = equations.H / measurement_variance(equations);
     information.diagonal().head<3>().array() += 1.0 / kUnobservedTranslation;
     information.diagonal().tail<3>().array() += 1.0 / kUnobservedRotation;
-    covariance += information.inverse();
+    covariance += inverse_lu(information);
     covariance.diagonal() += kDeskewShare * kDeskewShare * evidence.prediction_error_variance;
     covariance.diagonal() += evidence.drift;
   }

@@ -1,11 +1,10 @@
 #include "core/src/imu_monitor/accelerometer_alignment.hpp"
 
+#include "core/src/linear_algebra.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 
 namespace nilio::core {
 
@@ -79,9 +78,9 @@ AccelerometerAlignmentEstimate AccelerometerAlignment::estimate() const {
   result.steady_known = steady_weight_ >= kMinSteadyWeight;
   if (result.steady_known) result.steady = steady_ / steady_weight_;
   if (weight_ < kMinWeight) return result;
-  const Eigen::LDLT<Matrix6> solver(information_ + 1e-6 * Matrix6::Identity());
-  const Vector6 solution = solver.solve(right_side_);
-  const Matrix6 inverse = solver.solve(Matrix6::Identity());
+  const Matrix6 information = information_ + 1e-6 * Matrix6::Identity();
+  const Vector6 solution = solve_ldlt(information, right_side_);
+  const Matrix6 inverse = inverse_ldlt(information);
   const double residual = std::max(0.0, squares_ - solution.dot(right_side_));
   const double variance = kOverlap * residual / (3.0 * weight_);
   for (Eigen::Index i = 0; i < 3; ++i) {

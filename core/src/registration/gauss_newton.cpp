@@ -1,13 +1,12 @@
 #include "core/src/registration/gauss_newton.hpp"
 
+#include "core/src/linear_algebra.hpp"
 #include "core/src/registration/registration.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 
 namespace nilio::core {
 
@@ -83,11 +82,11 @@ std::uint8_t find_weak_axes(const Matrix6& information) {
   Vector6 known;
   known << Vector3::Constant(kKnownMetres), Vector3::Constant(kKnownRadians);
   const Matrix6 scaled = known.asDiagonal() * information * known.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix6> solver(scaled);
+  const SymmetricEigen6 eigen = symmetric_eigen(scaled);
   std::uint8_t axes = 0;
-  for (int i = 0; i < 6 && solver.eigenvalues()[i] < 1.0; ++i) {
+  for (int i = 0; i < 6 && eigen.values[i] < 1.0; ++i) {
     Eigen::Index axis = 0;
-    solver.eigenvectors().col(i).cwiseAbs().maxCoeff(&axis);
+    eigen.vectors.col(i).cwiseAbs().maxCoeff(&axis);
     axes = static_cast<std::uint8_t>(axes | (1U << axis));
   }
   return axes;
@@ -99,7 +98,7 @@ Matrix6 with_error(const Matrix6& information) {
   variance << Vector3::Constant(kScanErrorMetres * kScanErrorMetres),
       Vector3::Constant(kMinRadians * kMinRadians);
   const Matrix6 spread = Matrix6::Identity() + information * variance.asDiagonal();
-  const Matrix6 result = spread.partialPivLu().solve(information);
+  const Matrix6 result = solve_lu(spread, information);
   return 0.5 * (result + result.transpose());
 }
 
@@ -120,11 +119,11 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
       shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
   const Matrix6 information = shrink * equations.H * shrink / measurement_variance(equations);
   const Matrix6 weighed = with_error(information);
-  const Eigen::LDLT<Matrix6> factor(weighed + Matrix6(held.asDiagonal()));
-  const Vector6 wanted = -equations.H.ldlt().solve(equations.b);
-  const Vector6 step = factor.solve(weighed * wanted - held.cwiseProduct(offset));
+  const Matrix6 combined = weighed + Matrix6(held.asDiagonal());
+  const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
+  const Vector6 step = solve_ldlt(combined, weighed * wanted - held.cwiseProduct(offset));
   result.degenerate_axes = find_weak_axes(information);
-  const Matrix6 covariance = factor.solve(Matrix6::Identity());
+  const Matrix6 covariance = inverse_ldlt(combined);
   result.observability =
       (1.0 - covariance.diagonal().array() * held.array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
   return take_step(step, options, result);
@@ -146,7 +145,7 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
   const BlockObservability rotation =
       observe(equations.H.bottomRightCorner<3, 3>(), options.degeneracy_threshold);
   result.degenerate_axes = static_cast<std::uint8_t>(translation.weak_axes | (rotation.weak_axes << 3U));
-  Vector6 step = -equations.H.ldlt().solve(equations.b);
+  Vector6 step = -solve_ldlt(equations.H, equations.b);
   step.head<3>() = translation.observed * step.head<3>();
   step.tail<3>() = rotation.observed * step.tail<3>();
   return take_step(step, options, result);
