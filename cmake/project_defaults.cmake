@@ -1,4 +1,4 @@
-# What every build of nilio begins with: the language, the folders, the tests, warnings and sanitizers.
+# Common start of every build: the language, the folders, the tests, warnings and sanitizers.
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)

@@ -4,7 +4,7 @@ if(NILIO_SANITIZE)
   add_compile_options(-fsanitize=${NILIO_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${NILIO_SANITIZE})
   if(NILIO_SANITIZE MATCHES "undefined")
-    # What the address sanitizer stops as well, or Clang's fuzz targets check; without them GCC builds in two thirds of the time.
+    # Checks that AddressSanitizer or Clang's fuzz targets cover as well; without them GCC builds in two thirds of the time.
     add_compile_options($<$<CXX_COMPILER_ID:GNU>:-fno-sanitize=null,nonnull-attribute,returns-nonnull-attribute,object-size,pointer-overflow,vptr,alignment>)
   endif()
   # Sees ghosts in instrumented code.

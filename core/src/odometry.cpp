@@ -1,7 +1,5 @@
 #include "nilio/core/odometry.hpp"
 
-#include "nilio/core/odometry_runtime.hpp"
-
 #include "core/src/estimation/pose_covariance.hpp"
 #include "core/src/odometry_impl.hpp"
 
@@ -20,8 +18,6 @@ bool Odometry::add_imu(const ImuSample& sample) {
   state_->monitor.add(sample);
   return true;
 }
-
-std::optional<Time> OdometryRuntime::latest_imu() const { return odometry_->state_->imu.latest(); }
 
 const ImuHealth& Odometry::imu_health() const { return state_->monitor.health(); }
 
@@ -115,49 +111,11 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   return register_within_budget(scan);
 }
 
-OdometryResult OdometryRuntime::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
-  Odometry::State& s = *odometry_->state_;
-  s.apply_pending_map_update();
-  s.budget.begin_scan(decisions, s.scans < kInitialScans);
-  return odometry_->register_within_budget(scan);
-}
-
 void Odometry::update_map(OdometryResult& result) {
   State& s = *state_;
   s.apply_pending_map_update();
   s.count_map(result);
   s.stamp(result, OdometryStage::kMapped);
-}
-
-const ComputeBudget& OdometryRuntime::budget() const { return odometry_->state_->budget; }
-
-void OdometryRuntime::note_published(const OdometryResult& result) {
-  odometry_->state_->budget.finish_scan(result.fine_iterations);
-}
-
-OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
-  const Odometry::State& s = *odometry_->state_;
-  OdometryResult result = Odometry::State::result_for(scan);
-  MotionModel motion;
-  const Odometry::State::MotionPrior motion_prior_for = s.motion_prior_for(scan);
-  result.imu_used = motion_prior_for.imu_used;
-  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(motion_prior_for, motion);
-  result.T_odom_base = s.T_odom_map * T_map_base;
-  result.predicted = true;
-  s.fill_motion(motion, result);
-  result.degradation_level = DegradationLevel::kPredictionOnly;
-  result.stop_reason = StopReason::kBudget;
-  result.state = s.state_without_registration(1);
-  if (result.state != TrackingState::kInitialising &&
-      !s.is_drivable_step(T_map_base, (scan.end - s.time).seconds()))
-    result.state = TrackingState::kLost;
-  fill_covariance({{},
-                   s.prediction_error_variance,
-                   s.drift.variance(),
-                   (scan.end - s.time).seconds(),
-                   (scan.end - s.registered_time).seconds()},
-                  result);
-  return result;
 }
 
 }  // namespace nilio::core

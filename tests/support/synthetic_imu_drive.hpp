@@ -28,8 +28,8 @@ struct SyntheticImuDrive {
     const Vector3 force = Vector3(2.4 * std::cos(0.8 * t), rate(t) * speed(t), 0.0) + turning.cross(arm) +
                           turn.cross(turn.cross(arm)) + up + Vector3(0.02, -0.01, 0.03);
     const Vector3 gyro = T_base_imu.rotation.conjugate() * turn;
-    const Vector3 felt = scale * (T_base_imu.rotation.conjugate() * force);
-    return {core::Time::from_seconds(t), {gyro.x(), gyro.y(), gyro.z()}, {felt.x(), felt.y(), felt.z()}};
+    const Vector3 measured = scale * (T_base_imu.rotation.conjugate() * force);
+    return {core::Time::from_seconds(t), {gyro.x(), gyro.y(), gyro.z()}, {measured.x(), measured.y(), measured.z()}};
   }
 };
 

@@ -1,6 +1,6 @@
 #include "core/src/estimation/accelerometer_consistency.hpp"
 
-#include "core/src/estimation/gravity.hpp"
+#include "core/src/estimation/static_initialization.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,5 @@
 #include "core/src/estimation/static_initialization.hpp"
 
-#include "core/src/estimation/gravity.hpp"
-
 #include <cmath>
 
 namespace nilio::core {

@@ -7,6 +7,9 @@
 
 namespace nilio::core {
 
+/// Specific force at rest, m/s^2.
+inline constexpr double kGravity = 9.81;
+
 /// Whether the specific force in axes of base_link, m/s^2, is gravity on a road of any slope; if not, unit or
 /// axes are wrong.
 bool is_gravity_plausible(const Vector3& force);

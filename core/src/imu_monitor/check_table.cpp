@@ -2,7 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/gravity.hpp"
+#include "core/src/estimation/static_initialization.hpp"
 
 #include <algorithm>
 #include <array>

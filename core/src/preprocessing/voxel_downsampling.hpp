@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -101,5 +102,17 @@ class VoxelDownsampler {
   std::uint64_t generation_ = 0;
   float inverse_size_ = 1.0F;
 };
+
+inline VoxelDownsampler::VoxelDownsampler(std::size_t capacity)
+    : slots_(std::bit_ceil(2 * capacity)), mask_(slots_.size() - 1) {}
+
+inline void VoxelDownsampler::begin(float voxel_size_m) {
+  inverse_size_ = 1.0F / voxel_size_m;
+  used_ = 0;
+  if (++generation_ >> kGenerationBits != 0) {
+    std::fill(slots_.begin(), slots_.end(), 0);
+    generation_ = 1;
+  }
+}
 
 }  // namespace nilio::core

@@ -1,0 +1,78 @@
+#include "nilio/core/odometry_runtime.hpp"
+
+#include "core/src/odometry_impl.hpp"
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+#include <tbb/parallel_for.h>
+#include <tbb/partitioner.h>
+
+namespace nilio::core {
+
+namespace {
+
+constexpr std::chrono::microseconds kPoll{100};
+constexpr int kPolls = 10'000;
+
+}  // namespace
+
+int OdometryRuntime::warm_up(const std::function<void()>& on_thread) {
+  const int wanted = odometry_->state_->arena.max_concurrency();
+  std::atomic<int> arrived{0};
+  std::atomic<bool> over{false};
+  // Each arriving thread waits for all others, so that every thread takes exactly one call.
+  const auto come = [&](int /*index*/) {
+    if (over.load()) return;
+    on_thread();
+    arrived.fetch_add(1);
+    for (int i = 0; i < kPolls && arrived.load() < wanted && !over.load(); ++i)
+      std::this_thread::sleep_for(kPoll);
+    over.store(true);
+  };
+  odometry_->state_->arena.execute([&] { tbb::parallel_for(0, wanted, come, tbb::simple_partitioner()); });
+  return arrived.load();
+}
+
+std::optional<Time> OdometryRuntime::latest_imu() const { return odometry_->state_->imu.latest(); }
+
+OdometryResult OdometryRuntime::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
+  Odometry::State& s = *odometry_->state_;
+  s.apply_pending_map_update();
+  s.budget.begin_scan(decisions, s.scans < kInitialScans);
+  return odometry_->register_within_budget(scan);
+}
+
+const ComputeBudget& OdometryRuntime::budget() const { return odometry_->state_->budget; }
+
+void OdometryRuntime::note_published(const OdometryResult& result) {
+  odometry_->state_->budget.finish_scan(result.fine_iterations);
+}
+
+OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
+  const Odometry::State& s = *odometry_->state_;
+  OdometryResult result = Odometry::State::result_for(scan);
+  MotionModel motion;
+  const Odometry::State::MotionPrior prior = s.motion_prior_for(scan);
+  result.imu_used = prior.imu_used;
+  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(prior, motion);
+  result.T_odom_base = s.T_odom_map * T_map_base;
+  result.predicted = true;
+  s.fill_motion(motion, result);
+  result.degradation_level = DegradationLevel::kPredictionOnly;
+  result.stop_reason = StopReason::kBudget;
+  result.state = s.state_without_registration(1);
+  if (result.state != TrackingState::kInitialising &&
+      !s.is_drivable_step(T_map_base, (scan.end - s.time).seconds()))
+    result.state = TrackingState::kLost;
+  fill_covariance({{},
+                   s.prediction_error_variance,
+                   s.drift.variance(),
+                   (scan.end - s.time).seconds(),
+                   (scan.end - s.registered_time).seconds()},
+                  result);
+  return result;
+}
+
+}  // namespace nilio::core
