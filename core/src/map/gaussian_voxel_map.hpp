@@ -23,7 +23,7 @@ struct alignas(64) GaussianVoxel {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
   /// Inverse of the regularised covariance, upper triangle: xx xy xz yy yz zz (1/m^2).
   float information[6] = {};
-  /// Smallest eigenvalue over the middle one; 1 if the points are collinear, 2 if they come from one beam.
+  /// Smallest eigenvalue over the middle one; above 1 without a shape.
   float planarity = 2.0F;
   /// Smallest eigenvalue, m^2: the thickness of the plane.
   float thickness = 0.0F;
@@ -34,8 +34,9 @@ struct alignas(64) GaussianVoxel {
   /// Half of the voxel's key that the hash table omits; private to the map.
   std::uint32_t key_high = 0;
 
-  /// Points of a single beam give a shape that turns with the sensor: neither plane nor Gaussian.
-  [[nodiscard]] bool is_seen_by_several_beams() const { return planarity <= 1.0F; }
+  /// Whether the points spread across a line and come from several beams. Otherwise their shape turns with
+  /// the sensor and carries no information.
+  [[nodiscard]] bool has_shape() const { return planarity <= 1.0F; }
 };
 
 struct VoxelMapConfig {

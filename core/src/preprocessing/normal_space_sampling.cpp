@@ -82,7 +82,7 @@ void NormalSpaceSampler::sort_candidates(const VoxelMap& map, std::span<const Ei
     }
     map.find_all(indices, count, surfaces);
     for (std::size_t k = 0; k < count; ++k) {
-      if (surfaces[k] == nullptr || !surfaces[k]->is_seen_by_several_beams()) continue;
+      if (surfaces[k] == nullptr || !surfaces[k]->has_shape()) continue;
       const std::uint32_t i = candidates_[begin + k];
       const bool has_plane = surfaces[k]->planarity <= limit;
       const std::size_t group =

@@ -58,15 +58,20 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
   equations.b.tail<3>() += q.cross(gradient);
 }
 
-/// Adds the residual vector of a point at `error` from the mean of a non-planar voxel, with the weight along
-/// each axis of its Gaussian that a plane of that thickness would have. Returns the equivalent squared
-/// residual, m^2.
-double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q,
+/// Adds the residual vector of a point at `error` from the mean of a non-planar voxel. The weight along each
+/// axis of its Gaussian is that of a plane of that thickness, and zero where the points fill the voxel
+/// evenly: correspondences are voxels, so along such an axis the mean carries no information. Returns the
+/// equivalent squared residual, m^2.
+double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q, double voxel_size_m,
                     const PlaneMetric& metric, NormalEquations& equations) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const Matrix3 information = information_of(surface);
-  const Matrix3 weights =
+  const Matrix3 thinness =
       point_variance * information * (Matrix3::Identity() + point_variance * information).inverse();
+  const double evenly_filled = point_variance / (point_variance + voxel_size_m * voxel_size_m / 12.0);
+  const Matrix3 full = evenly_filled * Matrix3::Identity();
+  const Matrix3 excess = thinness - full;
+  const Matrix3 weights = excess * excess * (thinness + full).inverse();
   const Vector3 gradient = weights * error;
   const double square = error.dot(gradient);
   const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
@@ -108,10 +113,11 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         const Vector3 q = R * point.cast<double>();
         const VoxelIndex index = map.index_of(q + t);
         const GaussianVoxel* surface = map.find(index);
-        if (surface == nullptr || !surface->is_seen_by_several_beams()) return;
+        if (surface == nullptr || !surface->has_shape()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
         if (surface->planarity > max_planarity) {
-          const double square = add_gaussian(*surface, offset, q, metric, equations);
+          const double square =
+              add_gaussian(*surface, offset, q, map.config().voxel_size_m, metric, equations);
           equations.agreement += agreement_of(square / (3.0 * point_variance));
           ++equations.correspondences;
           if (square < inlier_square) ++equations.inliers;
