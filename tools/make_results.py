@@ -21,9 +21,9 @@ PAGE = ROOT / "docs/results/scenes.md"
 README = ROOT / "README.md"
 # scene, sensors, further options of nilio simulate
 SCENES = [
-    ("town", ["vlp16", "hdl64e"], []),
-    ("highway", ["vlp16", "hdl64e"], []),
-    ("tunnel", ["vlp16", "hdl64e"], []),
+    ("town", ["vlp16"], []),
+    ("highway", ["vlp16"], []),
+    ("tunnel", ["vlp16"], []),
     ("ramps", ["vlp16"], []),
     ("forest", ["vlp16"], []),
     ("manoeuvres", ["vlp16", "hdl64e"], ["--duration", "90"]),
