@@ -279,11 +279,11 @@ TEST_CASE("a live LiDAR is identified, falls silent and returns without allocati
     std::uint64_t sent = 0;
     // Sends no faster than packets are read: socket and ring lose none, and no scan is superseded.
     const auto let_them_be_taken = [&] {
-      const daemon::LidarInput& lane = *pipeline.lidars()[0];
+      const daemon::LidarInput& lidar = *pipeline.lidars()[0];
       REQUIRE(tests::eventually(
           [&] {
             look_after();
-            return lane.source.stats().delivered >= sent && lane.ring.size() == 0;
+            return lidar.source.stats().delivered >= sent && lidar.ring.size() == 0;
           },
           std::chrono::microseconds(500)));
     };

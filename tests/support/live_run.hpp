@@ -82,8 +82,8 @@ class LiveRun {
 
   /// True if the receive thread of LiDAR number `lidar` has so many packets and its ring has free slots.
   [[nodiscard]] bool has_delivered(std::size_t lidar, std::uint64_t packets) const {
-    const daemon::LidarInput& lane = *pipeline_->lidars()[lidar];
-    return lane.source.stats().delivered >= packets && lane.ring.size() < lane.ring.capacity() - 100;
+    const daemon::LidarInput& input = *pipeline_->lidars()[lidar];
+    return input.source.stats().delivered >= packets && input.ring.size() < input.ring.capacity() - 100;
   }
 
   /// Waits until so many packets are read from the socket of LiDAR number `lidar`.
@@ -106,9 +106,9 @@ class LiveRun {
 
   /// Waits until all sent packets are read from socket and ring.
   bool settle(std::size_t lidar) {
-    const daemon::LidarInput& lane = *pipeline_->lidars()[lidar];
-    return eventually([&] { return lane.source.stats().delivered >= sent_[lidar] && lane.ring.size() == 0; },
-                      kPoll);
+    const daemon::LidarInput& input = *pipeline_->lidars()[lidar];
+    return eventually(
+        [&] { return input.source.stats().delivered >= sent_[lidar] && input.ring.size() == 0; }, kPoll);
   }
 
   std::unique_ptr<daemon::Pipeline> pipeline_;

@@ -45,8 +45,8 @@ TEST_CASE("poses continue while an additional live LiDAR is silent, also after i
   // The packets that identify the models complete no scan yet. A LiDAR that its identification thread has not
   // identified when a scan is complete counts as silent.
   drive(70, true);
-  for (const auto& lane : run.pipeline().lidars())
-    REQUIRE(eventually([&] { return lane->channel.is_identified(); }));
+  for (const auto& input : run.pipeline().lidars())
+    REQUIRE(eventually([&] { return input->channel.is_identified(); }));
   drive(930, true);
   const std::size_t poses_with_both = run.poses.size();
   // A clock warning is acceptable: a busy computer does not send at a sensor's regular pace, and the clocks

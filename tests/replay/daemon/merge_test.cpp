@@ -69,11 +69,11 @@ class Scans {
     other_source_ = open(folder, second);
     drivers::ScanAssemblerConfig partial = assembler_config(second);
     partial.min_coverage = 0.0;
-    lane_.emplace("lidar", config.lidar, assembler_config(config.lidar), *source_, sensor_, log_);
+    input_.emplace("lidar", config.lidar, assembler_config(config.lidar), *source_, sensor_, log_);
     other_.emplace("lidar2", second, partial, *other_source_, sensor_, log_);
-    for (LidarInput* lane : {&*lane_, &*other_})
-      receive_packets(lane->source, lane->ring, event_, {}, lane->state);
-    first_.emplace(lane_->channel, event_);
+    for (LidarInput* input : {&*input_, &*other_})
+      receive_packets(input->source, input->ring, event_, {}, input->state);
+    first_.emplace(input_->channel, event_);
     MergedScanFeed::Other other;
     other.channel = &other_->channel;
     other.elevation_correction_rad = elevation_correction_rad(second);
@@ -96,7 +96,7 @@ class Scans {
   ipc::WakeEvent event_;
   std::unique_ptr<drivers::PacketSource> source_;
   std::unique_ptr<drivers::PacketSource> other_source_;
-  std::optional<LidarInput> lane_;
+  std::optional<LidarInput> input_;
   std::optional<LidarInput> other_;
   std::optional<PacketScanFeed> first_;
   std::optional<MergedScanFeed> feed_;

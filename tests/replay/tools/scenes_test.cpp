@@ -1,6 +1,5 @@
 #include "tests/support/tools_trajectory_support.hpp"
 #include "tools/bench/odometry/measure.hpp"
-#include "tools/bench/odometry/odometry.hpp"
 #include "tools/bench/odometry/run.hpp"
 #include "tools/commands/commands.hpp"
 
@@ -14,6 +13,7 @@
 
 using namespace nilio;
 using namespace nilio::tools;
+using namespace nilio::tools::bench;
 using core::OdometryResult;
 using core::TrackingState;
 using tests::run_command;
@@ -47,7 +47,7 @@ SceneRun drive(const std::string& scene, std::vector<std::string> options) {
   REQUIRE(config.ok());
   const auto run = run_odometry(*dataset, *config, nullptr, {});
   REQUIRE(run.ok());
-  const auto accuracy = judge_trajectory(dataset->truth, run->trajectory);
+  const auto accuracy = measure_accuracy(dataset->truth, run->trajectory);
   REQUIRE(accuracy.ok());
   return {run->results, *accuracy};
 }
