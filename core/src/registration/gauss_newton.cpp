@@ -122,7 +122,10 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const Matrix6 combined = weighed + Matrix6(held.asDiagonal());
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
   const Vector6 step = solve_ldlt(combined, weighed * wanted - held.cwiseProduct(offset));
-  result.degenerate_axes = find_weak_axes(information);
+  NormalEquations without_spread = equations;
+  without_spread.weighted_square_error -= equations.gaussian_square_excess;
+  result.degenerate_axes =
+      find_weak_axes(information * (measurement_variance(equations) / measurement_variance(without_spread)));
   const Matrix6 covariance = inverse_ldlt(combined);
   result.observability =
       (1.0 - covariance.diagonal().array() * held.array()).cwiseMax(0.0).cwiseMin(1.0).matrix();

@@ -19,8 +19,11 @@ RegistrationResult refine_with_ndt(const RegistrationMaps& maps, std::span<const
                                    const SolverOptions& options) {
   RegistrationResult result = register_ndt(*maps.gaussians, points, T_map_guess, kNdtKernelSchedule, options);
   // NDT has no inliers: they are counted on the plane map, as for the other methods.
-  if (result.iterations > 0 && result.T_map_moving.is_finite())
-    result.equations.inliers = plane_equations(*maps.planes, points, result.T_map_moving, metric).inliers;
+  if (result.iterations > 0 && result.T_map_moving.is_finite()) {
+    const NormalEquations planes = plane_equations(*maps.planes, points, result.T_map_moving, metric);
+    result.equations.inliers = planes.inliers;
+    result.equations.agreement = planes.agreement;
+  }
   return result;
 }
 

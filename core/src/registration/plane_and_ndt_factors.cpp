@@ -80,6 +80,7 @@ double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Ve
   add_point(weight * weights, weight * gradient, q, equations);
   equations.weighted_square_error += weight * square;
   equations.weight_sum += weight * weights.trace();
+  equations.gaussian_square_excess += weight * (square - weights.trace() * point_variance);
   return square;
 }
 

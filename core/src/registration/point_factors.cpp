@@ -24,6 +24,7 @@ void add_residual(const Vector3& p, const Vector3& error, const Matrix3& project
   equations.b.noalias() += weight * J.transpose() * error;
   equations.weighted_square_error += weight * square;
   equations.weight_sum += weight;
+  equations.agreement += weight;
   ++equations.correspondences;
   if (square < metric.inlier_distance_m * metric.inlier_distance_m) ++equations.inliers;
 }

@@ -22,13 +22,16 @@ struct NormalEquations {
   /// weights.
   double weighted_square_error = 0.0;
   double weight_sum = 0.0;
+  /// Part of weighted_square_error by which residuals to Gaussians exceed the point's own deviation: their
+  /// spread is no measure of how well planes observe the pose.
+  double gaussian_square_excess = 0.0;
   /// Sum of weight * squared error of the plane's normal, rad^2; planes only.
   double normal_square = 0.0;
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
   /// Sum of the agreement of correspondences: 1 on the surface, 0 far from it in units of plane thickness and
-  /// point deviation; planes and Gaussians only.
+  /// point deviation; the kernel's weight for point methods.
   double agreement = 0.0;
 
   NormalEquations& operator+=(const NormalEquations& other);

@@ -51,7 +51,7 @@ TEST_CASE("poses continue while an additional live LiDAR is silent, also after i
   const std::size_t poses_with_both = run.poses.size();
   // A clock warning is acceptable: a busy computer does not send at a sensor's regular pace, and the clocks
   // follow the arrival times.
-  const std::string silent = "lidar2: no packets come from it";
+  const std::string silent = "lidar2: no packets received";
   CHECK(run.count_lines(LogLevel::kWarning, silent) == 0);
   drive(1000, false);
   CHECK(run.count_lines(LogLevel::kWarning, silent) == 1);

@@ -113,6 +113,6 @@ TEST_CASE("errors of recording are one message with the remedy", "[record]") {
   };
   expect("--bind 127.0.0.1 --port " + std::to_string(taken.port()), "another program has this port");
   expect("--port 2370 --position-port 2370", "both 2370");
-  expect("--port 0 --position-port 0", "nothing to record");
+  expect("--port 0 --position-port 0", "no source to record");
   expect("--port 0 --position-port 0 --can nilio_none0", "CAN nilio_none0");
 }

@@ -125,7 +125,7 @@ TEST_CASE("diagnostics contain the IMU's problem and the age of the last pose", 
   CHECK(fresh.stamp == Time{7});
   CHECK(fresh.statuses[0].level == DiagnosticStatus::Level::kOk);
   CHECK(fresh.statuses[1].level == DiagnosticStatus::Level::kError);
-  CHECK(fresh.statuses[1].message.find("not used because of gyro_scale; gyro_scale: rates come in deg/s") ==
+  CHECK(fresh.statuses[1].message.find("not used because of gyro_scale; gyro_scale: rates are in deg/s") ==
         0);
   const auto& values = fresh.statuses[1].values;
   const auto scale =

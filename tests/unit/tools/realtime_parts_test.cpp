@@ -188,7 +188,7 @@ TEST_CASE("the status and the last line of a child process are reported", "[real
   CHECK(child->poll() == 3);
   CHECK(child->last_line() == "two");
   CHECK_THAT(ChildProcess::start(folder.file("nothing"), {}, folder.file("log")).error().message,
-             Contains("cannot be started"));
+             Contains("could not be started"));
 }
 
 TEST_CASE("a child process is killed only when it ignores SIGTERM", "[realtime_parts]") {
