@@ -45,6 +45,13 @@ TEST_CASE("the same seed gives the same bytes in every file, another seed does n
   CHECK(tests::read_whole(a.path() / "nilio.yaml") == tests::read_whole(b.path() / "nilio.yaml"));
 }
 
+TEST_CASE("a drive that is over before the vehicle has left its place is simulated") {
+  for (const char* seconds : {"0.5", "2.5"}) {
+    const SimulationFolder folder;
+    CHECK(simulate(folder.path().string() + " --moving-cars 2 --duration " + seconds) == 0);
+  }
+}
+
 TEST_CASE("the truth begins at the identity and its times are those of the IMU frames") {
   const SimulationFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort + " --imu oxts_rt3003 --imu-rate 100") == 0);

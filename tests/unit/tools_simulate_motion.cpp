@@ -115,6 +115,17 @@ TEST_CASE("a moving start is at speed at once, and length and duration end the d
   CHECK(path_length(make_town_drive(config)) == Approx(2500.0).margin(5.0));
 }
 
+TEST_CASE("a drive that ends while moving ends on its wheels") {
+  TownDriveConfig config;
+  config.moving_start = true;
+  config.extent = {0.0, 7.5};
+  const VehicleTrajectory drive(make_town_drive(config), kControlIntervalS);
+  for (double before_end = 0.0; before_end < 0.3; before_end += 0.01) {
+    const SE3 pose = drive.pose(7.5 - before_end);
+    CHECK((pose.rotation * Vector3::UnitZ()).z() > 0.98);
+  }
+}
+
 TEST_CASE("a perfect gyroscope's samples integrate to the true orientation") {
   const VehicleTrajectory trajectory = town_trajectory(30.0);
   constexpr double rate = 1000.0;

@@ -65,6 +65,10 @@ Ground::Ground(const StreetLayout& layout, std::uint64_t seed) : seed_(random_wo
   for (std::size_t i = 0; i < layout.samples().size(); i += 4) {
     if (layout.samples()[i].driven) path.push_back(&layout.samples()[i]);
   }
+  // A vehicle that hardly moves has fewer than four samples.
+  for (const StreetSample& sample : layout.samples()) {
+    if (path.empty() && sample.driven) path.push_back(&sample);
+  }
   Vector2 low = path.front()->position;
   Vector2 high = low;
   for (const StreetSample& sample : layout.samples()) {

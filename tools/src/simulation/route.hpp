@@ -122,7 +122,7 @@ std::vector<core::SE3> drive_over(const Route& route, const std::vector<double>&
   poses.reserve(travelled.size());
   for (std::size_t i = 0; i < travelled.size(); ++i) {
     const double before = i == 0 ? 2.0 * travelled[0] - travelled[1] : travelled[i - 1];
-    const double after = i + 1 == travelled.size() ? travelled[i] : travelled[i + 1];
+    const double after = i + 1 == travelled.size() ? 2.0 * travelled[i] - before : travelled[i + 1];
     const double v = (after - before) / (2.0 * kControlIntervalS);
     const double a = (after - 2.0 * travelled[i] + before) / (kControlIntervalS * kControlIntervalS);
     const RoutePoint at = route_at(route, travelled[i]);
