@@ -222,6 +222,7 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
     if (!sequence) return sequence.error();
     input.notes.push_back("KITTI sequence " + files.kitti_sequence + ": " + std::to_string(sequence->scans) +
                           " scans, already motion-compensated");
+    input.warnings = std::move(sequence->warnings);
     input.scans = std::move(sequence->feed);
     input.T_camera_lidar = sequence->T_camera_lidar;
     return input;

@@ -25,6 +25,13 @@ constexpr double kBeamSpacingDeg = 0.4;
 constexpr std::uintmax_t kLargestScanBytes = 64ULL * 1024 * 1024;
 constexpr std::size_t kBytesPerPoint = 16;
 
+/// 0 where that is not the size of a scan.
+std::uintmax_t scan_bytes(const fs::path& path) {
+  std::error_code error;
+  const std::uintmax_t size = fs::file_size(path, error);
+  return !error && size <= kLargestScanBytes && size % kBytesPerPoint == 0 ? size : 0;
+}
+
 class KittiScanFeed : public ScanFeed {
  public:
   KittiScanFeed(std::vector<fs::path> files, std::vector<core::Time> stamps)
@@ -34,10 +41,8 @@ class KittiScanFeed : public ScanFeed {
     while (next_ < files_.size()) {
       if (!is_due(timeout)) return FeedState::kIdle;
       const std::size_t index = next_++;
-      if (!load(files_[index], scan)) {
-        ++stats_.partial_scans;
-        continue;
-      }
+      // A damaged scan is an empty one: it gets the predicted pose, so that line k stays that of scan k.
+      const bool is_whole = load(files_[index], scan);
       scan.sequence = index;
       scan.start = stamps_[index];
       scan.end = stamps_[index];
@@ -45,7 +50,7 @@ class KittiScanFeed : public ScanFeed {
       scan.beam_spacing_rad = static_cast<float>(kBeamSpacingDeg * std::numbers::pi / 180.0);
       scan.coverage_deg = 360.0F;
       scan.received_ns = scan.popped_ns = scan.completed_ns = monotonic_ns();
-      ++stats_.scans;
+      ++(is_whole ? stats_.scans : stats_.partial_scans);
       stats_.points += scan.points.size();
       return FeedState::kScan;
     }
@@ -64,13 +69,12 @@ class KittiScanFeed : public ScanFeed {
   }
 
   bool load(const fs::path& path, core::Scan& scan) {
-    std::error_code error;
-    const std::uintmax_t size = fs::file_size(path, error);
-    if (error || size == 0 || size > kLargestScanBytes || size % kBytesPerPoint != 0) return false;
+    scan.points.clear();
+    const std::uintmax_t size = scan_bytes(path);
+    if (size == 0) return false;
     buffer_.resize(size / sizeof(float));
     std::ifstream file(path, std::ios::binary);
     if (!file.read(reinterpret_cast<char*>(buffer_.data()), static_cast<std::streamsize>(size))) return false;
-    scan.points.clear();
     for (std::size_t i = 0; i + 3 < buffer_.size(); i += 4) {
       core::Point point;
       point.x = buffer_[i];
@@ -147,6 +151,11 @@ Result<KittiSequence> open_kitti_sequence(const std::string& folder) {
   KittiSequence sequence;
   sequence.scans = files.size();
   sequence.T_camera_lidar = *T_camera_lidar;
+  for (const fs::path& file : files) {
+    if (scan_bytes(file) > 0) continue;
+    sequence.warnings.push_back("KITTI scan " + file.string() +
+                                ": damaged (its size is not that of a scan) - its pose is the predicted one");
+  }
   sequence.feed = std::make_unique<KittiScanFeed>(std::move(files), std::move(stamps).value());
   return sequence;
 }

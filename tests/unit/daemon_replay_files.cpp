@@ -97,3 +97,26 @@ TEST_CASE("a replay looks ahead for the calibration that an HDL-64E sends, and p
   CHECK(slots[0].stamp == packets[0].stamp);
   CHECK(input->first_stamp == packets[0].stamp);
 }
+
+TEST_CASE("a damaged KITTI scan keeps its place, as an empty one, and its file is named") {
+  const TemporaryFolder folder;
+  const std::string whole(160, '\0');
+  folder.write("velodyne/000000.bin", whole);
+  folder.write("velodyne/000001.bin", whole.substr(0, 150));
+  folder.write("velodyne/000002.bin", whole);
+  folder.write("times.txt", "0.0\n0.1\n0.2\n");
+  folder.write("calib.txt", "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n");
+  const auto files = find_replay_files({folder.text()});
+  REQUIRE(files.ok());
+  auto input = open_replay(*files, Config{});
+  REQUIRE(input.ok());
+  REQUIRE(input->warnings.size() == 1);
+  CHECK_THAT(input->warnings.front(), Contains("000001.bin"));
+  core::Scan scan;
+  for (const std::size_t points : {10U, 0U, 10U}) {
+    REQUIRE(input->scans->next(scan, core::Duration{}) == FeedState::kScan);
+    CHECK(scan.points.size() == points);
+  }
+  CHECK(input->scans->next(scan, core::Duration{}) == FeedState::kEnd);
+  CHECK(input->scans->stats().partial_scans == 1);
+}

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace nilio::daemon {
 
@@ -16,6 +17,8 @@ struct KittiSequence {
   std::size_t scans = 0;
   /// "Tr" of calib.txt: LiDAR to left rectified camera, in which the benchmark states its poses.
   core::SE3 T_camera_lidar;
+  /// One line for each damaged scan, which gets the predicted pose.
+  std::vector<std::string> warnings;
 };
 
 bool is_kitti_sequence(const std::string& folder);
