@@ -12,6 +12,10 @@ constexpr double kMostGain = 0.9;
 // How fast the gain follows, and over how many innovations their usual size is taken.
 constexpr double kGainStep = 0.1;
 constexpr double kMemory = 0.9;
+// A trend of the velocity is extrapolated over two lost scans at most. Roll and pitch rates are body sway: of
+// zero mean, so they have no trend, and over a longer gap only this long a part of it goes on.
+constexpr double kMaxExtrapolationSeconds = 0.25;
+constexpr int kRollRate = 3;
 
 }  // namespace
 
@@ -21,10 +25,16 @@ void TwistFilter::reset(const Vector6& twist) {
   last_.setZero();
 }
 
-Vector6 TwistFilter::slope(const TwistStep& step) const {
-  Vector6 slope = slope_;
-  if (step.acceleration) slope.head<3>() = *step.acceleration;
-  return slope;
+Vector6 TwistFilter::predict(const TwistStep& step) const {
+  const bool is_gap = step.seconds > kMaxExtrapolationSeconds;
+  Vector6 twist = twist_;
+  if (is_gap) {
+    twist.segment<2>(kRollRate) *= kMaxExtrapolationSeconds / step.seconds;
+  } else {
+    twist += step.seconds * slope_;
+  }
+  if (step.acceleration) twist.head<3>() = twist_.head<3>() + step.seconds * *step.acceleration;
+  return twist;
 }
 
 TwistFilter::Gains TwistFilter::gains(const Vector6& share, const TwistStep& step) const {
@@ -52,6 +62,7 @@ Vector6 TwistFilter::correct(const Vector6& mean, const Vector6& share, const Tw
 void TwistFilter::hold(const TwistStep& step) {
   slope_.setZero();
   twist_ = predict(step);
+  twist_.segment<2>(kRollRate).setZero();
 }
 
 void TwistFilter::stand() {
@@ -65,6 +76,7 @@ void TwistFilter::learn(const Vector6& mean, const Vector6& share, const TwistSt
   const Gains used = gains(share, step);
   twist_ = predict(step) + used.twist.cwiseProduct(error);
   slope_ = share.cwiseProduct(slope_ + used.slope.cwiseProduct(error) / step.seconds);
+  slope_.segment<2>(kRollRate).setZero();
   if (step.acceleration) slope_.head<3>().setZero();
   for (int i = 0; i < 6; ++i) {
     const double correlation =

@@ -1,5 +1,6 @@
 #include "nilio/core/imu_buffer.hpp"
 #include "nilio/core/sweep_motion.hpp"
+#include "nilio/core/twist_filter.hpp"
 
 #include "synthetic_room.hpp"
 
@@ -124,4 +125,22 @@ TEST_CASE("a scan of no duration is left as it is") {
   std::vector<Eigen::Vector3f> output;
   motion.deskew({{Eigen::Vector3f(1.0F, 2.0F, 3.0F), 0.0F}}, output);
   CHECK((output[0] - Eigen::Vector3f(1.0F, 2.0F, 3.0F)).norm() < 1e-6F);
+}
+
+TEST_CASE("roll and pitch rates have no trend, and over a gap neither trend nor sway is extrapolated") {
+  TwistFilter filter;
+  Vector6 twist = Vector6::Zero();
+  const TwistStep step{0.1, {}, Vector3::Zero()};
+  for (int i = 0; i < 20; ++i) {
+    twist += Vector6::Constant(0.02);
+    filter.learn(twist, Vector6::Ones(), step);
+  }
+  const Vector6 soon = filter.predict(step) - filter.twist();
+  CHECK(soon[0] > 0.01);
+  CHECK(soon[5] > 0.01);
+  CHECK(soon.segment<2>(3).norm() == 0.0);
+  const Vector6 later = filter.predict({1.0, {}, Vector3::Zero()});
+  CHECK(later[0] == filter.twist()[0]);
+  CHECK(later[5] == filter.twist()[5]);
+  CHECK(later.segment<2>(3).norm() < 0.3 * filter.twist().segment<2>(3).norm());
 }

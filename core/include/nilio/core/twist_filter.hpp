@@ -28,14 +28,14 @@ class TwistFilter {
   void reset(const Vector6& twist);
   /// Twist at the middle of the last sweep.
   [[nodiscard]] const Vector6& twist() const { return twist_; }
-  /// Twist `seconds` later.
-  [[nodiscard]] Vector6 predict(const TwistStep& step) const { return twist_ + step.seconds * slope(step); }
+  /// Twist at the end of the step. Over a gap neither trends nor sway are extrapolated.
+  [[nodiscard]] Vector6 predict(const TwistStep& step) const;
   /// Twist after the step, had its mean over the step been `mean`. `share` of it, 0 to 1 along each axis,
   /// comes from the scan.
   [[nodiscard]] Vector6 correct(const Vector6& mean, const Vector6& share, const TwistStep& step) const;
   /// Goes on to it.
   void learn(const Vector6& mean, const Vector6& share, const TwistStep& step);
-  /// Goes on without a measurement: the twist stays as it is but for what is felt.
+  /// Goes on without a measurement: the twist stays as it is but for sway, which ends, and what is felt.
   void hold(const TwistStep& step);
   /// The vehicle is known to stand; how it turns is not.
   void stand();
@@ -45,7 +45,6 @@ class TwistFilter {
     Vector6 twist;
     Vector6 slope;
   };
-  [[nodiscard]] Vector6 slope(const TwistStep& step) const;
   [[nodiscard]] Vector6 innovation(const Vector6& mean, const TwistStep& step) const {
     return mean - predict({0.5 * step.seconds, step.acceleration});
   }
