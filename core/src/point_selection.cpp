@@ -13,6 +13,7 @@ constexpr float kVerticalNormal = 0.8F;    // |n_z| above: ground, floors, roofs
 constexpr float kHorizontalNormal = 0.3F;  // |n_z| below: walls
 constexpr float kNearGroundSquare = 20.0F * 20.0F;
 constexpr float kTangentOfHalfSector = 0.41421356F;  // 22.5 deg
+constexpr std::size_t kGaussianGroup = 7;            // no plane
 
 std::size_t group_of(const Eigen::Vector3f& normal, float square_range) {
   const float vertical = std::abs(normal.z());
@@ -81,9 +82,10 @@ void PointSelector::sort_candidates(const VoxelMap& map, std::span<const Eigen::
     }
     map.find_all(indices, count, surfaces);
     for (std::size_t k = 0; k < count; ++k) {
-      if (surfaces[k] == nullptr || surfaces[k]->planarity > limit) continue;
+      if (surfaces[k] == nullptr || !surfaces[k]->is_seen_by_several_beams()) continue;
       const std::uint32_t i = candidates_[begin + k];
-      const std::size_t group = group_of(R_moving_map * surfaces[k]->normal, positions[i].squaredNorm());
+      const bool has_plane = surfaces[k]->planarity <= limit;
+      const std::size_t group = !has_plane ? kGaussianGroup : group_of(R_moving_map * surfaces[k]->normal, positions[i].squaredNorm());
       groups_[group].push_back(i);
     }
   }

@@ -12,6 +12,7 @@ NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   normal_square += other.normal_square;
   correspondences += other.correspondences;
   inliers += other.inliers;
+  agreement += other.agreement;
   return *this;
 }
 

@@ -16,8 +16,20 @@ constexpr double kMinPlaneVariance = 0.01 * 0.01;
 // many scans on.
 constexpr int kFamiliarScans = 4;
 
-/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself on what stays. A
-/// plane is known best where its points were: away from them the error of its normal grows with the square of
+/// What stays is seen in scan after scan: 1 from so many on.
+double familiarity(const VoxelSurface& surface) {
+  return std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
+}
+
+Matrix3 information_of(const VoxelSurface& surface) {
+  const float* packed = surface.information;
+  Matrix3 information;
+  information << packed[0], packed[1], packed[2], packed[1], packed[3], packed[4], packed[2], packed[4],
+      packed[5];
+  return information;
+}
+
+/// Weight of a point at `offset` from the plane's mean, 1 = as good as the point itself. A plane is known best where its points were: away from them the error of its normal grows with the square of
 /// the distance in units of their spread.
 double plane_weight(const VoxelSurface& surface, const Vector3& offset, double point_variance) {
   const float* packed = surface.information;
@@ -26,8 +38,13 @@ double plane_weight(const VoxelSurface& surface, const Vector3& offset, double p
       offset.y() * (packed[3] * offset.y() + 2.0 * packed[4] * offset.z()) +
       offset.z() * packed[5] * offset.z();
   const double thickness = std::max(static_cast<double>(surface.thickness), kMinPlaneVariance);
-  const double familiarity = std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
-  return familiarity * point_variance / (point_variance + thickness * (1.0 + square_distance));
+  return point_variance / (point_variance + thickness * (1.0 + square_distance));
+}
+
+/// Of a point whose squared residual is so many times its variance.
+double agreement_of(double normalised_square) {
+  const double root = 1.0 / (1.0 + normalised_square);
+  return root * root;
 }
 
 /// Adds what a point at `q` (map axes, from the moving frame's origin) says of a motion in map axes, whose
@@ -41,6 +58,26 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
   equations.H.bottomRightCorner<3, 3>() += S.transpose() * cross;
   equations.b.head<3>() += gradient;
   equations.b.tail<3>() += q.cross(gradient);
+}
+
+/// The residuals of a point at `error` from the mean of a voxel without a plane, along the three axes of its
+/// Gaussian: each weighs what that of a plane as thick as the Gaussian is along its normal does.
+/// Returns the squared residual that the three together are worth, m^2.
+double add_gaussian(const VoxelSurface& surface, const Vector3& error, const Vector3& q,
+                    const PlaneMetric& metric, NormalEquations& equations) {
+  const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
+  const Matrix3 information = information_of(surface);
+  const Matrix3 weights =
+      point_variance * information * (Matrix3::Identity() + point_variance * information).inverse();
+  const Vector3 gradient = weights * error;
+  const double square = error.dot(gradient);
+  const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  const double root = scale_square / (scale_square + square);
+  const double weight = root * root * familiarity(surface);
+  add_point(weight * weights, weight * gradient, q, equations);
+  equations.weighted_square_error += weight * square;
+  equations.weight_sum += weight * weights.trace();
+  return square;
 }
 
 void add_upper(Matrix6& H, const Vector6& J, double weight) {
@@ -66,20 +103,29 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
   const Vector3 t = T_map_moving.translation;
   const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
+  const double inlier_square = metric.inlier_distance_m * metric.inlier_distance_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
   const NormalEquations sum =
       reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
         const Vector3 q = R * point.cast<double>();
         const VoxelIndex index = map.index_of(q + t);
         const VoxelSurface* surface = map.find(index);
-        if (surface == nullptr || surface->planarity > max_planarity) return;
-        const Vector3 normal = surface->normal.cast<double>();
+        if (surface == nullptr || !surface->is_seen_by_several_beams()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
+        if (surface->planarity > max_planarity) {
+          const double square = add_gaussian(*surface, offset, q, metric, equations);
+          equations.agreement += agreement_of(square / (3.0 * point_variance));
+          ++equations.correspondences;
+          if (square < inlier_square) ++equations.inliers;
+          return;
+        }
+        const Vector3 normal = surface->normal.cast<double>();
         const double residual = normal.dot(offset);
         if (std::abs(residual) > metric.gate_m) return;
         const double root = scale_square / (scale_square + residual * residual);
-        const double weight =
-            root * root * plane_weight(*surface, offset - residual * normal, point_variance);
+        const double certainty = plane_weight(*surface, offset - residual * normal, point_variance);
+        const double weight = root * root * familiarity(*surface) * certainty;
+        equations.agreement += agreement_of(certainty * residual * residual / point_variance);
         Vector6 J;
         J << normal, q.cross(normal);
         add_upper(equations.H, J, weight);
@@ -115,10 +161,7 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
         for (std::size_t k = 0; k < indices.size(); ++k) {
           if (surfaces[k] == nullptr) continue;
           const Vector3 error = q + t - map.corner_of(indices[k]) - surfaces[k]->mean.cast<double>();
-          const float* packed = surfaces[k]->information;
-          Matrix3 information;
-          information << packed[0], packed[1], packed[2], packed[1], packed[3], packed[4], packed[2],
-              packed[4], packed[5];
+          const Matrix3 information = information_of(*surfaces[k]);
           const Vector3 weighted_error = information * error;
           const double square_distance = error.dot(weighted_error);
           const double weight = std::exp(exponent * square_distance);

@@ -181,8 +181,10 @@ void VoxelMap::refresh(std::uint32_t voxel) {
   surface.information[4] = static_cast<float>(information(1, 2));
   surface.information[5] = static_cast<float>(information(2, 2));
   const double min_spread = kMinSpreadShare * config_.voxel_size_m;
-  const bool has_normal = values[1] > min_spread * min_spread && seen_by_several_beams(m);
-  surface.planarity = static_cast<float>(has_normal ? values[0] / values[1] : 2.0);
+  const bool has_normal = values[1] > min_spread * min_spread;
+  surface.planarity = !seen_by_several_beams(m) ? 2.0F
+                      : has_normal              ? static_cast<float>(values[0] / values[1])
+                                                : 1.0F;
   surface.thickness = static_cast<float>(values[0]);
   surface.count = m.count;
 }

@@ -226,3 +226,31 @@ TEST_CASE("a plane that one scan has shown counts for a quarter of what it does 
   CHECK(weight_after(1) == Approx(0.25 * weight_after(4)).epsilon(0.05));
   CHECK(weight_after(8) == Approx(weight_after(4)).epsilon(0.05));
 }
+
+TEST_CASE("voxels without a plane are chosen from and registered against as Gaussians") {
+  // Bushes: clouds of points.
+  std::mt19937_64 generator(11);
+  std::normal_distribution<double> spread(0.0, 0.25);
+  std::vector<Vector3> world;
+  for (int i = 0; i < 200; ++i) {
+    const Vector3 centre(2.0 * (i % 20) - 19.0, 4.0 * (i / 20) - 19.0, 1.0 + 2.0 * (i % 2));
+    for (int k = 0; k < 60; ++k)
+      world.emplace_back(centre + Vector3(spread(generator), spread(generator), spread(generator)));
+  }
+  VoxelMap map({2.0, 100.0, 4000, 6, 100});
+  for (int scan = 0; scan < 4; ++scan) map.insert(world);
+  const Vector3 offset(0.15, -0.1, 0.05);
+  std::vector<Eigen::Vector3f> points;
+  for (std::size_t i = 0; i < world.size(); i += 7) points.push_back((world[i] - offset).cast<float>());
+  PointSelector selector(40000);
+  VoxelFilter filter(40000);
+  std::vector<std::uint32_t> selection;
+  selector.select(map, filter, points, {}, {2000, 0.2F, 0.1}, selection);
+  CHECK(selection.size() > 200);
+  SolverOptions options;
+  options.max_iterations = 30;
+  const RegistrationResult result = register_planes(map, points, {}, {}, options);
+  CHECK(result.stop_reason == StopReason::kConverged);
+  CHECK((result.T_map_moving.translation - offset).norm() < 0.03);
+  CHECK(result.equations.agreement > plane_equations(map, points, {}, {}).agreement);
+}

@@ -20,8 +20,8 @@ struct SelectionConfig {
 };
 
 /// Chooses points so that every direction of motion is held by its share: candidates are sorted by the map
-/// normal they will meet (ground near, ground far, four headings of vertical planes, everything else) and
-/// each group gives an equal number, small groups all they have. Order and choice depend on the data alone.
+/// normal they will meet (ground near, ground far, four headings of vertical planes, every other plane, voxels
+/// without a plane) and each group gives an equal number, small groups all they have. Order and choice depend on the data alone.
 class PointSelector {
  public:
   explicit PointSelector(std::size_t capacity);
@@ -32,7 +32,7 @@ class PointSelector {
               const SE3& T_map_moving, const SelectionConfig& config, std::vector<std::uint32_t>& selection);
 
  private:
-  static constexpr std::size_t kGroups = 7;
+  static constexpr std::size_t kGroups = 8;
 
   void sort_candidates(const VoxelMap& map, std::span<const Eigen::Vector3f> positions,
                        const SE3& T_map_moving, double max_planarity);

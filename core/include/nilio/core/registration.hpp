@@ -27,6 +27,9 @@ struct NormalEquations {
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
+  /// Sum over the correspondences of how well each agrees with the map, 1 where it lies on its surface, 0 far
+  /// from it in units of the surface's thickness and the point's deviation; planes only.
+  double agreement = 0.0;
 
   NormalEquations& operator+=(const NormalEquations& other);
 };

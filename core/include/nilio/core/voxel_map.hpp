@@ -23,8 +23,8 @@ struct alignas(64) VoxelSurface {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
   /// Inverse of the regularised covariance, upper triangle: xx xy xz yy yz zz (1/m^2).
   float information[6] = {};
-  /// Smallest eigenvalue over the middle one; above 1 where the points are too few or too much in line for a
-  /// plane.
+  /// Smallest eigenvalue over the middle one; 1 where the points are too much in line for a plane, 2 where
+  /// they are of one beam.
   float planarity = 2.0F;
   /// Smallest eigenvalue, m^2: the thickness of the plane.
   float thickness = 0.0F;
@@ -34,6 +34,9 @@ struct alignas(64) VoxelSurface {
   std::uint16_t scans = 0;
   /// The map's own: the half of the voxel's key that its hash table leaves out.
   std::uint32_t key_high = 0;
+
+  /// Else its shape turns with the sensor: neither plane nor Gaussian say where they are.
+  [[nodiscard]] bool is_seen_by_several_beams() const { return planarity <= 1.0F; }
 };
 
 struct VoxelMapConfig {
