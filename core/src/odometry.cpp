@@ -62,9 +62,16 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   result.T_odom_base = T_odom_map * T_map_base;
   count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_square);
-  fill_covariance({registration, prediction_square, drift.variance(), ahead.span_s(), failures}, result);
+  if (!result.predicted) registered_time = time;
+  fill_covariance({registration, prediction_square, drift.variance(), ahead.span_s(),
+                   (time - registered_time).seconds()},
+                  result);
   fill_motion(motion, result);
   result.rung = rung_of(result);
+  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_base, ahead.span_s()))
+    result.state = TrackingState::kLost;
+  T_published = T_map_base;
+  published_speed = result.twist.head<3>().norm();
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {
@@ -139,9 +146,14 @@ OdometryResult Odometry::predict_pose(const Scan& scan) const {
   s.fill_motion(motion, result);
   result.rung = BudgetRung::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
-  result.state = s.state_without_registration(s.failures + 1);
+  result.state = s.state_without_registration(1);
+  if (result.state != TrackingState::kInitialising &&
+      !s.is_drivable_step(T_map_base, (scan.end - s.time).seconds()))
+    result.state = TrackingState::kLost;
   fill_covariance(
-      {{}, s.prediction_square, s.drift.variance(), (scan.end - s.time).seconds(), s.failures + 1}, result);
+      {{}, s.prediction_square, s.drift.variance(), (scan.end - s.time).seconds(),
+       (scan.end - s.registered_time).seconds()},
+      result);
   return result;
 }
 

@@ -1,4 +1,5 @@
 #include "odometry_state.hpp"
+#include "registration_solver.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -11,15 +12,12 @@ namespace {
 constexpr double kErrorMemory = 0.9;
 constexpr int kGuessIsForgotten = 100;
 constexpr double kPeriodMemory = 0.9;
-// An inlier share below this part of its running mean is not tracking.
-constexpr double kInlierCollapse = 0.75;
-// Where the prediction is worth little a wrong pose is as easily found as the right one, and the ground alone
-// agrees with any: nearly as much as while tracking is asked for. Few points that happen to meet a plane
-// agree with it anywhere, so their number counts, too.
-constexpr double kInlierReturn = 0.95;
-constexpr double kInlierCountReturn = 0.25;
-constexpr double kInlierMemory = 0.95;
+// An agreement with the map below this part of its running mean is not tracking.
+constexpr double kAgreementCollapse = 0.75;
+constexpr double kAgreementMemory = 0.95;
+// Poses in a row that are predicted, and that agree with the map worse than usual.
 constexpr int kLostAfterFailures = 5;
+constexpr int kLostAfterDoubts = 8;
 // No road vehicle is faster, or turns faster.
 constexpr double kMaxSpeed = 90.0;
 constexpr double kMaxTurnRate = 6.0;
@@ -40,33 +38,53 @@ double metres_of(const SE3& error) {
 
 }  // namespace
 
-bool Odometry::State::is_plausible(const OdometryResult& result) const {
-  const RegistrationResult& r = registration;
-  if (!r.T_map_moving.is_finite() || r.stop_reason == StopReason::kTooFewPoints ||
-      r.stop_reason == StopReason::kNonFinite || has_no_time()) {
-    return false;
-  }
-  if (motion.body_velocity().norm() > kMaxSpeed || motion.mean_angular_velocity().norm() > kMaxTurnRate)
-    return false;
-  if (scans < kInitialScans) return true;
-  if (!relocated && searches == 0 && !after_gap())
-    return result.inlier_ratio > kInlierCollapse * mean_inlier_ratio;
-  // Where an axis that was shown is hidden, what agrees may be no more than the ground.
-  const bool shows_less = relocated && (registration.degenerate_axes & ~hidden_axes) != 0;
-  return !shows_less && result.inlier_ratio > kInlierReturn * mean_inlier_ratio &&
-         registration.equations.inliers > kInlierCountReturn * mean_inliers;
+bool Odometry::State::has_pose() const {
+  return registration.T_map_moving.is_finite() && registration.stop_reason != StopReason::kTooFewPoints &&
+         registration.stop_reason != StopReason::kNonFinite && !has_no_time();
 }
 
+bool Odometry::State::is_plausible() const {
+  if (!has_pose() || motion.body_velocity().norm() > kMaxSpeed ||
+      motion.mean_angular_velocity().norm() > kMaxTurnRate)
+    return false;
+  // A place that was searched for is a local optimum, or nothing: none is somewhere on the way to one.
+  return !relocated || has_converged();
+}
+
+double Odometry::State::agreement() const {
+  return registered_points == 0 ? 0.0
+                                : registration.equations.agreement / static_cast<double>(registered_points);
+}
+
+bool Odometry::State::is_in_family() const {
+  return scans < kInitialScans || agreement() > kAgreementCollapse * mean_agreement;
+}
+
+bool Odometry::State::is_doubtful() const { return !is_plausible() || !is_in_family(); }
+
 SE3 Odometry::State::prediction_error() const { return T_predicted.inverse() * registration.T_map_moving; }
+
+/// Whether a vehicle can have been accelerated so far off a constant motion in that time.
+bool Odometry::State::is_drivable(const SE3& off, double seconds) {
+  return off.translation.norm() <= kMaxAcceleration * seconds * seconds &&
+         so3_log(off.rotation).norm() <= kMaxTurnAcceleration * seconds * seconds;
+}
+
+/// Whether a vehicle can have driven from the last published pose to this one.
+bool Odometry::State::is_drivable_step(const SE3& T_map_end, double seconds) const {
+  const SE3 step = T_published.inverse() * T_map_end;
+  const double reach =
+      std::min(kMaxSpeed, published_speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
+  return step.translation.norm() <= reach &&
+         so3_log(step.rotation).norm() <= kMaxTurnRate * seconds + kScanErrorMetres;
+}
 
 /// Farther from its prediction than scans lately were from theirs, and than any acceleration brings it since
 /// it was seen last.
 bool Odometry::State::is_out_of_reach() const {
   const SE3 error = prediction_error();
   if (scans < kInitialScans || metres_of(error) < kGateSigmas * sigma_m) return false;
-  const double seconds = ahead.span_s() * (failures + 1);
-  return error.translation.norm() > kMaxAcceleration * seconds * seconds ||
-         so3_log(error.rotation).norm() > kMaxTurnAcceleration * seconds * seconds;
+  return !is_drivable(error, ahead.span_s() * (failures + 1));
 }
 
 void Odometry::State::learn_gyro_bias() {
@@ -184,13 +202,13 @@ void Odometry::State::accept(OdometryResult& result) {
     forget_prediction_error();
   } else {
     learn_motion();
-    searches = 0;
-    hidden_axes = registration.degenerate_axes;
   }
   if (!motion_compensated) result.deskew_rate = deskew_rate;
-  const double memory = mean_inlier_ratio == 0.0 ? 0.0 : kInlierMemory;
-  mean_inlier_ratio = memory * mean_inlier_ratio + (1.0 - memory) * result.inlier_ratio;
-  mean_inliers = memory * mean_inliers + (1.0 - memory) * registration.equations.inliers;
+  doubtful = !is_in_family() || relocated;
+  const double memory = mean_agreement == 0.0 ? 0.0 : kAgreementMemory;
+  if (!doubtful) mean_agreement = memory * mean_agreement + (1.0 - memory) * agreement();
+  doubts = doubtful ? doubts + 1 : 0;
+  if (!doubtful) searches = 0;
   failures = 0;
   count_scan_with_ndt();
   const double span_s = ahead.span_s();
@@ -199,18 +217,21 @@ void Odometry::State::accept(OdometryResult& result) {
   T_accepted = T_map_base;
   result.stop_reason = registration.stop_reason;
   result.degenerate_axes = registration.degenerate_axes;
-  result.state = scans < kInitialScans                            ? TrackingState::kInitialising
-                 : registration.degenerate_axes != 0 || relocated ? TrackingState::kDegraded
-                                                                  : TrackingState::kTracking;
+  const bool is_degraded = registration.degenerate_axes != 0 || doubtful;
+  result.state = scans < kInitialScans        ? TrackingState::kInitialising
+                 : doubts >= kLostAfterDoubts ? TrackingState::kLost
+                 : is_degraded                ? TrackingState::kDegraded
+                                              : TrackingState::kTracking;
 }
 
-TrackingState Odometry::State::state_without_registration(int failures_in_a_row) const {
+TrackingState Odometry::State::state_without_registration(int scans_to_come) const {
   if (scans < kInitialScans) return TrackingState::kInitialising;
-  return failures_in_a_row >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
+  return failures + scans_to_come >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
 }
 
 void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
+  ++doubts;
   skip_motion();
   motion.predict(expected_twist(ahead).head<3>());
   twist.hold(measured_step());
@@ -220,11 +241,12 @@ void Odometry::State::fall_back(OdometryResult& result) {
   result.stop_reason = registration.stop_reason == StopReason::kConverged ? StopReason::kDegenerate
                        : sweep.empty() && budget.was_short()              ? StopReason::kBudget
                                                                           : registration.stop_reason;
-  result.state = state_without_registration(failures);
+  result.state = state_without_registration();
 }
 
 void Odometry::State::judge(OdometryResult& result) {
-  if (is_plausible(result)) {
+  const bool is_tracked = !relocated && has_converged();
+  if (is_plausible() && (is_tracked || is_in_family() || !is_out_of_reach())) {
     accept(result);
   } else {
     fall_back(result);

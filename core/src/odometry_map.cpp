@@ -24,7 +24,7 @@ constexpr double kStandingTurnRate = 0.01;
 constexpr double kStandingMetres = 0.02;
 constexpr double kStandingRadians = 0.002;
 // Fewer points make no map to register against.
-constexpr std::size_t kMinStartPoints = 500;
+constexpr std::size_t kMinStartPoints = 50;
 constexpr double kStillForceDeviation = 0.5;
 
 }  // namespace
@@ -71,9 +71,10 @@ void Odometry::State::forget_map() {
   if (scans < kInitialScans) T_map_base = T_accepted;
   scans = 0;
   failures = 0;
+  doubts = 0;
   searches = 0;
   twist.reset(Vector6::Zero());
-  mean_inlier_ratio = 0.0;
+  mean_agreement = 0.0;
   forget_prediction_error();
   scans_with_ndt = kLeastScansWithNdt;
   prediction_error_m = 0.0;
@@ -172,7 +173,7 @@ void Odometry::State::update_maps() {
   const SE3 since_fed = T_fed.inverse() * T_map_middle;
   const bool got_somewhere =
       since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
-  const bool moved_as_known = failures == 0 && !relocated;
+  const bool moved_as_known = failures == 0 && !doubtful;
   if (moved_as_known && (feeds_densely || (!stands && got_somewhere))) {
     insert(sweep, deskewed, T_map_base);
     T_fed = T_map_middle;

@@ -108,11 +108,12 @@ SE3 Odometry::State::refine_motion(SE3& T_map_end) {
   return T_registered.inverse() * T_map_end;
 }
 
-/// What NDT found, where ICP found no time. All of its points count that met a voxel.
-RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse) const {
-  coarse.stop_reason = StopReason::kBudget;
-  coarse.equations.inliers = static_cast<std::uint32_t>(
-      std::min(selected.size(), coarse.equations.correspondences * selected.size() / coarse_points.size()));
+/// What NDT found, where ICP found too few points or no time. NDT has no inliers of its own.
+RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const PlaneMetric& metric) {
+  if (has_no_time()) coarse.stop_reason = StopReason::kBudget;
+  const NormalEquations agreeing = plane_equations(planes, selected, coarse.T_map_moving, metric);
+  coarse.equations.inliers = agreeing.inliers;
+  coarse.equations.agreement = agreeing.agreement;
   return coarse;
 }
 
@@ -125,14 +126,21 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
       return;
     }
     motion.deskew(selected_sweep, selected);
+    registered_points = selected.size();
     if (coarse && pass == 0) by_coarse = register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
-    if (has_no_time() && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse);
+    // A minimum among few points is worth less than NDT's.
+    const bool has_failed = !has_pose() || 2 * registration.equations.correspondences <
+                                               by_coarse.equations.correspondences;
+    if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric);
     ++result.passes;
     if (has_no_time()) return;
     if (!registration.T_map_moving.is_finite()) return;
-    if (relocated) return;
+    if (relocated) {
+      if (registration.stop_reason != StopReason::kMaxIterations) return;
+      continue;
+    }
     const SE3 change = refine_motion(registration.T_map_moving);
     const bool settled = change.translation.norm() < kMotionEpsilonMetres &&
                          so3_log(change.rotation).norm() < kMotionEpsilonRadians;
@@ -160,11 +168,8 @@ void Odometry::State::register_sweep(OdometryResult& result) {
   }
   register_points(coarse_was_due, plane_metric(sigma_m), result);
   count_inliers(result);
-  const bool is_tracked = is_plausible(result) && !is_out_of_reach();
-  if (scans < kInitialScans || is_tracked || sweep.empty() || has_no_time()) return;
-  search_lost_vehicle(result);
-  register_points(false, plane_metric(kMinSigmaMetres), result);
-  count_inliers(result);
+  if (scans < kInitialScans || sweep.empty() || has_no_time() || !is_doubtful()) return;
+  compare_hypotheses(result);
 }
 
 /// The time was over before the first iteration, which says nothing of where the vehicle is.
@@ -180,11 +185,11 @@ BudgetRung Odometry::State::rung_of(const OdometryResult& result) const {
 }
 
 void Odometry::State::count_inliers(OdometryResult& result) const {
-  result.points_used = static_cast<std::uint32_t>(selected.size());
+  result.points_used = static_cast<std::uint32_t>(registered_points);
   result.correspondences = registration.equations.correspondences;
-  result.inlier_ratio = selected.empty() ? 0.0
-                                         : static_cast<double>(registration.equations.inliers) /
-                                               static_cast<double>(selected.size());
+  result.inlier_ratio = registered_points == 0 ? 0.0
+                                               : static_cast<double>(registration.equations.inliers) /
+                                                     static_cast<double>(registered_points);
 }
 
 /// From the middle of one sweep to that of the next, which deskewing with a wrong motion hardly moves.
@@ -197,7 +202,7 @@ RegisteredMotion Odometry::State::registered_motion() const {
 
 /// A gyro that the registration contradicts has already bent the scan by deskewing it: once more, without it.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
-  if (!ahead.imu_used || relocated || !is_plausible(result) ||
+  if (!ahead.imu_used || relocated || !is_plausible() ||
       !monitor.contradicts(imu, gyro_bias, registered_motion()))
     return;
   monitor.demote();

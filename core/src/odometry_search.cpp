@@ -90,6 +90,43 @@ SE3 Odometry::State::lost_hypothesis(std::size_t i) const {
                            Vector3(h.forward_m, 0.0, 0.0)};
 }
 
+/// The pose that was registered from the prediction stays unless one that is searched for agrees with the map
+/// better; where no vehicle can have driven to, it has to agree as well as while tracking. Elsewhere it is
+/// motion like any other.
+void Odometry::State::compare_hypotheses(OdometryResult& result) {
+  const bool was_relocated = relocated;
+  const RegistrationResult tracked = registration;
+  const SweepMotion tracked_motion = motion;
+  const double tracked_agreement = has_pose() ? agreement() : 0.0;
+  const std::size_t tracked_points = registered_points;
+  if (!was_relocated) {
+    register_anew(result);
+    if (has_pose() && is_in_family() && is_drivable(prediction_error(), ahead.span_s())) return;
+  }
+  search_lost_vehicle(result);
+  register_points(false, plane_metric(kMinSigmaMetres), result);
+  const bool is_motion = !was_relocated && is_drivable(prediction_error(), ahead.span_s());
+  if (!has_converged() || agreement() <= tracked_agreement || !(is_motion || is_in_family())) {
+    relocated = was_relocated;
+    registration = tracked;
+    motion = tracked_motion;
+    registered_points = tracked_points;
+  } else if (is_motion) {
+    relocated = false;
+    register_points(false, plane_metric(sigma_m), result);
+  }
+  count_inliers(result);
+}
+
+/// From the prediction as if it were worth as little as after a gap.
+void Odometry::State::register_anew(OdometryResult& result) {
+  registration = {};
+  registration.T_map_moving = T_map_base * motion.predict(expected_twist(ahead).head<3>());
+  select_points(registration.T_map_moving);
+  register_points(method.coarse, plane_metric(kMaxSigmaMetres), result);
+  count_inliers(result);
+}
+
 void Odometry::State::search_lost_vehicle(OdometryResult& result) {
   relocated = true;
   motion.predict(expected_twist(ahead).head<3>());

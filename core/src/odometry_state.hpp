@@ -140,22 +140,31 @@ struct Odometry::State {
   void register_sweep(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
   RegistrationResult register_coarse(OdometryResult& result);
-  [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse) const;
+  [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse, const PlaneMetric& metric);
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
   [[nodiscard]] SE3 start_hypothesis(std::size_t i) const;
   [[nodiscard]] SE3 lost_hypothesis(std::size_t i) const;
   void register_from_standstill(OdometryResult& result);
+  void compare_hypotheses(OdometryResult& result);
+  void register_anew(OdometryResult& result);
   void search_lost_vehicle(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
   SE3 refine_motion(SE3& T_map_end);
   void register_points(bool coarse, const PlaneMetric& metric, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool has_no_time() const;
-  [[nodiscard]] TrackingState state_without_registration(int failures_in_a_row) const;
+  [[nodiscard]] TrackingState state_without_registration(int scans_to_come = 0) const;
   [[nodiscard]] BudgetRung rung_of(const OdometryResult& result) const;
-  [[nodiscard]] bool is_plausible(const OdometryResult& result) const;
+  [[nodiscard]] bool has_pose() const;
+  [[nodiscard]] bool is_plausible() const;
   [[nodiscard]] SE3 prediction_error() const;
+  [[nodiscard]] static bool is_drivable(const SE3& off, double seconds);
+  [[nodiscard]] bool is_drivable_step(const SE3& T_map_end, double seconds) const;
   [[nodiscard]] bool is_out_of_reach() const;
+  [[nodiscard]] bool has_converged() const { return registration.stop_reason == StopReason::kConverged; }
+  [[nodiscard]] double agreement() const;
+  [[nodiscard]] bool is_in_family() const;
+  [[nodiscard]] bool is_doubtful() const;
   void judge(OdometryResult& result);
   void accept(OdometryResult& result);
   void fall_back(OdometryResult& result);
@@ -231,8 +240,11 @@ struct Odometry::State {
   SE3 T_odom_map;
   SE3 T_map_base;
   SE3 T_accepted;  ///< the last pose that is not a prediction
+  SE3 T_published;
+  double published_speed = 0.0;  ///< of its twist, m/s
   SE3 T_fed;       ///< the middle of the sweep that the map was fed last
   Time time;
+  Time registered_time;  ///< of the last pose that is not a prediction
   SE3 T_predicted;
   Outlook ahead;  ///< of the scan that is registered
   bool coarse_was_due = false;
@@ -240,9 +252,10 @@ struct Odometry::State {
   /// The previous pose was a prediction, or this one was searched for: what lies between them is no motion of
   /// this scan.
   bool relocated = false;
-  /// Since a scan was tracked last: which axes that one did not show, and how often the vehicle was looked
-  /// for everywhere.
-  std::uint8_t hidden_axes = 0;
+  /// The last pose was searched for or agrees with the map worse than usual; how many did so in a row,
+  /// predicted ones included, and after how many of them the vehicle was looked for everywhere.
+  bool doubtful = false;
+  int doubts = 0;
   int searches = 0;
   SE3 last_half_sweep;  ///< of the scan before: from the middle of its sweep to its end
   double last_sweep_s = 0.0;
@@ -258,11 +271,11 @@ struct Odometry::State {
   double plane_voxel_m = 0.0;
   UnobservedDrift drift;
   double period_s = 0.1;  ///< between poses, slowly averaged
-  double mean_inlier_ratio = 0.0;
-  double mean_inliers = 0.0;
+  double mean_agreement = 0.0;
   int scans_with_ndt = kLeastScansWithNdt;  ///< that are still to come
   int failures = 0;
-  std::size_t scan_points = 0;  ///< of the scan that are looked at
+  std::size_t scan_points = 0;        ///< of the scan that are looked at
+  std::size_t registered_points = 0;  ///< that `registration` was given
   /// Where the search for a lost vehicle goes on, when a scan's time was over before its end.
   std::size_t next_hypothesis = 0;
   RegistrationResult registration;

@@ -17,11 +17,14 @@ constexpr double kTranslationFloor = 0.002 * 0.002;
 constexpr double kRotationFloor = 5e-5 * 5e-5;
 constexpr double kUnobservedTranslation = 1.0;
 constexpr double kUnobservedRotation = 0.1 * 0.1;
+// What a vehicle's velocity may change by while it is not seen: m^2/s^2, rad^2/s^2.
+constexpr double kUnseenSpeedSquare = 10.0 * 10.0;
+constexpr double kUnseenTurnRateSquare = 1.0;
 
-Matrix6 unobserved_covariance() {
+Vector6 predicted_variance(double seconds) {
   Vector6 variance;
-  variance << Vector3::Constant(kUnobservedTranslation), Vector3::Constant(kUnobservedRotation);
-  return variance.asDiagonal();
+  variance << Vector3::Constant(kUnseenSpeedSquare), Vector3::Constant(kUnseenTurnRateSquare);
+  return variance * (seconds * seconds);
 }
 
 }  // namespace
@@ -44,7 +47,7 @@ void fill_covariance(const PoseEvidence& evidence, OdometryResult& result) {
       kRotationFloor, kRotationFloor;
   const NormalEquations& equations = evidence.registration.equations;
   if (result.predicted) {
-    covariance += unobserved_covariance() * (evidence.failures * evidence.failures);
+    covariance.diagonal() += predicted_variance(evidence.predicted_s);
   } else if (equations.weight_sum > 0.0) {
     // Unobserved directions make H singular; a weak prior of their own size keeps the inverse finite.
     Matrix6 information = equations.H / measurement_variance(equations);

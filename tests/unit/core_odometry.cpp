@@ -251,3 +251,68 @@ TEST_CASE("a drive that goes on in another place is lost, begun anew there and t
     CHECK(so3_log(moved.rotation).norm() < 0.005);
   }
 }
+
+TEST_CASE("a sharp corner keeps the registered poses, without an IMU") {
+  // From straight on to 86 deg/s within 0.3 s.
+  const auto yaw_at = [](double t) {
+    const double since = std::clamp(t - 3.0, 0.0, 1.2);
+    return since < 0.3 ? 2.5 * since * since : 1.5 * (since - 0.15);
+  };
+  const PoseFunction corner = [&](double t) {
+    constexpr double kSpeed = 6.0;
+    constexpr double kStep = 0.005;
+    SE3 pose;
+    for (double time = std::min(t, 0.0); time < t; time += kStep) {
+      const double yaw = yaw_at(time + 0.5 * kStep);
+      pose.translation += std::min(kStep, t - time) * kSpeed * Vector3(std::cos(yaw), std::sin(yaw), 0.0);
+    }
+    pose.rotation = Eigen::Quaterniond(Eigen::AngleAxisd(yaw_at(t), Vector3::UnitZ()));
+    return pose;
+  };
+  RunSettings settings;
+  settings.scans = 50;
+  const Run run = run_odometry(corner, settings);
+  for (const OdometryResult& result : run.results) {
+    CHECK_FALSE(result.predicted);
+    CHECK(result.state != TrackingState::kLost);
+  }
+  CHECK(run.end_error_m < 0.5);
+}
+
+TEST_CASE("the covariance of a predicted pose grows with the time since the last registered one") {
+  const Room room = Room::with_pillars();
+  Odometry odometry(OdometryConfig{});
+  for (int i = 0; i < 10; ++i)
+    odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
+  const auto deviation_after = [&](double seconds) {
+    const Scan scan = scan_room(room, driving, 9 * kPeriod + seconds, 10);
+    return std::sqrt(odometry.predict_pose(scan).pose_covariance(0, 0));
+  };
+  CHECK(deviation_after(4.0) == Approx(4.0 * deviation_after(1.0)).epsilon(0.01));
+}
+
+TEST_CASE("scans of few points start a map where none is") {
+  RunSettings settings;
+  settings.scans = 20;
+  settings.damage = [](int i, Scan& scan) {
+    std::vector<Point> few;
+    for (std::size_t k = 0; i > 2 && k < scan.points.size(); k += 40) few.push_back(scan.points[k]);
+    scan.points = few;
+  };
+  const Run run = run_odometry([](double) { return SE3{}; }, settings);
+  CHECK(run.results.back().points_filtered > 0);
+  CHECK(run.results.back().points_filtered < 500);
+  CHECK(run.results.back().map_voxels > 0);
+}
+
+TEST_CASE("a published step that no vehicle can have driven is lost") {
+  const PoseFunction jumping = [](double t) {
+    return SE3{Eigen::Quaterniond::Identity(), Vector3(t < 3.0 ? 0.0 : 4.0, 0.0, 0.0)};
+  };
+  const Run run = run_odometry(jumping, {});
+  for (std::size_t i = 6; i < run.results.size(); ++i) {
+    const SE3 step = run.results[i - 1].T_odom_base.inverse() * run.results[i].T_odom_base;
+    if (step.translation.norm() > 2.0) CHECK(run.results[i].state == TrackingState::kLost);
+  }
+  CHECK(run.results.back().state == TrackingState::kTracking);
+}

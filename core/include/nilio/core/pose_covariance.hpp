@@ -29,14 +29,14 @@ struct PoseEvidence {
   const Vector6& prediction_square;
   /// Of axes that the scans have not shown lately.
   Vector6 drift = Vector6::Zero();
-  double span_s = 0.0;  ///< since the previous pose
-  int failures = 0;     ///< poses in a row, this one included, that are only predicted
+  double span_s = 0.0;       ///< since the previous pose
+  double predicted_s = 0.0;  ///< since the last pose that was registered
 };
 
 /// Fills pose and twist covariance of a result whose pose is set: the inverse of the information matrix times
 /// the residual variance; what deskewing with a motion that has changed since does to a scan; floors for what
-/// neither shows (calibration, map noise). Along axes that are not observed, and for poses that are only
-/// predicted, the variance grows with every such pose.
+/// neither shows (calibration, map noise). Along axes that are not observed the variance grows with every such
+/// pose, for poses that are only predicted with the time since the last registered one.
 void fill_covariance(const PoseEvidence& evidence, OdometryResult& result);
 
 }  // namespace nilio::core
