@@ -73,8 +73,9 @@ bool Odometry::State::is_drivable(const SE3& off, double seconds) {
 /// Whether a vehicle can have driven from the last published pose to this one.
 bool Odometry::State::is_drivable_step(const SE3& T_map_end, double seconds) const {
   const SE3 step = T_published.inverse() * T_map_end;
-  const double reach =
-      std::min(kMaxSpeed, published_speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
+  // A corrected speed is no jump.
+  const double speed = std::max(published_speed, motion.body_velocity().norm());
+  const double reach = std::min(kMaxSpeed, speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
   return step.translation.norm() <= reach &&
          so3_log(step.rotation).norm() <= kMaxTurnRate * seconds + kScanErrorMetres;
 }
