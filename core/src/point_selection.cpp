@@ -82,7 +82,8 @@ void PointSelector::sort_candidates(const VoxelMap& map, std::span<const Eigen::
     }
     map.find_all(indices, count, surfaces);
     for (std::size_t k = 0; k < count; ++k) {
-      if (surfaces[k] == nullptr || !surfaces[k]->is_seen_by_several_beams()) continue;
+      // As the equations: a line of points is of a beam or two, which moves with the sensor.
+      if (surfaces[k] == nullptr || surfaces[k]->planarity >= 1.0F) continue;
       const std::uint32_t i = candidates_[begin + k];
       const bool has_plane = surfaces[k]->planarity <= limit;
       const std::size_t group = !has_plane ? kGaussianGroup : group_of(R_moving_map * surfaces[k]->normal, positions[i].squaredNorm());

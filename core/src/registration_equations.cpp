@@ -61,14 +61,20 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
 }
 
 /// The residuals of a point at `error` from the mean of a voxel without a plane, along the three axes of its
-/// Gaussian: each weighs what that of a plane as thick as the Gaussian is along its normal does.
+/// Gaussian: each weighs what that of a plane as thick as the Gaussian is along its normal does, but nothing
+/// where it fills the voxel evenly, as an edge does along itself: points are looked up by voxel, so their mean
+/// is that of the voxel wherever they are.
 /// Returns the squared residual that the three together are worth, m^2.
-double add_gaussian(const VoxelSurface& surface, const Vector3& error, const Vector3& q,
+double add_gaussian(const VoxelSurface& surface, const Vector3& error, const Vector3& q, double voxel_size_m,
                     const PlaneMetric& metric, NormalEquations& equations) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const Matrix3 information = information_of(surface);
-  const Matrix3 weights =
+  const Matrix3 thinness =
       point_variance * information * (Matrix3::Identity() + point_variance * information).inverse();
+  const double of_full_voxel = point_variance / (point_variance + voxel_size_m * voxel_size_m / 12.0);
+  const Matrix3 full = of_full_voxel * Matrix3::Identity();
+  const Matrix3 excess = thinness - full;
+  const Matrix3 weights = excess * excess * (thinness + full).inverse();
   const Vector3 gradient = weights * error;
   const double square = error.dot(gradient);
   const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
@@ -113,7 +119,10 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         if (surface == nullptr || !surface->is_seen_by_several_beams()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
         if (surface->planarity > max_planarity) {
-          const double square = add_gaussian(*surface, offset, q, metric, equations);
+          // A line of points is of a beam or two, which moves with the sensor.
+          if (surface->planarity >= 1.0F) return;
+          const double square =
+              add_gaussian(*surface, offset, q, map.config().voxel_size_m, metric, equations);
           equations.agreement += agreement_of(square / (3.0 * point_variance));
           ++equations.correspondences;
           if (square < inlier_square) ++equations.inliers;
