@@ -56,7 +56,7 @@ int status_lines_with_imu(const std::string& log) {
   for (std::string line; std::getline(text, line);) {
     const auto has = [&line](const char* words) { return line.find(words) != std::string::npos; };
     used = has("IMU: in use") || (used && !has("IMU: rejected"));
-    silent = has("IMU silent") || (silent && !has("IMU frames again"));
+    silent = has("IMU silent") || (silent && !has("IMU frames received again"));
     if (!used || silent) good = 0;
     if (std::regex_search(line, status)) ++good;
   }
