@@ -78,8 +78,7 @@ TEST_CASE("odometry, workers and receive threads have the policy and CPUs of the
   });
   REQUIRE(searching.size() == 1);
   CHECK(scheduling_of(searching[0]).policy == SCHED_OTHER);
-  CHECK(any_contains(started.outcomes, true,
-                     "nilio-lidar: FIFO 17 on CPU " + config.realtime.lidar_cpus));
+  CHECK(any_contains(started.outcomes, true, "nilio-lidar: FIFO 17 on CPU " + config.realtime.lidar_cpus));
   CHECK(any_contains(started.outcomes, true, "FIFO threads"));
 }
 

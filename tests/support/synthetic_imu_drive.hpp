@@ -29,7 +29,9 @@ struct SyntheticImuDrive {
                           turn.cross(turn.cross(arm)) + up + Vector3(0.02, -0.01, 0.03);
     const Vector3 gyro = T_base_imu.rotation.conjugate() * turn;
     const Vector3 measured = scale * (T_base_imu.rotation.conjugate() * force);
-    return {core::Time::from_seconds(t), {gyro.x(), gyro.y(), gyro.z()}, {measured.x(), measured.y(), measured.z()}};
+    return {core::Time::from_seconds(t),
+            {gyro.x(), gyro.y(), gyro.z()},
+            {measured.x(), measured.y(), measured.z()}};
   }
 };
 

@@ -1,8 +1,8 @@
 #include "nilio/core/registration_method.hpp"
 
 #include "tools/bench/bench.hpp"
-#include "tools/commands/commands.hpp"
 #include "tools/commands/command_line.hpp"
+#include "tools/commands/commands.hpp"
 
 #include <cstdio>
 #include <filesystem>

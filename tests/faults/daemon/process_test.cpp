@@ -157,8 +157,7 @@ TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies 
   CHECK(samples > 700);
   CHECK(report["counters"]["publisher_samples_dropped"] == 0);
   std::smatch match;
-  REQUIRE(
-      std::regex_search(finished.output, match, std::regex("IMU rate: ([0-9]+) poses, 0 writes failed")));
+  REQUIRE(std::regex_search(finished.output, match, std::regex("IMU rate: ([0-9]+) poses, 0 writes failed")));
   const std::uint64_t poses = std::stoull(match[1].str());
   // No deadline before the pose of the first scan, which may be late on a busy computer.
   CHECK(poses > samples / 2);

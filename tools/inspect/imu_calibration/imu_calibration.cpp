@@ -42,7 +42,7 @@ core::ImuBuffer shifted_buffer(std::span<const core::ImuSample> samples, const E
 }
 
 core::GyroAlignmentEstimate fit_rotation(std::span<const core::RegisteredMotion> motions,
-                                    const core::ImuBuffer& imu, core::Duration max_gap) {
+                                         const core::ImuBuffer& imu, core::Duration max_gap) {
   core::GyroAlignment fit;
   for (const core::RegisteredMotion& motion : motions) {
     if (!imu.covers(motion.from - core::kLargestShift, motion.to + core::kLargestShift, max_gap)) continue;
@@ -177,8 +177,8 @@ void check_offset(ImuCalibration& result) {
 /// Finds the offset iteratively, each time with samples shifted by the previous result: the fit has a limited
 /// range and is most accurate near 0.
 core::GyroAlignmentEstimate find_offset(std::span<const core::RegisteredMotion> motions,
-                                   std::span<const core::ImuSample> samples, const ImuMounting& mounting,
-                                   ImuCalibration& result) {
+                                        std::span<const core::ImuSample> samples, const ImuMounting& mounting,
+                                        ImuCalibration& result) {
   double offset_s = 0.0;
   core::GyroAlignmentEstimate rotation;
   for (int round = 0; round < kOffsetRounds; ++round) {
