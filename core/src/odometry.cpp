@@ -60,15 +60,21 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_error_variance);
   if (!result.predicted) registered_time = time;
-  fill_covariance({registration, prediction_error_variance, drift.variance(), motion_prior.span_s(),
-                   (time - registered_time).seconds()},
-                  result);
   fill_motion(motion, result);
   result.degradation_level = degradation_level_of(result);
-  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_base, motion_prior.span_s()))
-    result.state = TrackingState::kLost;
+  fill_confidence(registration, T_map_base, motion_prior.span_s(), (time - registered_time).seconds(),
+                  result);
   T_published = T_map_base;
   published_speed = result.twist.head<3>().norm();
+}
+
+/// Covariance of a pose, `span_s` after the last published and `predicted_s` after the last registered one;
+/// `lost` if no vehicle can have driven to it.
+void Odometry::State::fill_confidence(const RegistrationResult& evidence, const SE3& T_map_pose,
+                                      double span_s, double predicted_s, OdometryResult& result) const {
+  fill_covariance({evidence, prediction_error_variance, drift.variance(), span_s, predicted_s}, result);
+  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_pose, span_s))
+    result.state = TrackingState::kLost;
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {

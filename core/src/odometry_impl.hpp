@@ -149,7 +149,7 @@ struct Odometry::State {
   void relocalize(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
   SE3 refine_motion(SE3& T_map_end);
-  void register_points(bool coarse, const PlaneMetric& metric, OdometryResult& result);
+  void register_points(bool coarse, PlaneMetric metric, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool has_no_time() const;
   [[nodiscard]] TrackingState state_without_registration(int scans_to_come = 0) const;
@@ -175,6 +175,8 @@ struct Odometry::State {
   // Parts of the steps.
   [[nodiscard]] MotionPrior motion_prior_for(const Scan& scan) const;
   void fill_motion(const MotionModel& moved, OdometryResult& result) const;
+  void fill_confidence(const RegistrationResult& evidence, const SE3& T_map_pose, double span_s,
+                       double predicted_s, OdometryResult& result) const;
   void align_with_gravity(const Scan& scan);
   void set_rotation(const MotionModel::Span& target_span, bool with_imu, const Vector6& expected,
                     MotionModel& target) const;

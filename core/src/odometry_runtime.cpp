@@ -63,15 +63,8 @@ OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   result.degradation_level = DegradationLevel::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
   result.state = s.state_without_registration(1);
-  if (result.state != TrackingState::kInitialising &&
-      !s.is_drivable_step(T_map_base, (scan.end - s.time).seconds()))
-    result.state = TrackingState::kLost;
-  fill_covariance({{},
-                   s.prediction_error_variance,
-                   s.drift.variance(),
-                   (scan.end - s.time).seconds(),
-                   (scan.end - s.registered_time).seconds()},
-                  result);
+  s.fill_confidence({}, T_map_base, (scan.end - s.time).seconds(), (scan.end - s.registered_time).seconds(),
+                    result);
   return result;
 }
 

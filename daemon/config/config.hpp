@@ -102,7 +102,7 @@ struct OdometrySection {
   double coarse_voxel_m = 2.0;
   double map_radius_m = 100.0;
   int map_capacity = 65536;
-  int max_passes = 3;
+  int max_passes = 6;
   int max_fine_iterations = 8;
   int max_coarse_iterations = 40;
   double max_imu_gap_ms = 150.0;

@@ -12,6 +12,8 @@ constexpr double kMaxGain = 0.9;
 // Step of the gain, and memory of the innovation variance.
 constexpr double kGainStep = 0.1;
 constexpr double kMemory = 0.9;
+// Beyond this many standard deviations an innovation is no noise.
+constexpr double kNoiseSigmas = 4.0;
 // Trends are extrapolated over two lost scans at most. Roll and pitch rates are body sway with zero mean: no
 // trend, and over a longer gap only this much of them continues.
 constexpr double kMaxExtrapolationSeconds = 0.25;
@@ -37,13 +39,21 @@ Vector6 TwistFilter::predict(const TwistStep& step) const {
   return twist;
 }
 
-TwistFilter::Gains TwistFilter::gains(const Vector6& share, const TwistStep& step) const {
+double TwistFilter::gain_of(int i, double innovation) const {
+  const double square = innovation * innovation;
+  const double noise = kNoiseSigmas * kNoiseSigmas * square_[i];
+  if (i < kRollRate || square <= noise) return gain_[i];
+  return std::max(gain_[i], std::min(kMaxGain, 1.0 - noise / square));
+}
+
+TwistFilter::Gains TwistFilter::gains(const Vector6& error, const Vector6& share,
+                                      const TwistStep& step) const {
   Gains gains;
   for (int i = 0; i < 6; ++i) {
     // Kalata's relation between the gains of velocity and position.
     const double alpha = std::clamp(share[i], 0.01, 1.0);
     const double beta = 2.0 * (2.0 - alpha) - 4.0 * std::sqrt(1.0 - alpha);
-    const double gain = std::min(gain_[i], beta / alpha);
+    const double gain = std::min(gain_of(i, error[i]), beta / alpha);
     gains.slope[i] = gain * gain / (2.0 - gain);
     // At the end of the interval; the mean belongs to its middle.
     gains.twist[i] = gain + 0.5 * gains.slope[i];
@@ -56,7 +66,8 @@ TwistFilter::Gains TwistFilter::gains(const Vector6& share, const TwistStep& ste
 }
 
 Vector6 TwistFilter::correct(const Vector6& mean, const Vector6& share, const TwistStep& step) const {
-  return predict(step) + gains(share, step).twist.cwiseProduct(innovation(mean, step));
+  const Vector6 error = innovation(mean, step);
+  return predict(step) + gains(error, share, step).twist.cwiseProduct(error);
 }
 
 void TwistFilter::hold(const TwistStep& step) {
@@ -73,7 +84,7 @@ void TwistFilter::stand() {
 
 void TwistFilter::update(const Vector6& mean, const Vector6& share, const TwistStep& step) {
   const Vector6 error = innovation(mean, step);
-  const Gains used = gains(share, step);
+  const Gains used = gains(error, share, step);
   twist_ = predict(step) + used.twist.cwiseProduct(error);
   slope_ = share.cwiseProduct(slope_ + used.slope.cwiseProduct(error) / step.seconds);
   slope_.segment<2>(kRollRate).setZero();

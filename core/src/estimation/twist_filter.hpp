@@ -17,9 +17,10 @@ struct TwistStep {
 
 /// Twist of base_link in its own axes (linear m/s, angular rad/s) and its trend: an alpha-beta filter for
 /// each component (Kalata 1984). The gain rises while innovations keep their sign (lag) and falls while they
-/// alternate (noise). It is bounded by Kalata's relation for the observability of the axis, and trends of
-/// unobserved axes decay. Where the accelerometer is used, its acceleration replaces the trend and
-/// MotionFilter gives the gain.
+/// alternate (noise); the first scan of a corner, beyond the noise of its rotation, has a high gain at once,
+/// because it is deskewed with the result. The gain is bounded by Kalata's relation for the observability of
+/// the axis, and trends of unobserved axes decay. Where the accelerometer is used, its acceleration replaces
+/// the trend and MotionFilter gives the gain.
 class TwistFilter {
  public:
   /// Resets to a given twist.
@@ -45,7 +46,8 @@ class TwistFilter {
   [[nodiscard]] Vector6 innovation(const Vector6& mean, const TwistStep& step) const {
     return mean - predict({0.5 * step.seconds, step.acceleration});
   }
-  [[nodiscard]] Gains gains(const Vector6& share, const TwistStep& step) const;
+  [[nodiscard]] double gain_of(int i, double innovation) const;
+  [[nodiscard]] Gains gains(const Vector6& error, const Vector6& share, const TwistStep& step) const;
 
   Vector6 twist_ = Vector6::Zero();
   Vector6 slope_ = Vector6::Zero();

@@ -92,6 +92,13 @@ std::uint8_t find_weak_axes(const Matrix6& information) {
   return axes;
 }
 
+/// Variance of a residual, m^2, less the `spread` of non-planar voxels in the weighted squares.
+double residual_variance(const NormalEquations& equations, double spread) {
+  const double square =
+      equations.weight_sum > 0.0 ? (equations.weighted_square_error - spread) / equations.weight_sum : 0.0;
+  return kCorrelatedResiduals * std::max(kMinResidualVariance, square);
+}
+
 /// Adds kScanErrorMetres (and the equivalent rotation at 30 m) to the covariance; returns its inverse.
 Matrix6 with_error(const Matrix6& information) {
   Vector6 variance;
@@ -122,10 +129,8 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const Matrix6 combined = weighed + Matrix6(held.asDiagonal());
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
   const Vector6 step = solve_ldlt(combined, weighed * wanted - held.cwiseProduct(offset));
-  NormalEquations without_spread = equations;
-  without_spread.weighted_square_error -= equations.gaussian_square_excess;
-  result.degenerate_axes =
-      find_weak_axes(information * (measurement_variance(equations) / measurement_variance(without_spread)));
+  const double noise = residual_variance(equations, equations.gaussian_square_excess);
+  result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
   const Matrix6 covariance = inverse_ldlt(combined);
   result.observability =
       (1.0 - covariance.diagonal().array() * held.array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
@@ -134,11 +139,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
 
 }  // namespace
 
-double measurement_variance(const NormalEquations& equations) {
-  const double square =
-      equations.weight_sum > 0.0 ? equations.weighted_square_error / equations.weight_sum : 0.0;
-  return kCorrelatedResiduals * std::max(kMinResidualVariance, square);
-}
+double measurement_variance(const NormalEquations& equations) { return residual_variance(equations, 0.0); }
 
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result) {

@@ -15,6 +15,8 @@ constexpr double kMotionEpsilonRadians = 2.5e-4;
 // Points times iterations of ICP, about 0.2 ms, from which a second thread pays.
 constexpr std::size_t kMinSharedWork = 4000;
 constexpr double kCoarseTriggerErrorMetres = 0.5;
+// Error of the mean of a non-planar voxel.
+constexpr double kVoxelMeanDeviation = 0.1;
 constexpr double kCoarseTriggerGap = 1.5;
 
 /// Minimum prior variance: the next scan may begin a gentle manoeuvre of 1 m/s^2, or the same displacement at
@@ -25,6 +27,14 @@ Vector6 min_prediction_error_variance() {
   square << Vector3::Constant(kMinMetres * kMinMetres),
       Vector3::Constant(kMinMetres * kMinMetres / (kErrorLeverMetres * kErrorLeverMetres));
   return square;
+}
+
+/// Weight of Gaussians beside a prior from the accelerometer. All points of a voxel share the error of its
+/// mean, which their number does not reduce: a better prediction is not drawn to it.
+double gaussian_weight(const std::optional<PosePrior>& prior) {
+  if (!prior || !prior->translation_is_gaussian) return 1.0;
+  const double variance = prior->variance.head<3>().maxCoeff();
+  return variance / (variance + kVoxelMeanDeviation * kVoxelMeanDeviation);
 }
 
 /// Whether the coarse pose is usable, also if the budget ended before convergence.
@@ -118,8 +128,10 @@ RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const
   return coarse;
 }
 
-void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, OdometryResult& result) {
+void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryResult& result) {
   const std::optional<PosePrior> prior = pose_prior();
+  metric.gaussian_weight = gaussian_weight(prior);
+  const bool by_accelerometer = motion_prior.is_stationary || (prior && prior->translation_is_gaussian);
   RegistrationResult by_coarse;
   for (int pass = 0; pass < config.max_passes; ++pass) {
     if (pass > 0 && !budget.allows(WorkKind::kIcp, selected_sweep.size())) {
@@ -131,9 +143,11 @@ void Odometry::State::register_points(bool coarse, const PlaneMetric& metric, Od
     if (coarse && pass == 0) by_coarse = register_coarse(result);
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
-    // ICP with less than half of NDT's correspondences is a minimum among few points.
-    const bool has_failed =
-        !has_pose() || 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
+    // ICP with less than half of NDT's correspondences is a minimum among few points; NDT also follows
+    // moving objects, so not beside the accelerometer.
+    const bool has_few =
+        !by_accelerometer && 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
+    const bool has_failed = !has_pose() || has_few;
     if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric);
     ++result.passes;
     if (has_no_time()) return;

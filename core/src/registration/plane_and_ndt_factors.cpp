@@ -76,7 +76,7 @@ double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Ve
   const double square = error.dot(gradient);
   const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
   const double root = scale_square / (scale_square + square);
-  const double weight = root * root * familiarity(surface);
+  const double weight = metric.gaussian_weight * root * root * familiarity(surface);
   add_point(weight * weights, weight * gradient, q, equations);
   equations.weighted_square_error += weight * square;
   equations.weight_sum += weight * weights.trace();

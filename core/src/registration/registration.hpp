@@ -49,6 +49,8 @@ struct PlaneMetric {
   /// Deviation of a point from a perfectly known plane, metres: range noise and roughness. The uncertainty of
   /// a plane is weighed against it.
   double point_deviation_m = 0.05;
+  /// Weight of non-planar voxels against planes, 0 to 1.
+  double gaussian_weight = 1.0;
 };
 
 /// Point-to-plane equations against each point's home voxel (NI-LIO 3.3): r = n . (T p - mean).

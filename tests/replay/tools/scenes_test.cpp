@@ -105,6 +105,16 @@ TEST_CASE("traffic on a highway does not displace the pose", "[scenes][drives]")
   CHECK(run.accuracy.far->translation_percent < 0.5);
 }
 
+TEST_CASE("a departure among faster traffic is tracked, with an IMU", "[scenes][drives]") {
+  for (const char* seed : {"1", "3"}) {
+    CAPTURE(seed);
+    const SceneRun run = drive("highway", {"--duration", "12", "--seed", seed});
+    CHECK(run.count(TrackingState::kLost) == 0);
+    REQUIRE(run.accuracy.near);
+    CHECK(run.accuracy.near->translation_percent < 1.0);
+  }
+}
+
 TEST_CASE("the pose of a parked car stays constant while traffic passes and a bus stops beside it",
           "[scenes][drives]") {
   const SceneRun run = drive("standstill", {"--duration", "30"});

@@ -145,3 +145,19 @@ TEST_CASE("roll and pitch rates have no trend, and over a gap neither trend nor 
   CHECK(later[5] == filter.twist()[5]);
   CHECK(later.segment<2>(3).norm() < 0.3 * filter.twist().segment<2>(3).norm());
 }
+
+TEST_CASE("the first scan of a corner is deskewed with the measured rate, a noisy one with the mean rate",
+          "[deskewing]") {
+  TwistFilter filter;
+  filter.reset(Vector6::Zero());
+  const TwistStep step{0.1, {}, Vector3::Zero()};
+  const Vector6 observed = Vector6::Ones();
+  constexpr double kNoise = 0.002;
+  for (int i = 0; i < 40; ++i)
+    filter.update(Vector6::Constant(i % 2 == 0 ? kNoise : -kNoise), observed, step);
+  const Vector6 noisy = filter.correct(Vector6::Constant(kNoise), observed, step);
+  CHECK(std::abs(noisy[5]) < 0.6 * kNoise);
+  Vector6 corner = Vector6::Zero();
+  corner[5] = 0.5;
+  CHECK(filter.correct(corner, observed, step)[5] > 0.8 * corner[5]);
+}

@@ -46,7 +46,7 @@ struct OdometryConfig {
 
   RegistrationMethod registration = RegistrationMethod::kNdtIcp;
   CoarsePolicy coarse = CoarsePolicy::kAuto;
-  int max_passes = 3;
+  int max_passes = 6;
   int max_fine_iterations = 8;
   int max_coarse_iterations = 40;
 
