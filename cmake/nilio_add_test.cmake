@@ -9,13 +9,12 @@ function(nilio_add_test area)
     return()
   endif()
   add_executable(test_${area} ${sources})
+  # The files of tests repeat the names of their helpers.
+  set_target_properties(test_${area} PROPERTIES UNITY_BUILD OFF)
   target_include_directories(test_${area} PRIVATE ${root})
   target_precompile_headers(test_${area} PRIVATE <catch2/catch.hpp>)
-  target_link_libraries(test_${area} PRIVATE Catch2::Catch2WithMain nilio_options ${ARGN})
-  # The code under test is optimised; the tests themselves need not be, and compile several times faster so. With so
-  # little optimisation GCC sees null pointers in the standard library.
-  target_compile_options(test_${area} PRIVATE -O1 -g0)
-  set_source_files_properties(${sources} PROPERTIES COMPILE_OPTIONS "-Wno-null-dereference;-Wno-array-bounds")
+  target_link_libraries(test_${area} PRIVATE Catch2::Catch2WithMain nilio_options nilio_lightly_optimised ${ARGN})
+  target_compile_options(test_${area} PRIVATE -g0)
   target_compile_definitions(test_${area} PRIVATE NILIO_SOURCE_DIR="${root}" NILIO_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
   set(selection)
   if(area STREQUAL "daemon" AND NILIO_SANITIZE STREQUAL "thread")

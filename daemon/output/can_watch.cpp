@@ -13,7 +13,7 @@ namespace {
 using drivers::CanBusState;
 using drivers::CanEvent;
 
-constexpr std::int64_t kSilenceNs = 1'000'000'000;
+constexpr std::int64_t kCanSilenceNs = 1'000'000'000;
 
 struct ErrorClass {
   std::uint32_t bit;
@@ -105,7 +105,7 @@ std::vector<CanEvent> ImuSilence::observe(std::int64_t now_ns, CanBusState bus) 
     traffic_->error_classes.store(0, std::memory_order_relaxed);
     return events;
   }
-  if (silent_ || now_ns - last_frame_ns_ < kSilenceNs) return events;
+  if (silent_ || now_ns - last_frame_ns_ < kCanSilenceNs) return events;
   silent_ = true;
   ++silences_;
   events.push_back({true, "IMU silent: no frame with " + identifiers_ + " for " +

@@ -2,6 +2,7 @@
 
 #include "drivers/can/socketcan/can_socket.hpp"
 #include "drivers/common/byte_order.hpp"
+#include "drivers/common/socket.hpp"
 
 #include <algorithm>
 #include <optional>
@@ -17,7 +18,6 @@ constexpr std::uint16_t kEtherTypeProviderVlan = 0x88A8;
 constexpr std::uint16_t kEtherTypeOldProviderVlan = 0x9100;
 constexpr std::uint32_t kLoopbackIpv4 = 2;
 constexpr std::uint32_t kLoopbackIpv4Swapped = 0x02000000;
-constexpr std::size_t kUdpHeader = 8;
 constexpr std::uint16_t kMoreFragmentsOrOffset = 0x3FFF;
 constexpr std::uint8_t kProtocolUdp = 17;
 

@@ -1,6 +1,8 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "drivers/common/byte_order.hpp"
+#include "drivers/common/socket.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,12 +16,10 @@ namespace {
 
 constexpr std::size_t kEthernetHeader = 14;
 constexpr std::size_t kIpHeader = 20;
-constexpr std::size_t kUdpHeader = 8;
 constexpr std::size_t kHeaders = kEthernetHeader + kIpHeader + kUdpHeader;
 constexpr std::size_t kFileHeader = 24;
 constexpr std::size_t kRecordHeader = 16;
 constexpr std::size_t kLargestPayload = 65535 - kIpHeader - kUdpHeader;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 constexpr std::uint32_t kNanosecondMagic = 0xA1B23C4D;
 constexpr std::uint32_t kLongestRecord = 65549;
 constexpr std::uint32_t kLinkTypeEthernet = 1;
@@ -59,14 +59,14 @@ void store_headers(std::uint8_t* bytes, const UdpEndpoints& endpoints, std::size
 /// `original` is the payload's size on the wire; `payload` holds its captured front.
 bool append_record(std::vector<std::uint8_t>& out, core::Time stamp, const UdpEndpoints& endpoints,
                    std::span<const std::uint8_t> payload, std::size_t original) {
-  const std::int64_t seconds = stamp.ns / kNsPerSecond;
+  const std::int64_t seconds = stamp.ns / kNanosecondsPerSecond;
   if (stamp.ns < 0 || seconds > std::numeric_limits<std::uint32_t>::max() || original > kLargestPayload)
     return false;
   const std::size_t begin = out.size();
   out.resize(begin + kRecordHeader + kHeaders);  // zeros where nothing is stored
   std::uint8_t* record = out.data() + begin;
   store_le32(record, static_cast<std::uint32_t>(seconds));
-  store_le32(record + 4, static_cast<std::uint32_t>(stamp.ns % kNsPerSecond));
+  store_le32(record + 4, static_cast<std::uint32_t>(stamp.ns % kNanosecondsPerSecond));
   store_le32(record + 8, static_cast<std::uint32_t>(kHeaders + payload.size()));
   store_le32(record + 12, static_cast<std::uint32_t>(kHeaders + original));
   store_headers(record + kRecordHeader, endpoints, original);

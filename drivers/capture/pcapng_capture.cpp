@@ -1,3 +1,4 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/capture/capture_reader.hpp"
 
 #include "drivers/common/byte_order.hpp"
@@ -29,7 +30,6 @@ constexpr std::uint32_t kBlockFrame = 12;
 /// Size of the block buffer, the same as libpcap's; the rest of longer packets is skipped.
 constexpr std::size_t kBuffer = 262'144 + 64;
 constexpr std::size_t kMostInterfaces = 256;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 /// Largest number of seconds whose nanoseconds fit int64.
 constexpr std::int64_t kLargestSeconds = 9'000'000'000;
 
@@ -61,7 +61,7 @@ struct PcapngClock {
     if (!fits) return std::nullopt;
     const std::int64_t seconds = static_cast<std::int64_t>(whole) + offset_s;
     if (seconds > kLargestSeconds) return std::nullopt;
-    return seconds * kNsPerSecond + static_cast<std::int64_t>(fraction_ns(ticks % rate));
+    return seconds * kNanosecondsPerSecond + static_cast<std::int64_t>(fraction_ns(ticks % rate));
   }
 
  private:
@@ -71,7 +71,7 @@ struct PcapngClock {
     }
     // Bits beyond the 30th are below a nanosecond and would overflow the product.
     const unsigned bits = std::min(exponent, 30U);
-    return ((fraction >> (exponent - bits)) * static_cast<std::uint64_t>(kNsPerSecond)) >> bits;
+    return ((fraction >> (exponent - bits)) * static_cast<std::uint64_t>(kNanosecondsPerSecond)) >> bits;
   }
 };
 

@@ -3,6 +3,7 @@
 #include "nilio/core/time.hpp"
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <ctime>
 #include <optional>
@@ -12,6 +13,9 @@
 #include <utility>
 
 namespace nilio::drivers {
+
+/// Size of the header of a datagram, bytes.
+inline constexpr std::size_t kUdpHeader = 8;
 
 /// Owns a file descriptor and closes it; -1 owns none.
 class FileDescriptor {

@@ -3,6 +3,7 @@
 #include "nilio/drivers/velodyne/model.hpp"
 
 #include "drivers/common/byte_order.hpp"
+#include "drivers/common/socket.hpp"
 #include "drivers/network/interfaces.hpp"
 
 #include <arpa/inet.h>
@@ -16,7 +17,6 @@
 namespace nilio::drivers {
 namespace {
 
-constexpr std::size_t kUdpHeader = 8;
 constexpr std::uint32_t kLongestHeaders = 60 + kUdpHeader;
 /// Bounds the time of one call in the receive thread.
 constexpr int kPacketsPerCall = 256;

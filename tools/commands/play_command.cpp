@@ -24,8 +24,6 @@ struct PlayArguments {
   double longest_gap_s = 10.0;
 };
 
-double monotonic_s() { return 1e-9 * static_cast<double>(monotonic_ns()); }
-
 void log(const std::string& line) { std::fprintf(stderr, "nilio play: %s\n", line.c_str()); }
 
 core::Result<std::unique_ptr<play::PlaySession>> open_session(PlayArguments& arguments) {

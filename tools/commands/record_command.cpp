@@ -31,9 +31,7 @@ struct RecordArguments {
   double receive_buffer_mb = 8.0;
 };
 
-double monotonic_s() { return 1e-9 * static_cast<double>(monotonic_ns()); }
-
-void log(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", line.c_str()); }
+void log_line(const std::string& line) { std::fprintf(stderr, "nilio record: %s\n", line.c_str()); }
 
 unsigned long long printable(std::uint64_t number) { return number; }
 
@@ -70,9 +68,9 @@ class RecordStatus {
         static_cast<double>(progress.received - last_.received) / span,
         static_cast<double>(progress.bytes - last_.bytes) / kMega / span, losses(progress).c_str(),
         free_space(folder).c_str(), progress.blocked ? "; DISK BLOCKED" : "");
-    log(text.data());
+    log_line(text.data());
     if (lines_shown_++ % kLinesPerSilenceReport == 0) {
-      for (const std::string& line : session.source_lines(true)) log(line);
+      for (const std::string& line : session.source_lines(true)) log_line(line);
     }
     last_ = progress;
     shown_s_ = now_s;
@@ -99,7 +97,7 @@ int print_summary(const record::RecordSession& session, double seconds) {
               printable(progress.deleted));
   for (const std::string& line : session.source_lines(false)) std::printf("source     %s\n", line.c_str());
   if (progress.packets + progress.frames > 0) return progress.disk_lost > 0 ? 1 : 0;
-  log("no data were recorded - the lines above list the packets of each source");
+  log_line("no data were recorded - the lines above list the packets of each source");
   return 1;
 }
 
@@ -111,13 +109,13 @@ int run_record(RecordArguments& arguments) {
   config.ring_bytes = static_cast<std::size_t>(arguments.buffer_mb * kMega);
   config.receive_buffer_bytes = static_cast<int>(arguments.receive_buffer_mb * 1024.0 * 1024.0);
   StopSignals signals;
-  auto session = record::RecordSession::open(config, log);
+  auto session = record::RecordSession::open(config, log_line);
   if (!session) {
-    log(session.error().message);
+    log_line(session.error().message);
     return 1;
   }
   (*session)->start();
-  log("recording to " + config.folder.string() + free_space(config.folder) + "; end with Ctrl-C");
+  log_line("recording to " + config.folder.string() + free_space(config.folder) + "; end with Ctrl-C");
   RecordStatus status;
   while (!signals.wait(kPollPeriod)) {
     if (arguments.duration_s > 0.0 && status.elapsed_s() >= arguments.duration_s) break;

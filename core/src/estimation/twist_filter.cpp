@@ -11,7 +11,7 @@ constexpr double kMinGain = 0.2;
 constexpr double kMaxGain = 0.9;
 // Step of the gain, and memory of the innovation variance.
 constexpr double kGainStep = 0.1;
-constexpr double kMemory = 0.9;
+constexpr double kTwistMemory = 0.9;
 // Beyond this many standard deviations an innovation is no noise.
 constexpr double kNoiseSigmas = 4.0;
 // Trends are extrapolated over two lost scans at most. Roll and pitch rates are body sway with zero mean: no
@@ -94,7 +94,7 @@ void TwistFilter::update(const Vector6& mean, const Vector6& share, const TwistS
         square_[i] > 0.0 ? std::clamp(error[i] * last_[i] / square_[i], -2.0, 2.0) : 0.0;
     gain_[i] = std::clamp(gain_[i] * std::exp(kGainStep * correlation), kMinGain, kMaxGain);
   }
-  square_ = kMemory * square_ + (1.0 - kMemory) * error.cwiseAbs2();
+  square_ = kTwistMemory * square_ + (1.0 - kTwistMemory) * error.cwiseAbs2();
   last_ = error;
 }
 

@@ -10,9 +10,9 @@ namespace nilio::core {
 
 namespace {
 
-constexpr double kMemory = 1.0 - 1.0 / 600.0;
+constexpr double kForceMemory = 1.0 - 1.0 / 600.0;
 constexpr double kSteadyMemory = 1.0 - 1.0 / 100.0;
-constexpr double kMinWeight = 50.0;
+constexpr double kMinForceWeight = 50.0;
 constexpr double kMinSteadyWeight = 30.0;
 constexpr double kSteadyAcceleration = 1.0;
 constexpr double kUnevenness = 0.1;
@@ -60,10 +60,10 @@ void AccelerometerAlignment::update() {
     design.leftCols<3>() -= weight * (R_middle * skew(r.force));
   }
   design.rightCols<3>() = -Matrix3::Identity();
-  information_ = kMemory * information_ + design.transpose() * design;
-  right_side_ = kMemory * right_side_ + design.transpose() * target;
-  squares_ = kMemory * squares_ + target.squaredNorm();
-  weight_ = kMemory * weight_ + 1.0;
+  information_ = kForceMemory * information_ + design.transpose() * design;
+  right_side_ = kForceMemory * right_side_ + design.transpose() * target;
+  squares_ = kForceMemory * squares_ + target.squaredNorm();
+  weight_ = kForceMemory * weight_ + 1.0;
   update_steady(acceleration);
 }
 
@@ -77,7 +77,7 @@ AccelerometerAlignmentEstimate AccelerometerAlignment::estimate() const {
   AccelerometerAlignmentEstimate result;
   result.steady_known = steady_weight_ >= kMinSteadyWeight;
   if (result.steady_known) result.steady = steady_ / steady_weight_;
-  if (weight_ < kMinWeight) return result;
+  if (weight_ < kMinForceWeight) return result;
   const Matrix6 information = information_ + 1e-6 * Matrix6::Identity();
   const Vector6 solution = solve_ldlt(information, right_side_);
   const Matrix6 inverse = inverse_ldlt(information);

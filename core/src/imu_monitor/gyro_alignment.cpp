@@ -15,8 +15,8 @@ namespace {
 // Below this rate a scan's rotation is registration noise.
 constexpr double kTurningRate = 1.0 * kRadiansPerDegree;
 // One minute of turning at 10 Hz.
-constexpr double kMemory = 1.0 - 1.0 / 600.0;
-constexpr double kMinWeight = 20.0;
+constexpr double kGyroMemory = 1.0 - 1.0 / 600.0;
+constexpr double kMinGyroWeight = 20.0;
 // The onset of a turn alone fits many shifts.
 constexpr double kMinWeightForOffset = 60.0;
 constexpr double kMinWeightAtEdge = 100.0;
@@ -35,14 +35,14 @@ void GyroAlignment::add(const Vector3& registered, const std::array<Vector3, kTi
   double fastest = registered.norm();
   for (const Vector3& rate : gyro) fastest = std::max(fastest, rate.norm());
   if (fastest < kTurningRate) return;
-  weight_ = kMemory * weight_ + 1.0;
-  r_ = kMemory * r_ + registered;
-  rr_ = kMemory * rr_ + registered.squaredNorm();
+  weight_ = kGyroMemory * weight_ + 1.0;
+  r_ = kGyroMemory * r_ + registered;
+  rr_ = kGyroMemory * rr_ + registered.squaredNorm();
   for (std::size_t i = 0; i < kTimeShifts; ++i) {
     Sums& s = sums_[i];
-    s.g = kMemory * s.g + gyro[i];
-    s.gg = kMemory * s.gg + gyro[i] * gyro[i].transpose();
-    s.rg = kMemory * s.rg + registered * gyro[i].transpose();
+    s.g = kGyroMemory * s.g + gyro[i];
+    s.gg = kGyroMemory * s.gg + gyro[i] * gyro[i].transpose();
+    s.rg = kGyroMemory * s.rg + registered * gyro[i].transpose();
   }
 }
 
@@ -99,7 +99,7 @@ void GyroAlignment::find_directions(std::size_t best, double least, GyroAlignmen
 
 GyroAlignmentEstimate GyroAlignment::estimate() const {
   GyroAlignmentEstimate result;
-  if (weight_ < kMinWeight) return result;
+  if (weight_ < kMinGyroWeight) return result;
   std::size_t best = 0;
   double least = residual(0);
   for (std::size_t i = 1; i < kTimeShifts; ++i) {

@@ -10,8 +10,8 @@ namespace nilio::core {
 namespace {
 
 // Memory of ten scans.
-constexpr double kMemory = 0.9;
-constexpr double kMinWeight = 5.0;
+constexpr double kConsistencyMemory = 0.9;
+constexpr double kMinConsistencyWeight = 5.0;
 // 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
 constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
 // Rejection: the gyro's error is so many times that of a constant rate.
@@ -31,7 +31,7 @@ constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDe
 
 }  // namespace
 
-bool GyroConsistency::compared() const { return weight_ >= kMinWeight; }
+bool GyroConsistency::compared() const { return weight_ >= kMinConsistencyWeight; }
 
 bool GyroConsistency::rejected() const {
   return !accepted_ && (rejected_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
@@ -78,9 +78,9 @@ void GyroConsistency::gather_evidence(double gyro_angle, double constant_angle) 
 }
 
 void GyroConsistency::update(double gyro_angle, double constant_angle, double turned) {
-  gyro_squares_ = kMemory * gyro_squares_ + gyro_angle * gyro_angle;
-  constant_squares_ = kMemory * constant_squares_ + constant_angle * constant_angle;
-  weight_ = kMemory * weight_ + 1.0;
+  gyro_squares_ = kConsistencyMemory * gyro_squares_ + gyro_angle * gyro_angle;
+  constant_squares_ = kConsistencyMemory * constant_squares_ + constant_angle * constant_angle;
+  weight_ = kConsistencyMemory * weight_ + 1.0;
   if (!compared()) return;
   if (turned > kTurning) gather_evidence(gyro_angle, constant_angle);
   const double gyro = gyro_error();

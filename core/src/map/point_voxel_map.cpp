@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::uint32_t kNoVoxel = 0xFFFFFFFFU;
 // Share of the slab that eviction visits per scan, and the margin in cells that this requires of the grid.
-constexpr std::size_t kSweepShare = 10;
+constexpr std::size_t kPointSweepShare = 10;
 constexpr double kCellsOfPlay = 24.0;
 // The scene of a LiDAR is flat: the grid is a quarter as high as wide.
 constexpr std::uint32_t kHeightShare = 4;
@@ -116,7 +116,7 @@ void PointMap::insert(std::span<const Vector3> points) {
 }
 
 void PointMap::evict_far_from(const Vector3& center) {
-  const std::size_t share = (voxels_.size() + kSweepShare - 1) / kSweepShare;
+  const std::size_t share = (voxels_.size() + kPointSweepShare - 1) / kPointSweepShare;
   const double limit = config_.radius_m * config_.radius_m;
   for (std::size_t i = 0; i < share; ++i) {
     const std::size_t slot = sweep_position_;

@@ -1,3 +1,5 @@
+#include "nilio/core/units.hpp"
+
 #include "drivers/can/log/log_lines.hpp"
 
 #include <array>
@@ -7,7 +9,6 @@
 namespace nilio::drivers {
 namespace {
 
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 /// Upper limit of a recording's length; sums with a date stay within 64 bits.
 constexpr double kLongestSeconds = 1e9;
 constexpr unsigned kMostChannels = 255;
@@ -77,7 +78,7 @@ AscLog::Kind AscLog::read(std::string_view line, CandumpLine& result) {
   double seconds = 0.0;
   if (!parse_seconds(first, seconds)) return Kind::kOther;
   const std::int64_t time_ns = core::Duration::from_seconds(seconds).ns;
-  if (times_are_steps_ && last_ns_ > static_cast<std::int64_t>(kLongestSeconds) * kNsPerSecond)
+  if (times_are_steps_ && last_ns_ > static_cast<std::int64_t>(kLongestSeconds) * kNanosecondsPerSecond)
     return Kind::kBroken;
   last_ns_ = times_are_steps_ ? last_ns_ + time_ns : time_ns;
   result.frame.stamp.ns = start_ns_ + last_ns_;
@@ -110,8 +111,8 @@ void AscLog::read_date(std::string_view rest) {
     return;
   date.tm_mon = *month;
   date.tm_year -= 1900;
-  start_ns_ =
-      static_cast<std::int64_t>(timegm(&date)) * kNsPerSecond + core::Duration::from_seconds(fraction).ns;
+  start_ns_ = static_cast<std::int64_t>(timegm(&date)) * kNanosecondsPerSecond +
+              core::Duration::from_seconds(fraction).ns;
 }
 
 /// Parses "1  1ABCDEF0x  Rx  d 3 01 02 FF", "1  123  Rx  r 0" or "1  ErrorFrame".

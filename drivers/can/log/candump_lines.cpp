@@ -1,3 +1,5 @@
+#include "nilio/core/units.hpp"
+
 #include "drivers/can/log/log_lines.hpp"
 
 #include <algorithm>
@@ -9,7 +11,6 @@ namespace {
 constexpr std::uint32_t kErrorFlag = 0x20000000U;
 constexpr std::uint32_t kExtendedMask = 0x1FFFFFFFU;
 constexpr std::uint32_t kStandardMask = 0x7FFU;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 /// Largest number of seconds whose nanoseconds fit int64.
 constexpr std::int64_t kLargestSeconds = 9'000'000'000;
 
@@ -62,7 +63,7 @@ bool parse_candump_stamp(std::string_view word, core::Time& stamp) {
   if (seconds > static_cast<std::uint64_t>(kLargestSeconds)) return false;
   std::int64_t ns = value;
   for (std::size_t digits = fraction.size(); digits < 9; ++digits) ns *= 10;
-  stamp.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + ns;
+  stamp.ns = static_cast<std::int64_t>(seconds) * kNanosecondsPerSecond + ns;
   return true;
 }
 
@@ -156,8 +157,8 @@ std::optional<CandumpLine> parse_candump_line(std::string_view line) {
 std::string format_candump_line(const CanFrame& frame, std::string_view interface_name) {
   std::array<char, 48> text{};
   const std::int64_t stamp = std::max<std::int64_t>(frame.stamp.ns, 0);
-  const long long seconds = stamp / kNsPerSecond;
-  const long long fraction = stamp % kNsPerSecond;
+  const long long seconds = stamp / kNanosecondsPerSecond;
+  const long long fraction = stamp % kNanosecondsPerSecond;
   // Every tool reads six digits; nine only where six would lose precision.
   if (fraction % 1000 == 0) {
     std::snprintf(text.data(), text.size(), "(%010lld.%06lld) ", seconds, fraction / 1000);

@@ -1,5 +1,7 @@
 #include "nilio/drivers/velodyne/clock/nmea.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -9,8 +11,7 @@
 namespace nilio::drivers {
 namespace {
 
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-constexpr std::int64_t kDayNs = 86'400 * kNsPerSecond;
+constexpr std::int64_t kDayNs = 86'400 * kNanosecondsPerSecond;
 constexpr std::int64_t kGpsEraNs = std::int64_t{1024} * 7 * kDayNs;
 constexpr double kMetresPerSecondPerKnot = 1852.0 / 3600.0;
 
@@ -100,7 +101,7 @@ class Reader {
       ok_ = false;
       return std::nullopt;
     }
-    return core::Duration{((*hours * 60 + *minutes) * 60 + *seconds) * kNsPerSecond + *fraction};
+    return core::Duration{((*hours * 60 + *minutes) * 60 + *seconds) * kNanosecondsPerSecond + *fraction};
   }
 
   /// Parses `ddmmyy`; returns its midnight.

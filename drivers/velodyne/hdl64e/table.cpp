@@ -1,5 +1,7 @@
 #include "drivers/velodyne/hdl64e/table.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "drivers/common/byte_order.hpp"
 #include "drivers/velodyne/calibration/calibration_fields.hpp"
 
@@ -17,7 +19,6 @@ constexpr std::size_t kDateCycle = 256;
 constexpr std::size_t kMotorCycle = 257;
 constexpr std::size_t kAddressCycle = 258;
 constexpr std::size_t kLastCycle = 259;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 /// A word of a laser, in stream order.
 struct LaserWord {
@@ -144,7 +145,7 @@ std::optional<core::Time> hdl64e_time(std::span<const std::uint8_t, 6> bytes) {
                                          std::chrono::day{bytes[2]}};
   if (!date.ok() || bytes[3] > 23 || bytes[4] > 59 || bytes[5] > 59) return std::nullopt;
   const std::int64_t days = std::chrono::sys_days{date}.time_since_epoch().count();
-  return core::Time{(days * 86'400 + (bytes[3] * 60 + bytes[4]) * 60 + bytes[5]) * kNsPerSecond};
+  return core::Time{(days * 86'400 + (bytes[3] * 60 + bytes[4]) * 60 + bytes[5]) * kNanosecondsPerSecond};
 }
 
 std::array<std::uint8_t, 6> hdl64e_time_bytes(std::optional<core::Time> time) {

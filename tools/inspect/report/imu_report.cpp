@@ -13,7 +13,7 @@ using core::ImuCheckState;
 using core::ImuDiagnosis;
 using core::ImuHealth;
 
-std::string row(const char* name, const std::string& value) {
+std::string imu_row(const char* name, const std::string& value) {
   return format("  %-16s %s\n", name, value.c_str());
 }
 
@@ -118,24 +118,24 @@ std::string correction_text(const DriveFindings& drive) {
   const std::vector<CorrectedKey> keys = corrected_keys(drive);
   std::string text;
   if (c.axes_disagree) {
-    text += row("correction",
-                "gyroscope and accelerometer result in different axes, which no rotation corrects: check "
-                "which signals are mapped to which axis");
+    text += imu_row("correction",
+                    "gyroscope and accelerometer result in different axes, which no rotation corrects: check "
+                    "which signals are mapped to which axis");
   } else if (keys.empty()) {
-    text += row("correction", "none: the drive agrees with the configuration");
+    text += imu_row("correction", "none: the drive agrees with the configuration");
   }
   if (keys.empty()) return text;
   std::size_t width = 0;
   for (const CorrectedKey& key : keys) width = std::max(width, key.path.size() + key.value.size() + 2);
-  text += row("correction", "put this into the configuration (--write-config does):");
+  text += imu_row("correction", "put this into the configuration (--write-config does):");
   for (const CorrectedKey& key : keys) {
     const std::string line = key.path + ": " + key.value;
     text += format("    %-*s  # %s\n", static_cast<int>(width), line.c_str(), key.why.c_str());
   }
   if (drive.with_gyro_corrected)
-    text += row("with it", format("the gyroscope is used for %llu of %llu poses",
-                                  static_cast<unsigned long long>(*drive.with_gyro_corrected),
-                                  static_cast<unsigned long long>(drive.poses)));
+    text += imu_row("with it", format("the gyroscope is used for %llu of %llu poses",
+                                      static_cast<unsigned long long>(*drive.with_gyro_corrected),
+                                      static_cast<unsigned long long>(drive.poses)));
   return text;
 }
 
@@ -153,10 +153,10 @@ std::string observed_row(const ImuCalibration& c) {
 }  // namespace
 
 std::string imu_check_report(const DriveFindings& drive) {
-  return "IMU against LiDAR\n" + row("configured", configured_text(drive)) + row("drive", use_text(drive)) +
-         check_table(drive.health) + hints(drive.health) +
-         row("time offset", time_offset_text(drive.calibration)) +
-         row("mounting", observed_row(drive.calibration)) + correction_text(drive);
+  return "IMU against LiDAR\n" + imu_row("configured", configured_text(drive)) +
+         imu_row("drive", use_text(drive)) + check_table(drive.health) + hints(drive.health) +
+         imu_row("time offset", time_offset_text(drive.calibration)) +
+         imu_row("mounting", observed_row(drive.calibration)) + correction_text(drive);
 }
 
 }  // namespace nilio::tools::inspect

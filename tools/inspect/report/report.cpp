@@ -8,7 +8,7 @@ namespace nilio::tools::inspect {
 
 namespace {
 
-unsigned long long count(std::uint64_t n) { return n; }
+unsigned long long printable(std::uint64_t n) { return n; }
 
 const char* content_name(StreamContent content) {
   switch (content) {
@@ -25,7 +25,7 @@ const char* content_name(StreamContent content) {
 std::string other_records(const CaptureFindings& capture) {
   std::string text;
   const auto add = [&](std::uint64_t n, const char* what) {
-    if (n > 0) text += format(", %llu %s", count(n), what);
+    if (n > 0) text += format(", %llu %s", printable(n), what);
   };
   add(capture.other_ip, "IPv4 but not UDP");
   add(capture.not_ipv4, "not IPv4");
@@ -57,13 +57,13 @@ std::string stream_table(const CaptureFindings& capture) {
     if (stream.content == StreamContent::kOther && ++others > kOthersShown) continue;
     const std::string sender = address_text(stream.address) + ":" + std::to_string(stream.sender_port);
     text += format("  %-21s -> %-7u %10llu %14llu %10s  %s\n", sender.c_str(), stream.destination_port,
-                   count(stream.packets), count(stream.bytes), size_text(stream).c_str(),
+                   printable(stream.packets), printable(stream.bytes), size_text(stream).c_str(),
                    content_name(stream.content));
   }
   if (others > kOthersShown)
     text += format("  and %zu other streams (--json has them)\n", others - kOthersShown);
   if (capture.further_streams > 0)
-    text += format("  and %llu datagrams of further streams\n", count(capture.further_streams));
+    text += format("  and %llu datagrams of further streams\n", printable(capture.further_streams));
   return text;
 }
 
@@ -73,14 +73,14 @@ std::string capture_report(const CaptureFindings& capture) {
     text += format("  %s to %s UTC, %s\n", utc_text(capture.first).c_str(), utc_text(capture.last).c_str(),
                    span_text(capture.duration_s()).c_str());
   }
-  text += format("  %llu records: %llu UDP%s\n", count(capture.records), count(capture.udp),
+  text += format("  %llu records: %llu UDP%s\n", printable(capture.records), printable(capture.udp),
                  other_records(capture).c_str());
   if (!capture.early_end.empty()) text += "  " + capture.early_end + "\n";
   if (!capture.streams.empty()) text += stream_table(capture);
   for (const SensorFindings& sensor : capture.sensors) text += "\n" + sensor_report(sensor);
   for (const auto& [address, telemetry] : capture.lone_telemetry) {
     text += format("\n  %s sends %llu telemetry packets, but no data packets\n",
-                   address_text(address).c_str(), count(telemetry.packets));
+                   address_text(address).c_str(), printable(telemetry.packets));
   }
   return text;
 }

@@ -40,11 +40,11 @@ struct SceneDeleter {
   void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
 };
 using Device = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceDeleter>;
-using Scene = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDeleter>;
+using EmbreeScene = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDeleter>;
 
 /// A mesh ready for casting and the materials of its triangles.
 struct CastMesh {
-  Scene scene;
+  EmbreeScene scene;
   std::vector<Material> materials;
 };
 
@@ -62,7 +62,7 @@ CastMesh make_cast_mesh(RTCDevice device, const TriangleMesh& mesh) {
   for (const Eigen::Vector3f& vertex : mesh.vertices) vertices = std::copy_n(vertex.data(), 3, vertices);
   std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * 3 * sizeof(std::uint32_t));
   rtcCommitGeometry(geometry);
-  Scene scene(rtcNewScene(device));
+  EmbreeScene scene(rtcNewScene(device));
   // Robust: no ray passes between two triangles of the ground.
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcAttachGeometry(scene.get(), geometry);

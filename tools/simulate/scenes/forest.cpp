@@ -17,7 +17,7 @@ using core::Vector3;
 
 constexpr double kSightM = 45.0;
 constexpr double kTrackHalfWidthM = 2.0;
-constexpr double kLongestM = 5000.0;
+constexpr double kLongestTrackM = 5000.0;
 
 /// Hills, humps of the track, and roots and tussocks beside it.
 struct ForestGround {
@@ -121,7 +121,7 @@ double wanted_length(const SceneConfig& config) {
 
 core::Result<Scene> build_forest(const SceneConfig& config) {
   const double stop_m = wanted_length(config);
-  if (stop_m > kLongestM)
+  if (stop_m > kLongestTrackM)
     return core::Error{"the forest is at most 5 km long; take a shorter --duration or --length"};
   const double phase = RandomStream(config.seed, 240).uniform(0.0, 6.0);
   const RoadLine line = make_road_line(

@@ -26,7 +26,7 @@ constexpr double kStraightM = 40.0;
 // Left of the driven lane.
 constexpr double kRightWallM = -2.6;
 constexpr double kLeftWallM = 5.9;
-constexpr double kOncomingM = 3.5;
+constexpr double kOncomingLaneM = 3.5;
 constexpr double kWallM = 3.0;
 constexpr double kVaultM = 2.8;
 constexpr int kVaultFacets = 12;
@@ -168,7 +168,7 @@ class TunnelBuilder {
 std::vector<MovingCar> make_oncoming(const RoadLine& line, const SceneConfig& config, double duration_s) {
   RandomStream random(config.seed, 224);
   const std::size_t count = config.moving_cars.value_or(static_cast<unsigned>(duration_s / 5.0));
-  const std::vector<Vector3> path = line.path(kOncomingM, true);
+  const std::vector<Vector3> path = line.path(kOncomingLaneM, true);
   std::vector<MovingCar> cars;
   constexpr double kSpeed = 18.0;
   double start = -60.0 + random.uniform(0.0, 60.0);
