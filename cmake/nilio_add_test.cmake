@@ -9,8 +9,6 @@ function(nilio_add_test area)
     return()
   endif()
   add_executable(test_${area} ${sources})
-  # The files of tests repeat the names of their helpers.
-  set_target_properties(test_${area} PROPERTIES UNITY_BUILD OFF)
   target_include_directories(test_${area} PRIVATE ${root})
   target_precompile_headers(test_${area} PRIVATE <catch2/catch.hpp>)
   target_link_libraries(test_${area} PRIVATE Catch2::Catch2WithMain nilio_options nilio_lightly_optimised ${ARGN})

@@ -20,8 +20,6 @@ target_compile_options(
             ${NILIO_NULL_DEREFERENCE}
             # GCC 12 reports overlaps in std::string concatenation that cannot happen (GCC bug 105651).
             $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>
-            # In a unity build every source counts as a header.
-            $<$<AND:$<CXX_COMPILER_ID:GNU>,$<BOOL:${CMAKE_UNITY_BUILD}>>:-Wno-subobject-linkage>
             # Part of -Wconversion for Clang, not for GCC.
             $<$<CXX_COMPILER_ID:Clang>:-Wno-sign-conversion>
             # Contracted multiply-adds would make results differ between machines.

@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kMotionOffset = 14;
 constexpr std::size_t kBoardSize = 8;
 constexpr std::size_t kHealthOffset = 0xBB;
-constexpr std::size_t kTimestampOffset = 0xC6;
+constexpr std::size_t kPositionTimestampOffset = 0xC6;
 constexpr std::size_t kPpsOffset = 0xCA;
 constexpr std::size_t kNmeaOffset = 0xCE;
 
@@ -126,7 +126,7 @@ std::optional<PositionPacket> parse_position_packet(std::span<const std::uint8_t
   if (payload.size() != kPositionPacketSize) return std::nullopt;
   const std::uint8_t* p = payload.data();
   PositionPacket packet;
-  packet.timestamp_us = load_le32(p + kTimestampOffset);
+  packet.timestamp_us = load_le32(p + kPositionTimestampOffset);
   packet.health = load_health(p);
   packet.pps = to_pps(p[kPpsOffset], packet.health);
   packet.motion = load_boards(p + kMotionOffset);
@@ -139,7 +139,7 @@ std::optional<PositionPacket> parse_position_packet(std::span<const std::uint8_t
 
 std::array<std::uint8_t, kPositionPacketSize> encode_position_packet(const PositionPacket& packet) {
   std::array<std::uint8_t, kPositionPacketSize> bytes{};
-  store_le32(bytes.data() + kTimestampOffset, packet.timestamp_us);
+  store_le32(bytes.data() + kPositionTimestampOffset, packet.timestamp_us);
   store_health(bytes.data(), packet.health);
   bytes[kPpsOffset] = from_pps(packet.pps, packet.health);
   if (packet.motion) store_boards(bytes.data() + kMotionOffset, *packet.motion);
