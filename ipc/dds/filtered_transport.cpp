@@ -57,7 +57,8 @@ std::size_t bytes_before_statistics(const std::uint8_t* data, std::size_t bytes)
     const std::size_t length = little_endian ? first + 256 * second : 256 * first + second;
     // All submessages but these two extend to the end of the datagram if their length is 0.
     if (length == 0 && kind != kPad && kind != kInfoTimestamp) break;
-    position += kSubmessageHeaderBytes + length;
+    // As Fast DDS continues, whatever length a submessage gives.
+    position += kSubmessageHeaderBytes + (length + 3) / 4 * 4;
   }
   return bytes;
 }

@@ -60,10 +60,11 @@ std::string joined(const std::vector<std::string>& list) {
   return text.empty() ? "none" : text;
 }
 
-rtps::Locator_t peer(const char* address) {
+/// Port 0 stands for the unicast ports of the domain.
+rtps::Locator_t peer(const char* address, std::uint32_t port) {
   rtps::Locator_t locator;
   rtps::IPLocator::setIPv4(locator, address);
-  locator.port = 0;  // well-known ports of the domain
+  locator.port = port;
   return locator;
 }
 
@@ -81,10 +82,10 @@ std::shared_ptr<FilteredTransportDescriptor> make_transport(const ParticipantCon
   return std::make_shared<FilteredTransportDescriptor>(udp);
 }
 
-fastdds::DomainParticipantQos participant_qos(const std::string& name,
+fastdds::DomainParticipantQos participant_qos(const ParticipantConfig& config,
                                               std::shared_ptr<FilteredTransportDescriptor> transport) {
   fastdds::DomainParticipantQos qos;
-  qos.name(name);
+  qos.name(config.name);
   // Enclave of the node for ROS 2 tools; they read the topics without it, too.
   qos.user_data().data_vec({kEnclave.begin(), kEnclave.end()});
 
@@ -94,8 +95,9 @@ fastdds::DomainParticipantQos participant_qos(const std::string& name,
   // Loopback usually has no multicast. Naming a peer disables the default multicast announcement, so that
   // address is named, too.
   auto& builtin = qos.wire_protocol().builtin;
-  builtin.initialPeersList.push_back(peer(kLoopback));
-  builtin.initialPeersList.push_back(peer(kDiscoveryMulticast));
+  builtin.initialPeersList.push_back(peer(kLoopback, 0));
+  const std::uint32_t discovery_port = qos.wire_protocol().port.getMulticastPort(config.domain);
+  builtin.initialPeersList.push_back(peer(kDiscoveryMulticast, discovery_port));
   // The first announcements are dropped by the closed transport.
   builtin.discovery_config.initial_announcements = {kInitialAnnouncements, kInitialAnnouncementPeriod};
   builtin.readerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
@@ -188,7 +190,7 @@ core::Result<std::unique_ptr<Participant>> Participant::create(const Participant
 
   const auto transport = make_transport(config, result->whitelist_);
   result->participant_ = fastdds::DomainParticipantFactory::get_instance()->create_participant(
-      config.domain, participant_qos(config.name, transport));
+      config.domain, participant_qos(config, transport));
   if (result->participant_ == nullptr)
     return core::Error{"cannot join DDS domain " + std::to_string(config.domain) +
                        ": no free UDP port or no usable interface (this machine has " +

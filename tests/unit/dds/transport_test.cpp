@@ -1,5 +1,7 @@
+#include "ipc/dds/filtered_transport.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
+#include "ipc/dds/participant.hpp"
 #include "ipc/dds/reports.hpp"
 #include "ipc/dds/types.hpp"
 #include "ipc/histogram.hpp"
@@ -351,13 +353,20 @@ TEST_CASE("a statistics datagram that aborts Fast DDS 2.9.1 is filtered out", "[
     datagram.insert(datagram.end(), {0x80, 0x01, 56, 0});
     datagram.insert(datagram.end(), 56, 0);
   }
+  // The same behind a submessage whose length is no multiple of four, which Fast DDS rounds up.
+  std::vector<std::uint8_t> unaligned(datagram.begin(), datagram.begin() + 20);
+  unaligned.insert(unaligned.end(), {0x0F, 0x01, 5, 0, 0, 0, 0, 0, 0, 0, 0, 0});
+  unaligned.insert(unaligned.end(), datagram.begin() + 20, datagram.end());
+  CHECK(bytes_before_statistics(datagram.data(), datagram.size()) == 20);
+  CHECK(bytes_before_statistics(unaligned.data(), unaligned.size()) == 32);
   const int sender = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
   for (std::uint32_t offset = 10; offset < 30; ++offset) {  // ports of the domain's first participants
     to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
-    sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+    for (const auto& bytes : {datagram, unaligned})
+      sendto(sender, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
   }
   close(sender);
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
@@ -368,6 +377,36 @@ TEST_CASE("a statistics datagram that aborts Fast DDS 2.9.1 is filtered out", "[
   const auto received = subscriber->next(kPatience);
   REQUIRE(received.has_value());
   CHECK(received->message == expected_odometry(1));
+}
+
+TEST_CASE("a participant announces itself on the discovery multicast port of its domain", "[transport]") {
+  const std::uint32_t domain = test_domain();
+  // DDSI-RTPS 2.3, section 9.6.1.1: PB + DG * domain + d0.
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain));
+  const int listener = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const int on = 1;
+  setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+  REQUIRE(bind(listener, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0);
+  ip_mreq group{};
+  group.imr_multiaddr.s_addr = inet_addr("239.255.0.1");
+  if (setsockopt(listener, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group) != 0) {
+    close(listener);
+    WARN("skipped: no interface with multicast");
+    return;
+  }
+  const timeval patience{.tv_sec = 5, .tv_usec = 0};
+  setsockopt(listener, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  ParticipantConfig config;
+  config.domain = domain;
+  const auto participant = Participant::create(config);
+  REQUIRE(participant.ok());
+  std::array<char, 2048> datagram{};
+  const ssize_t bytes = recv(listener, datagram.data(), datagram.size(), 0);
+  close(listener);
+  REQUIRE(bytes > 20);
+  CHECK(std::string(datagram.data(), 4) == "RTPS");
 }
 
 TEST_CASE("a publisher ends with its parent process", "[transport]") {
