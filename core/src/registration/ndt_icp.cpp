@@ -144,7 +144,7 @@ void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryR
     if (pass == 0) stamp(result, OdometryStage::kCoarse);
     registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
     // ICP with less than half of NDT's correspondences is a minimum among few points; NDT also follows
-    // moving objects, so not beside the accelerometer.
+    // moving objects, so not beside a prior from the accelerometer.
     const bool has_few =
         !by_accelerometer && 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
     const bool has_failed = !has_pose() || has_few;
