@@ -1,4 +1,5 @@
 #include "daemon/config/schema.hpp"
+#include "daemon/odometry/decision_log.hpp"
 #include "daemon/output/log_output.hpp"
 #include "daemon/output/supervisor.hpp"
 #include "daemon/realtime/memory_plan.hpp"
@@ -19,6 +20,7 @@ namespace {
 using nilio::daemon::Config;
 using nilio::daemon::ReplayFiles;
 using nilio::daemon::RunOptions;
+using nilio::daemon::RunRules;
 
 // Signal handlers may only touch this flag.
 std::atomic<bool> stop_requested{false};
@@ -31,6 +33,7 @@ void install_signal_handlers() {
   action.sa_handler = request_stop;
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGHUP, &action, nullptr);
   action.sa_handler = SIG_IGN;
   sigaction(SIGPIPE, &action, nullptr);
 }
@@ -41,6 +44,7 @@ struct Arguments {
   std::vector<std::string> overrides;
   std::string speed = "max";
   std::string output;
+  std::string record;
   std::string decisions;
   bool as_live = false;
   bool check_config = false;
@@ -62,7 +66,11 @@ void add_options(CLI::App& app, Arguments& arguments) {
       "paced replay under live rules: full rings drop packets, the newest scan wins, the clock limits the "
       "computing time");
   app.add_option("--decisions", arguments.decisions,
-                 "decision log (decisions.jsonl) of a run under live rules to repeat bit by bit");
+                 "run under live rules to repeat bit by bit: a folder of --record or --output, or its "
+                 "decisions.jsonl, which names the recording");
+  app.add_option("--record", arguments.record,
+                 "new folder for a black box of the run: packets with their receive times, CAN frames, "
+                 "decisions and configuration; --decisions repeats it");
   app.add_option("--output", arguments.output,
                  "output folder: trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and "
                  "under live rules decisions.jsonl");
@@ -83,6 +91,12 @@ int fail(const std::string& message) {
   return 1;
 }
 
+RunRules rules_of(const Arguments& arguments) {
+  if (arguments.replay.empty()) return RunRules::Kind::kLive;
+  if (arguments.as_live) return RunRules::Kind::kReplayAsLive;
+  return arguments.speed == "real" ? RunRules::Kind::kPacedReplay : RunRules::Kind::kReplay;
+}
+
 /// Configuration of the files with --set applied.
 nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
   auto config = nilio::daemon::replay_config(files, arguments.config_file);
@@ -96,20 +110,33 @@ nilio::daemon::ThreadHook preloaded_hook() {
   return reinterpret_cast<nilio::daemon::ThreadHook>(dlsym(RTLD_DEFAULT, nilio::daemon::kPreloadedHook));
 }
 
-int run(const Arguments& arguments) {
+/// Names the recording and the configuration of a run to repeat, unless the user did.
+nilio::core::Result<std::monostate> complete_from_decisions(Arguments& arguments) {
+  if (arguments.decisions.empty()) return std::monostate{};
+  auto run = nilio::daemon::find_run_to_repeat(arguments.decisions, !arguments.replay.empty());
+  if (!run) return run.error();
+  arguments.decisions = run->decisions;
+  if (arguments.replay.empty()) arguments.replay = run->recording;
+  if (arguments.config_file.empty()) arguments.config_file = run->configuration;
+  return std::monostate{};
+}
+
+int run(Arguments arguments) {
+  if (const auto completed = complete_from_decisions(arguments); !completed)
+    return fail(completed.error().message);
   ReplayFiles files;
   if (!arguments.replay.empty()) {
     const auto found = nilio::daemon::find_replay_files(arguments.replay);
     if (!found) return fail(found.error().message);
     files = *found;
   }
-  if (arguments.replay.empty() && (arguments.as_live || !arguments.decisions.empty()))
-    return fail("--as-live and --decisions: no recording given - name it with --replay");
+  if (arguments.replay.empty() && arguments.as_live)
+    return fail("--as-live: no recording given - name it with --replay");
   if (arguments.as_live && !arguments.decisions.empty())
     return fail("--as-live and --decisions: both given - choose one of them");
   const auto config = effective_config(arguments, files);
   if (!config) return fail(config.error().message);
-  const auto plan = nilio::daemon::make_thread_plan(*config, arguments.replay.empty() || arguments.as_live);
+  const auto plan = nilio::daemon::make_thread_plan(*config, rules_of(arguments));
   if (!plan) return fail(plan.error().message);
   if (arguments.check_config) {
     std::cout << nilio::daemon::to_yaml(*config);
@@ -117,16 +144,16 @@ int run(const Arguments& arguments) {
   }
   nilio::daemon::prepare_heap(*plan);
   RunOptions options;
-  options.replay = !arguments.replay.empty();
+  options.rules = rules_of(arguments);
   options.files = files;
-  options.paced = arguments.speed == "real" || arguments.as_live;
-  options.as_live = arguments.as_live;
   options.decisions_file = arguments.decisions;
   options.output_folder = arguments.output;
+  options.record_folder = arguments.record;
+  options.recording = arguments.replay;
   options.thread_hook = preloaded_hook();
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
-  nilio::core::Result<std::monostate> status = std::monostate{};
+  nilio::core::Result<nilio::daemon::RunResult> status = nilio::daemon::RunResult{};
   {
     nilio::daemon::LogOutputConfig log_config;
     log_config.level = config->log.level;
@@ -150,7 +177,8 @@ int main(int argc, char** argv) {
     std::cout << (arguments.help_config ? nilio::daemon::describe_keys() : nilio::daemon::config_reference());
     return 0;
   }
-  if (arguments.replay.empty() && arguments.config_file.empty() && arguments.overrides.empty()) {
+  if (arguments.replay.empty() && arguments.config_file.empty() && arguments.overrides.empty() &&
+      arguments.decisions.empty()) {
     return fail(
         "no input: give --replay FOLDER for a recording or --config FILE for live sensors (see --help)");
   }

@@ -246,7 +246,6 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
 
 Result<Input> open_live(const Config& config) {
   Input input;
-  input.live = true;
   if (auto checked = check_told_apart(config); !checked) return checked.error();
   if (auto checked = check_lidar(config.lidar, "lidar"); !checked) return checked.error();
   Result<std::unique_ptr<drivers::PacketSource>> packets = open_socket(config.lidar);

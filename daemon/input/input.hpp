@@ -28,7 +28,6 @@ struct ExtraLidar {
 
 /// Opened and validated data sources of a run.
 struct Input {
-  bool live = false;
   /// Either packets, or complete scans (`scans`).
   std::unique_ptr<drivers::PacketSource> packets;
   /// Sensor of the packets; empty when live, where it is identified from the packets.

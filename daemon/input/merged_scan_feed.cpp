@@ -69,7 +69,7 @@ FeedState MergedScanFeed::next(core::Scan& scan, Duration timeout) {
       for (MergedLidar& lidar : lidars_) lidar.other.channel->report_status();
       return state;
     }
-    if (options_.live) {
+    if (options_.rules.are_live()) {
       for (MergedLidar& lidar : lidars_) discard_outdated(lidar);
     }
     if (!data_event_.wait(timeout)) return FeedState::kIdle;
@@ -109,7 +109,7 @@ void MergedScanFeed::merge(core::Scan& scan) {
   const MergeDecision* const earlier = recorded_decision(scan);
   decision_ = {};
   // A scan that is about to be superseded does not wait.
-  if (earlier != nullptr ? !earlier->merged : options_.live && first_.waiting_scans() > 0) return;
+  if (earlier != nullptr ? !earlier->merged : options_.rules.are_live() && first_.waiting_scans() > 0) return;
   decision_.merged = true;
   if (options_.elevation_correction_rad != 0.0F) {
     for (core::Point& point : scan.points) {
@@ -149,7 +149,7 @@ MergedScanFeed::Gathered MergedScanFeed::gather(MergedLidar& lidar, const Target
       if (channel.finish_scan()) take_points(lidar, target);
       return is_whole ? Gathered::kAll : Gathered::kEnded;
     }
-    if (!options_.live) {
+    if (!options_.rules.are_live()) {
       data_event_.wait(kWakePeriod);
       continue;
     }

@@ -6,6 +6,7 @@
 #include "daemon/input/scan_feed.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/output/event_log.hpp"
+#include "daemon/realtime/run_rules.hpp"
 
 #include <cstdint>
 #include <optional>
@@ -44,7 +45,7 @@ class MergedScanFeed : public ScanFeed {
     std::size_t capacity = 0;
   };
   struct Options {
-    bool live = false;
+    RunRules rules;
     /// Of the first LiDAR; the odometry must not apply it to merged scans again.
     float elevation_correction_rad = 0.0F;
     /// Decisions of an earlier run that replace the live rules; null = none. Must outlive the feed.

@@ -1,10 +1,8 @@
 #include "daemon/input/receive.hpp"
 
 #include <algorithm>
-#include <array>
 #include <ctime>
-#include <memory>
-#include <span>
+#include <utility>
 
 namespace nilio::daemon {
 
@@ -13,7 +11,6 @@ namespace {
 using core::Duration;
 using drivers::SourceState;
 
-constexpr std::size_t kBatch = 64;
 constexpr Duration kReadTimeout = Duration::from_milliseconds(50.0);
 constexpr std::int64_t kRoomPollNs = 200'000;
 constexpr std::int64_t kLongestSleepNs = 50'000'000;
@@ -23,34 +20,18 @@ void sleep_ns(std::int64_t ns) {
   nanosleep(&wanted, nullptr);
 }
 
-void wait_until_due(core::Time stamp, const Pace& pace, const std::atomic<bool>& stop) {
-  const std::int64_t due = pace.start_ns + (stamp - pace.origin).ns;
-  // Short sleeps keep the reaction to `stop` fast during long gaps in the recording.
-  for (std::int64_t left = due - monotonic_ns(); left > 0 && !stop.load(); left = due - monotonic_ns()) {
-    sleep_ns(std::min(left, kLongestSleepNs));
-  }
+/// Waits for the due time, for at most kLongestSleepNs; true if it is due.
+bool wait_until_due(core::Time stamp, const std::optional<Pace>& pace) {
+  if (!pace) return true;
+  const std::int64_t left = pace->start_ns + (stamp - pace->origin).ns - monotonic_ns();
+  if (left > 0) sleep_ns(std::min(left, kLongestSleepNs));
+  return left <= kLongestSleepNs;
 }
 
-/// Free slots: at least one, unless stopped or the policy is to drop.
-template <class Slot>
-std::span<Slot> find_room(ipc::Ring<Slot>& ring, std::size_t count, const ReceivePolicy& policy,
-                          const ReceiveState& state) {
-  std::span<Slot> slots = ring.begin_write(count);
-  while (slots.empty() && policy.wait_when_full && !state.stop.load(std::memory_order_relaxed)) {
-    sleep_ns(kRoomPollNs);
-    slots = ring.begin_write(count);
-  }
-  return slots;
-}
-
-/// Records a failed source; true while the source delivers data.
-bool record_end(SourceState read_state, ReceiveState& state) {
+/// Records a failed source; true if the source has ended.
+bool has_ended(SourceState read_state, ReceiveState& state) {
   if (read_state == SourceState::kFailed) state.failed.store(true);
-  return read_state == SourceState::kData || read_state == SourceState::kIdle;
-}
-
-void call_hook(const ReceivePolicy& policy, ThreadRole role, ThreadPhase phase) {
-  if (policy.hook != nullptr) policy.hook(role, phase);
+  return read_state != SourceState::kData && read_state != SourceState::kIdle;
 }
 
 void announce_end(ReceiveState& state, ipc::WakeEvent& data_event) {
@@ -60,65 +41,93 @@ void announce_end(ReceiveState& state, ipc::WakeEvent& data_event) {
 
 }  // namespace
 
-void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& ring,
-                     ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state) {
-  const std::size_t batch = policy.pace ? 1 : kBatch;
-  // Destination of packets when the ring is full: they must leave the socket to be counted.
-  const auto overflow = std::make_unique<std::array<drivers::Packet, kBatch>>();
-  bool running = true;
-  call_hook(policy, ThreadRole::kLidarReceive, ThreadPhase::kSteady);
-  while (running && !state.stop.load(std::memory_order_relaxed)) {
-    state.heartbeat.fetch_add(1, std::memory_order_relaxed);
-    const std::span<drivers::Packet> slots = find_room(ring, batch, policy, state);
-    if (slots.empty()) {
-      const drivers::SourceRead read = source.read(*overflow, kReadTimeout);
-      ring.count_dropped(read.count);
-      running = record_end(read.state, state);
-      continue;
+PacketReceiver::PacketReceiver(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& ring,
+                               ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+                               ipc::Ring<drivers::Packet>* recorded)
+    : source_(source),
+      ring_(ring),
+      data_event_(data_event),
+      policy_(policy),
+      state_(state),
+      recorded_(recorded),
+      overflow_(std::make_unique<std::array<drivers::Packet, kBatch>>()) {}
+
+bool PacketReceiver::run() {
+  if (state_.stop.load(std::memory_order_relaxed)) return false;
+  if (held_.empty()) {
+    if (at_end_) return false;
+    std::span<drivers::Packet> slots = ring_.begin_write(policy_.pace ? 1 : kBatch);
+    if (slots.empty() && !policy_.rules.are_live()) {
+      sleep_ns(kRoomPollNs);
+      return true;
     }
-    const drivers::SourceRead read = source.read(slots, kReadTimeout);
-    if (read.count > 0) {
-      if (policy.pace) {
-        wait_until_due(slots[0].stamp, *policy.pace, state.stop);
-        slots[0].received_ns = monotonic_ns();
-      }
-      ring.commit(read.count);
-      data_event.notify();
+    const bool dropped = slots.empty();
+    if (dropped) slots = *overflow_;
+    const drivers::SourceRead read = source_.read(slots, kReadTimeout);
+    at_end_ = has_ended(read.state, state_);
+    if (dropped) {
+      ring_.count_dropped(read.count);
+    } else {
+      held_ = slots.first(read.count);
     }
-    running = record_end(read.state, state);
+    if (held_.empty()) return !at_end_;
   }
-  call_hook(policy, ThreadRole::kLidarReceive, ThreadPhase::kEnding);
-  announce_end(state, data_event);
+  if (!wait_until_due(held_.front().stamp, policy_.pace)) return true;
+  if (policy_.pace) held_.front().received_ns = monotonic_ns();
+  if (recorded_ != nullptr) {
+    for (const drivers::Packet& packet : held_) recorded_->try_push(packet);
+  }
+  ring_.commit(std::exchange(held_, {}).size());
+  data_event_.notify();
+  return true;
 }
 
-void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
-                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
-                 ipc::PublisherProcess* publisher) {
-  const auto frames = std::make_unique<std::array<drivers::CanFrame, kBatch>>();
-  bool running = true;
-  call_hook(policy, ThreadRole::kImuReceive, ThreadPhase::kSteady);
-  while (running && !state.stop.load(std::memory_order_relaxed)) {
-    state.heartbeat.fetch_add(1, std::memory_order_relaxed);
-    const drivers::SourceRead read = source.read(*frames, kReadTimeout);
-    for (const drivers::CanFrame& frame : std::span(*frames).first(read.count)) {
-      const std::optional<core::ImuSample> sample = decoder.add(frame);
-      if (!sample) continue;
-      if (policy.pace) wait_until_due(frame.stamp, *policy.pace, state.stop);
-      if (publisher != nullptr)
-        publisher->publish_sample({*sample, policy.pace ? monotonic_ns() : frame.received_ns});
-      const std::span<core::ImuSample> slot = find_room(ring, 1, policy, state);
-      if (slot.empty()) {
-        ring.count_dropped(1);
-        continue;
-      }
-      slot[0] = *sample;
-      ring.commit(1);
-      data_event.notify();
-    }
-    running = record_end(read.state, state);
+void PacketReceiver::finish() { announce_end(state_, data_event_); }
+
+ImuReceiver::ImuReceiver(drivers::FrameSource& source, drivers::ImuDecoder& decoder,
+                         ipc::Ring<core::ImuSample>& ring, ipc::WakeEvent& data_event,
+                         const ReceivePolicy& policy, ReceiveState& state, ipc::PublisherProcess* publisher,
+                         ipc::Ring<drivers::CanFrame>* recorded)
+    : source_(source),
+      decoder_(decoder),
+      ring_(ring),
+      data_event_(data_event),
+      policy_(policy),
+      state_(state),
+      publisher_(publisher),
+      recorded_(recorded),
+      frames_(std::make_unique<std::array<drivers::CanFrame, kBatch>>()) {}
+
+bool ImuReceiver::run() {
+  if (state_.stop.load(std::memory_order_relaxed)) return false;
+  if (waiting_.empty()) {
+    if (at_end_) return false;
+    const drivers::SourceRead read = source_.read(*frames_, kReadTimeout);
+    at_end_ = has_ended(read.state, state_);
+    waiting_ = std::span(*frames_).first(read.count);
   }
-  call_hook(policy, ThreadRole::kImuReceive, ThreadPhase::kEnding);
-  announce_end(state, data_event);
+  while (!waiting_.empty() && take(waiting_.front())) waiting_ = waiting_.subspan(1);
+  return true;
 }
+
+bool ImuReceiver::take(const drivers::CanFrame& frame) {
+  // A full ring leaves frames in the socket, where the kernel counts those it drops: every frame that was
+  // read reaches the odometry, so that a recorded run can be repeated.
+  if (ring_.begin_write(1).empty()) {
+    sleep_ns(kRoomPollNs);
+    return false;
+  }
+  if (!wait_until_due(frame.stamp, policy_.pace)) return false;
+  if (recorded_ != nullptr) recorded_->try_push(frame);
+  const std::optional<core::ImuSample> sample = decoder_.add(frame);
+  if (!sample) return true;
+  if (publisher_ != nullptr)
+    publisher_->publish_sample({*sample, policy_.pace ? monotonic_ns() : frame.received_ns});
+  ring_.try_push(*sample);
+  data_event_.notify();
+  return true;
+}
+
+void ImuReceiver::finish() { announce_end(state_, data_event_); }
 
 }  // namespace nilio::daemon

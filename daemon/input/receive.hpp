@@ -6,14 +6,18 @@
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/source.hpp"
 
-#include "daemon/realtime/thread_plan.hpp"
+#include "daemon/realtime/run_rules.hpp"
 #include "ipc/publisher_process.hpp"
 #include "ipc/ring.hpp"
 #include "ipc/wake_event.hpp"
 
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <span>
 
 namespace nilio::daemon {
 
@@ -24,10 +28,8 @@ struct Pace {
 };
 
 struct ReceivePolicy {
-  /// Behaviour when the ring is full: true = wait (replay), false = drop the newest and count it (live).
-  bool wait_when_full = false;
+  RunRules rules;
   std::optional<Pace> pace;
-  ThreadHook hook = nullptr;
 };
 
 /// State shared by a receive thread and the others. The flags change from false to true once.
@@ -35,18 +37,71 @@ struct ReceiveState {
   std::atomic<bool> stop{false};    ///< requested by the supervisor
   std::atomic<bool> ended{false};   ///< end of the source; set after the last commit
   std::atomic<bool> failed{false};  ///< ended because of a source failure
-  std::atomic<std::uint64_t> heartbeat{0};
 };
 
-/// Body of the LiDAR receive thread: moves packets from the source into ring slots in place. Returns at the
-/// end of the source, on failure and on stop.
-void receive_packets(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& ring,
-                     ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state);
+/// Work of a LiDAR receive thread: moves packets from the source into ring slots in place. All references
+/// must outlive it.
+class PacketReceiver {
+ public:
+  /// Unless null, `recorded` gets a copy of each packet in the ring.
+  PacketReceiver(drivers::PacketSource& source, ipc::Ring<drivers::Packet>& ring, ipc::WakeEvent& data_event,
+                 const ReceivePolicy& policy, ReceiveState& state,
+                 ipc::Ring<drivers::Packet>* recorded = nullptr);
 
-/// Body of the IMU receive thread: decodes CAN frames into samples for the odometry ring and, unless null,
-/// for the publisher's IMU-rate poses. The publisher never blocks this thread.
-void receive_imu(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
-                 ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
-                 ipc::PublisherProcess* publisher = nullptr);
+  /// One round: at most one batch. False at the end of the source, on failure and on stop.
+  bool run();
+  /// Announces the end; after the last round.
+  void finish();
+
+ private:
+  static constexpr std::size_t kBatch = 64;
+
+  drivers::PacketSource& source_;
+  ipc::Ring<drivers::Packet>& ring_;
+  ipc::WakeEvent& data_event_;
+  const ReceivePolicy& policy_;
+  ReceiveState& state_;
+  ipc::Ring<drivers::Packet>* recorded_;
+  /// Packet of a paced replay that is not due yet.
+  std::span<drivers::Packet> held_;
+  bool at_end_ = false;
+  /// Destination of packets when the ring is full: they must leave the socket to be counted.
+  std::unique_ptr<std::array<drivers::Packet, kBatch>> overflow_;
+};
+
+/// Work of the IMU receive thread: decodes CAN frames into samples for the odometry ring and, unless null,
+/// for the publisher's IMU-rate poses. The publisher never blocks this thread. All references must outlive
+/// it.
+class ImuReceiver {
+ public:
+  /// Unless null, `recorded` gets a copy of each frame that enters the decoder.
+  ImuReceiver(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
+              ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+              ipc::PublisherProcess* publisher = nullptr, ipc::Ring<drivers::CanFrame>* recorded = nullptr);
+
+  /// One round: at most one batch. False at the end of the source, on failure and on stop.
+  bool run();
+  /// Announces the end; after the last round.
+  void finish();
+
+ private:
+  static constexpr std::size_t kBatch = 64;
+
+  /// False while the frame is not due or its sample has no room.
+  bool take(const drivers::CanFrame& frame);
+
+  drivers::FrameSource& source_;
+  drivers::ImuDecoder& decoder_;
+  ipc::Ring<core::ImuSample>& ring_;
+  ipc::WakeEvent& data_event_;
+  const ReceivePolicy& policy_;
+  ReceiveState& state_;
+  ipc::PublisherProcess* publisher_;
+  ipc::Ring<drivers::CanFrame>* recorded_;
+  std::unique_ptr<std::array<drivers::CanFrame, kBatch>> frames_;
+  /// Frames read and not yet taken.
+  std::span<const drivers::CanFrame> waiting_;
+  bool at_end_ = false;
+};
 
 }  // namespace nilio::daemon

@@ -17,7 +17,9 @@ namespace nilio::daemon {
 core::Result<std::unique_ptr<DeadlineGuard>> DeadlineGuard::create(Publish publish) {
   const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
   if (timer < 0) return core::Error{std::string("deadline guard: no timer: ") + std::strerror(errno)};
-  return std::unique_ptr<DeadlineGuard>(new DeadlineGuard(timer, std::move(publish)));
+  std::unique_ptr<DeadlineGuard> guard(new DeadlineGuard(timer, std::move(publish)));
+  guard->set_timer(1);
+  return guard;
 }
 
 DeadlineGuard::~DeadlineGuard() { close(timer_); }
@@ -25,7 +27,8 @@ DeadlineGuard::~DeadlineGuard() { close(timer_); }
 void DeadlineGuard::set_timer(std::int64_t at_ns) const {
   // Zero would disarm the timer.
   const std::int64_t at = at_ns > 0 ? at_ns : 1;
-  const itimerspec wanted{{0, 0}, {at / 1'000'000'000, at % 1'000'000'000}};
+  // The repetition shows that the thread is alive.
+  const itimerspec wanted{{0, kLongestWait.ns}, {at / 1'000'000'000, at % 1'000'000'000}};
   timerfd_settime(timer_, TFD_TIMER_ABSTIME, &wanted, nullptr);
 }
 
@@ -50,23 +53,21 @@ bool DeadlineGuard::claim() {
   return false;
 }
 
-void DeadlineGuard::run(ThreadHook hook) {
-  if (hook != nullptr) hook(ThreadRole::kDeadlineGuard, ThreadPhase::kSteady);
-  while (!stop_.load(std::memory_order_relaxed)) {
-    std::uint64_t expirations = 0;
-    if (read(timer_, &expirations, sizeof expirations) != sizeof expirations) continue;
-    // The timer may still be set for a scan that was claimed in the meantime.
-    if (monotonic_ns() < publish_ns_.load(std::memory_order_relaxed)) continue;
-    State expected = State::kArmed;
-    if (!state_.compare_exchange_strong(expected, State::kPublishing, std::memory_order_acq_rel)) continue;
-    stamp_delivery(prediction_);
-    prediction_.has_deadline = true;
-    prediction_.overshoot_ns =
-        prediction_.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)] - deadline_ns_;
-    publish_(prediction_);
-    state_.store(State::kPublished, std::memory_order_release);
-  }
-  if (hook != nullptr) hook(ThreadRole::kDeadlineGuard, ThreadPhase::kEnding);
+bool DeadlineGuard::run() {
+  std::uint64_t expirations = 0;
+  const bool expired = read(timer_, &expirations, sizeof expirations) == sizeof expirations;
+  if (stop_.load(std::memory_order_relaxed)) return false;
+  // The timer may still be set for a scan that was claimed in the meantime.
+  if (!expired || monotonic_ns() < publish_ns_.load(std::memory_order_relaxed)) return true;
+  State expected = State::kArmed;
+  if (!state_.compare_exchange_strong(expected, State::kPublishing, std::memory_order_acq_rel)) return true;
+  stamp_delivery(prediction_);
+  prediction_.has_deadline = true;
+  prediction_.overshoot_ns =
+      prediction_.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)] - deadline_ns_;
+  publish_(prediction_);
+  state_.store(State::kPublished, std::memory_order_release);
+  return true;
 }
 
 void DeadlineGuard::stop() {

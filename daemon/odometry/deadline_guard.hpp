@@ -1,8 +1,8 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
 
-#include "daemon/realtime/thread_plan.hpp"
 #include "ipc/records.hpp"
 
 #include <atomic>
@@ -32,12 +32,13 @@ class DeadlineGuard {
   [[nodiscard]] bool claim();
   [[nodiscard]] const ipc::PoseRecord& published() const { return prediction_; }
 
-  /// Body of the guard's thread; returns after stop().
-  void run(ThreadHook hook = nullptr);
+  /// One round of the guard's thread: waits for a deadline, at most kLongestWait; false after stop().
+  bool run();
   /// Any thread.
   void stop();
 
  private:
+  static constexpr core::Duration kLongestWait = core::Duration::from_milliseconds(200.0);
   enum class State : std::uint8_t { kIdle, kArmed, kPublishing, kPublished };
 
   DeadlineGuard(int timer, Publish publish) : timer_(timer), publish_(std::move(publish)) {}

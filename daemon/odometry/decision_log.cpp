@@ -1,9 +1,11 @@
 #include "daemon/odometry/decision_log.hpp"
 
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <optional>
+#include <system_error>
 
 #include <nlohmann/json.hpp>
 
@@ -11,6 +13,7 @@ namespace nilio::daemon {
 
 namespace {
 
+namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 using nlohmann::json;
@@ -52,8 +55,12 @@ std::optional<ScanDecision> parse_decision(const std::string& line) {
 
 }  // namespace
 
-std::string decision_header(core::BudgetMode mode, double budget_ms) {
-  return json{{"format", kFormat}, {"budget", core::name_of(mode)}, {"budget_ms", budget_ms}}.dump();
+std::string decision_line(const DecisionHeader& header) {
+  json value{{"format", kFormat},
+             {"budget", core::name_of(header.budget_mode)},
+             {"budget_ms", static_cast<double>(header.budget.ns) * 1e-6}};
+  if (!header.recording.empty()) value["recording"] = header.recording;
+  return value.dump();
 }
 
 std::string decision_line(const ScanDecision& decision) {
@@ -69,14 +76,49 @@ std::string decision_line(const ScanDecision& decision) {
   return value.dump();
 }
 
-Result<std::vector<ScanDecision>> read_decisions(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) return Error{path + ": cannot be opened - a run with --output writes decisions.jsonl"};
+namespace {
+
+/// Opens a decision log and parses its first line.
+Result<json> open_decisions(const std::string& path, std::ifstream& file) {
+  file.open(path);
+  if (!file)
+    return Error{path + ": cannot be opened - a run with --output or --record writes decisions.jsonl"};
   std::string line;
   std::getline(file, line);
-  const json header = json::parse(line, nullptr, false);
+  json header = json::parse(line, nullptr, false);
   if (!header.is_object() || header.value("format", json()) != json(kFormat))
     return Error{path + ":1: not a decision log (" + kFormat + ") - a run under live rules writes one"};
+  return header;
+}
+
+}  // namespace
+
+Result<RunToRepeat> find_run_to_repeat(const std::string& path, bool has_recording) {
+  std::error_code ignored;
+  const fs::path file = fs::is_directory(path, ignored) ? fs::path(path) / "decisions.jsonl" : fs::path(path);
+  std::ifstream stream;
+  const Result<json> header = open_decisions(file.string(), stream);
+  if (!header) return header.error();
+  RunToRepeat run{file.string(), {}, {}};
+  if (has_recording) return run;
+  const fs::path folder = fs::absolute(file).parent_path();
+  for (const json& item : header->value("recording", json::array())) {
+    if (item.is_string()) run.recording.push_back(item.get<std::string>());
+  }
+  if (run.recording.empty()) run.recording = {folder.string()};
+  for (const std::string& item : run.recording) {
+    if (!fs::exists(item, ignored))
+      return Error{file.string() + ": its recording " + item +
+                   " does not exist - name it with --replay, or record the next run with --record"};
+  }
+  if (fs::exists(folder / "config.yaml", ignored)) run.configuration = folder / "config.yaml";
+  return run;
+}
+
+Result<std::vector<ScanDecision>> read_decisions(const std::string& path) {
+  std::ifstream file;
+  if (const Result<json> header = open_decisions(path, file); !header) return header.error();
+  std::string line;
   std::vector<ScanDecision> decisions;
   for (std::size_t number = 2; std::getline(file, line); ++number) {
     const std::optional<ScanDecision> decision = parse_decision(line);

@@ -32,9 +32,28 @@ struct ScanDecision {
   MergeDecision merge;
 };
 
-/// First line of a decision log, and one line of it; JSON without line end.
-std::string decision_header(core::BudgetMode mode, double budget_ms);
+/// First line of a decision log.
+struct DecisionHeader {
+  core::BudgetMode budget_mode = core::BudgetMode::kOff;
+  core::Duration budget;
+  /// Files and folders of the recording, absolute; empty = those beside the decision log.
+  std::vector<std::string> recording;
+};
+
+/// Lines of a decision log; JSON without line end.
+std::string decision_line(const DecisionHeader& header);
 std::string decision_line(const ScanDecision& decision);
+
+/// Inputs that repeat a run.
+struct RunToRepeat {
+  std::string decisions;               ///< the decision log
+  std::vector<std::string> recording;  ///< as --replay
+  std::string configuration;           ///< as --config; empty: the recording's own
+};
+/// `path`: a decision log or the folder that contains it, written by --output or --record. Fails where the
+/// recording is missing; the error says how to make one. With `has_recording`, only the decision log is
+/// found.
+core::Result<RunToRepeat> find_run_to_repeat(const std::string& path, bool has_recording);
 
 /// Decisions of a log in order; the error names file, line and problem.
 core::Result<std::vector<ScanDecision>> read_decisions(const std::string& path);

@@ -99,24 +99,18 @@ OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<co
       outputs_(outputs),
       config_(config) {}
 
-void OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
-  core::Scan scan;
-  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kSteady);
-  while (!stop.load(std::memory_order_relaxed)) {
-    counters.heartbeat.fetch_add(1, std::memory_order_relaxed);
-    const FeedState state = feed_.next(scan, kFeedTimeout);
-    if (state == FeedState::kEnd) break;
-    if (state == FeedState::kIdle) continue;
-    counters.scans.fetch_add(1, std::memory_order_relaxed);
-    if (config_.decisions == nullptr) {
-      process(scan, stop, counters);
-    } else if (!repeat(scan, stop, counters)) {
-      break;
-    }
-    report_warm(counters);
+bool OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
+  if (stop.load(std::memory_order_relaxed)) return false;
+  const FeedState state = feed_.next(scan_, kFeedTimeout);
+  if (state != FeedState::kScan) return state == FeedState::kIdle;
+  counters.scans.fetch_add(1, std::memory_order_relaxed);
+  if (config_.decisions == nullptr) {
+    process(scan_, stop, counters);
+  } else if (!repeat(scan_, stop, counters)) {
+    return false;
   }
-  push_imu_health(true);
-  if (config_.hook != nullptr) config_.hook(ThreadRole::kOdometry, ThreadPhase::kEnding);
+  report_warm(counters);
+  return true;
 }
 
 void OdometryLoop::report_warm(const OdometryCounters& counters) {
@@ -130,7 +124,7 @@ void OdometryLoop::report_warm(const OdometryCounters& counters) {
 void OdometryLoop::process(const core::Scan& scan, const std::atomic<bool>& stop,
                            OdometryCounters& counters) {
   // A queue of scans is worse than a missing one: live, the newest complete scan wins.
-  if (!config_.lossless && feed_.waiting_scans() > 0) {
+  if (config_.rules.are_live() && feed_.waiting_scans() > 0) {
     counters.superseded.fetch_add(1, std::memory_order_relaxed);
     push_decision(scan, true, false);
     return;
@@ -206,15 +200,24 @@ void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>&
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (drain_imu(scan.end, counters) || ended) return;
     const std::int64_t left = deadline - monotonic_ns();
-    if (!config_.lossless && (left <= 0 || !imu_can_arrive(scan, deadline))) {
+    if (config_.rules.are_live() && (left <= 0 || !imu_can_arrive(scan, deadline))) {
       counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
       return;
     }
-    data_event_.wait(config_.lossless ? kImuPoll : std::min(kImuPoll, Duration{left}));
+    data_event_.wait(config_.rules.are_live() ? std::min(kImuPoll, Duration{left}) : kImuPoll);
   }
 }
 
-void OdometryLoop::push_cloud(const core::OdometryResult& result) {
+template <class T>
+void OdometryLoop::wait_for_room(const ipc::Ring<T>& ring, const std::atomic<bool>& stop) const {
+  while (!config_.rules.are_live() && ring.size() == ring.capacity() && !stop.load()) {
+    const timespec pause{0, 200'000};
+    nanosleep(&pause, nullptr);
+  }
+}
+
+void OdometryLoop::push_cloud(const core::OdometryResult& result, const std::atomic<bool>& stop) {
+  wait_for_room(*outputs_.clouds, stop);
   const std::vector<Eigen::Vector3f>& points = odometry_.deskewed_points();
   const std::span<CloudRecord> slot = outputs_.clouds->begin_write(1);
   if (slot.empty()) {
@@ -268,10 +271,7 @@ bool OdometryLoop::deliver(ipc::PoseRecord& record) {
 
 void OdometryLoop::push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop) {
   if (outputs_.poses == nullptr) return;
-  while (config_.lossless && outputs_.poses->size() == outputs_.poses->capacity() && !stop.load()) {
-    const timespec pause{0, 200'000};
-    nanosleep(&pause, nullptr);
-  }
+  wait_for_room(*outputs_.poses, stop);
   outputs_.poses->try_push(record);
 }
 
@@ -312,7 +312,7 @@ void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecisi
   record.iteration_ns = runtime_.budget().iteration_ns();
   stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
   push_pose(record, stop);
-  if (outputs_.clouds != nullptr) push_cloud(result);
+  if (outputs_.clouds != nullptr) push_cloud(result, stop);
   push_imu_health(false);
   if (outputs_.observer) outputs_.observer(scan, result, odometry_);
   counters.poses.fetch_add(1, std::memory_order_relaxed);

@@ -8,7 +8,8 @@
 #include "daemon/odometry/deadline_guard.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/sample_period.hpp"
-#include "daemon/realtime/thread_plan.hpp"
+#include "daemon/realtime/run_rules.hpp"
+#include "daemon/realtime/thread_hook.hpp"
 #include "ipc/publisher_process.hpp"
 #include "ipc/records.hpp"
 #include "ipc/ring.hpp"
@@ -39,7 +40,6 @@ struct OdometryCounters {
   std::atomic<std::uint64_t> scans_with_imu{0};
   /// Replay with decisions: scans whose number differs from the decision log.
   std::atomic<std::uint64_t> decisions_missed{0};
-  std::atomic<std::uint64_t> heartbeat{0};
 };
 
 /// Called by the odometry thread after each registered scan; for measurements.
@@ -60,8 +60,9 @@ struct OdometryOutputs {
 };
 
 struct OdometryLoopConfig {
-  /// Replay: every scan is processed, full rings block, IMU samples are waited for until the log ends.
-  bool lossless = false;
+  /// Without live rules every scan is processed, full rings block, and IMU samples are waited for until the
+  /// log ends.
+  RunRules rules;
   /// Live: maximum time a complete scan waits for its IMU samples, from its last packet.
   core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
   /// Decisions of an earlier run to repeat instead of decisions by the clock; the run ends with them.
@@ -80,8 +81,10 @@ class OdometryLoop {
 
   /// See core::OdometryRuntime::warm_up().
   int warm_up(const std::function<void()>& on_thread) { return runtime_.warm_up(on_thread); }
-  /// Runs until the end of the feed or `stop`.
-  void run(const std::atomic<bool>& stop, OdometryCounters& counters);
+  /// One round: at most one scan. False at the end of the feed and after `stop`.
+  bool run(const std::atomic<bool>& stop, OdometryCounters& counters);
+  /// After the last round.
+  void finish() { push_imu_health(true); }
 
  private:
   void report_warm(const OdometryCounters& counters);
@@ -101,7 +104,10 @@ class OdometryLoop {
   [[nodiscard]] bool deliver(ipc::PoseRecord& record);
   void push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop);
   void push_decision(const core::Scan& scan, bool superseded, bool guarded);
-  void push_cloud(const core::OdometryResult& result);
+  void push_cloud(const core::OdometryResult& result, const std::atomic<bool>& stop);
+  /// Replay: waits for a free slot.
+  template <class T>
+  void wait_for_room(const ipc::Ring<T>& ring, const std::atomic<bool>& stop) const;
   void push_imu_health(bool always);
 
   core::Odometry odometry_;
@@ -112,6 +118,7 @@ class OdometryLoop {
   const ReceiveState* imu_state_;
   OdometryOutputs outputs_;
   OdometryLoopConfig config_;
+  core::Scan scan_;
   core::ImuHealth pushed_health_;
   std::uint64_t imu_samples_taken_ = 0;  ///< samples passed to the odometry
   SamplePeriodEstimator sample_period_;

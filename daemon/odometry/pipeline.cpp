@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <atomic>
 #include <ctime>
-#include <future>
 #include <pthread.h>
 #include <unistd.h>
 #include <utility>
@@ -27,6 +26,9 @@ constexpr std::size_t kPacketSlots = 4096;
 constexpr std::size_t kSampleSlots = 4096;
 constexpr std::size_t kPoseSlots = 256;
 constexpr std::size_t kCloudSlots = 64;
+// Data of a recorded run that wait for the disk: 4.7 s of an HDL-64E, 5 s of a full CAN bus.
+constexpr std::size_t kRecordedPackets = 16384;
+constexpr std::size_t kRecordedFrames = 16384;
 constexpr std::size_t kHealthSlots = 256;
 // Maximum share of the budget that a scan waits for its IMU samples.
 constexpr double kImuWaitShare = 0.3;
@@ -56,7 +58,7 @@ LidarInput::LidarInput(const std::string& section, const LidarConfig& config,
 Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
                                                    const PipelineOptions& options,
                                                    ipc::PublisherProcess* publisher) {
-  Result<ThreadPlan> plan = make_thread_plan(config, input.live || options.as_live);
+  Result<ThreadPlan> plan = make_thread_plan(config, options.rules);
   if (!plan) return plan.error();
   Result<ipc::WakeEvent> data_event = ipc::WakeEvent::create();
   if (!data_event) return data_event.error();
@@ -65,7 +67,7 @@ Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input i
   std::unique_ptr<Pipeline> pipeline(new Pipeline(config, std::move(input), options, publisher,
                                                   std::move(plan).value(), std::move(data_event).value(),
                                                   std::move(output_event).value()));
-  if (pipeline->live_rules_ && pipeline->budget_.mode == core::BudgetMode::kWall) {
+  if (options.rules.are_live() && pipeline->budget_.mode == core::BudgetMode::kWall) {
     auto guard = DeadlineGuard::create([publisher](const ipc::PoseRecord& record) {
       if (publisher != nullptr) publisher->publish(record);
     });
@@ -81,8 +83,7 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
     : config_(config),
       input_(std::move(input)),
       options_(options),
-      live_rules_(input_.live || options.as_live),
-      budget_(budget_config(config.odometry, live_rules_)),
+      budget_(budget_config(config.odometry, options.rules.are_live())),
       publisher_(publisher),
       plan_(std::move(plan)),
       imu_ring_(ipc::Ring<core::ImuSample>::in_private_memory(kSampleSlots)),
@@ -92,9 +93,12 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
       decisions_(ipc::Ring<ScanDecision>::in_private_memory(kPoseSlots)),
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
-  policy_.wait_when_full = !live_rules_;
-  policy_.hook = options_.thread_hook;
+  policy_.rules = options_.rules;
   make_feed();
+  if (!options_.record) return;
+  for (const auto& lidar : lidars_)
+    lidar->recorded = ipc::Ring<drivers::Packet>::in_private_memory(kRecordedPackets);
+  if (input_.frames) recorded_frames_ = ipc::Ring<drivers::CanFrame>::in_private_memory(kRecordedFrames);
 }
 
 void Pipeline::make_feed() {
@@ -124,7 +128,7 @@ void Pipeline::make_merged_feed() {
                       elevation_correction_rad(lidar.config),
                       core::Duration::from_milliseconds(lidar.config.wait_ms), point_capacity(lidar)});
   }
-  const MergedScanFeed::Options options{live_rules_, elevation_correction_rad(config_.lidar),
+  const MergedScanFeed::Options options{options_.rules, elevation_correction_rad(config_.lidar),
                                         options_.decisions.empty() ? nullptr : &options_.decisions};
   merged_feed_ = std::make_unique<MergedScanFeed>(*packet_feed_, others, options, data_event_, event_log_);
   feed_ = merged_feed_.get();
@@ -147,7 +151,7 @@ std::uint64_t Pipeline::packets_dropped() const {
 
 OdometryLoopConfig Pipeline::loop_config() const {
   OdometryLoopConfig result;
-  result.lossless = !live_rules_;
+  result.rules = options_.rules;
   result.hook = options_.thread_hook;
   result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
   // Registration needs most of the budget.
@@ -168,7 +172,7 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   outputs.observer = options_.observer;
   const bool with_imu = input_.frames != nullptr;
   outputs.imu_health = with_imu ? &imu_health_ : nullptr;
-  outputs.decisions = live_rules_ ? &decisions_ : nullptr;
+  outputs.decisions = options_.rules.are_live() ? &decisions_ : nullptr;
   outputs.guard = guard_.get();
   core::OdometryConfig odometry = odometry_config(config_);
   odometry.budget = budget_;
@@ -200,27 +204,29 @@ std::vector<PlanOutcome> Pipeline::warm_up(OdometryLoop& loop) {
   return {check_workers(plan_, workers)};
 }
 
-void Pipeline::start_odometry(std::vector<PlanOutcome>& outcomes) {
-  // Shared by preparation and body, which run in the same thread one after the other.
+RealtimeWork Pipeline::odometry_work() {
+  // Made and destroyed in the thread: it inherits its scheduling to the workers.
   struct Prepared {
     /// Stack size of the workers during their lifetime.
     tbb::global_control stacks{tbb::global_control::thread_stack_size, ipc::kThreadStackBytes};
     std::unique_ptr<OdometryLoop> loop;
   };
   const auto prepared = std::make_shared<std::unique_ptr<Prepared>>();
-  const auto prepare = [this, prepared] {
+  RealtimeWork work;
+  work.prepare = [this, prepared] {
     *prepared = std::make_unique<Prepared>();
     (*prepared)->loop = make_loop();
     return warm_up(*(*prepared)->loop);
   };
-  const auto body = [this, prepared] {
-    (*prepared)->loop->run(stop_, counters_);
+  work.run = [this, prepared] { return (*prepared)->loop->run(stop_, counters_); };
+  work.finish = [this, prepared] {
+    (*prepared)->loop->finish();
     if (guard_) guard_->stop();
     prepared->reset();
     finished_.store(true, std::memory_order_release);
     output_event_.notify();
   };
-  run_thread(ThreadRole::kOdometry, prepare, body, outcomes);
+  return work;
 }
 
 /// Identification allocates and reads files, hence a thread at normal priority.
@@ -230,7 +236,7 @@ void Pipeline::start_identification() {
                        [](const auto& lidar) { return lidar->channel.wants_identification(); });
   };
   if (!is_wanted()) return;
-  threads_.emplace_back([this, is_wanted] {
+  identification_thread_.emplace([this, is_wanted] {
     pthread_setname_np(pthread_self(), "nilio-identify");
     while (is_wanted() && !stop_.load(std::memory_order_relaxed)) {
       for (const auto& lidar : lidars_) {
@@ -243,49 +249,44 @@ void Pipeline::start_identification() {
   });
 }
 
-void Pipeline::run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
-                          std::vector<PlanOutcome>& outcomes) {
-  // Shared ownership: a promise may be destroyed only after the other thread has finished with it.
-  const auto promise = std::make_shared<std::promise<std::vector<PlanOutcome>>>();
-  std::future<std::vector<PlanOutcome>> ready = promise->get_future();
-  threads_.emplace_back([this, role, promise, prepare = std::move(prepare), body = std::move(body)] {
-    std::vector<PlanOutcome> own{apply_to_this_thread(plan_, role)};
-    if (options_.thread_hook != nullptr) options_.thread_hook(role, ThreadPhase::kStarted);
-    const bool runs = own.front().granted || !plan_.strict;
-    if (runs && prepare) {
-      for (PlanOutcome& outcome : prepare()) own.push_back(std::move(outcome));
-    }
-    promise->set_value(std::move(own));
-    if (runs) body();
-  });
-  for (PlanOutcome& outcome : ready.get()) outcomes.push_back(std::move(outcome));
+void Pipeline::start_thread(ThreadRole role, RealtimeWork work, std::vector<PlanOutcome>& outcomes) {
+  threads_.emplace_back(plan_, role, options_.thread_hook, std::move(work));
+  for (PlanOutcome& outcome : threads_.back().await_start()) outcomes.push_back(std::move(outcome));
+}
+
+void Pipeline::watch_with(Watchdog& watchdog) const {
+  for (const RealtimeThread& thread : threads_)
+    watchdog.watch(name_of(thread.role()), [&thread] { return thread.heartbeat(); });
 }
 
 Result<std::vector<PlanOutcome>> Pipeline::start() {
   prepare_heap(plan_);
   std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), check_throttling(plan_)};
-  if (options_.paced && !input_.first_stamp) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
-  start_odometry(outcomes);
-  if (guard_)
-    run_thread(
-        ThreadRole::kDeadlineGuard, {}, [this] { guard_->run(options_.thread_hook); }, outcomes);
-  if (options_.paced && input_.first_stamp)
+  if (options_.rules.is_paced() && !input_.first_stamp) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
+  start_thread(ThreadRole::kOdometry, odometry_work(), outcomes);
+  if (guard_) start_thread(ThreadRole::kDeadlineGuard, {.run = [this] { return guard_->run(); }}, outcomes);
+  if (options_.rules.is_paced() && input_.first_stamp)
     policy_.pace = Pace{*input_.first_stamp, monotonic_ns() + kPaceLeadNs};
-  for (const auto& input : lidars_) {
-    LidarInput& lidar = *input;
-    const auto receive = [this, &lidar] {
-      receive_packets(lidar.source, lidar.ring, data_event_, policy_, lidar.state);
-    };
-    run_thread(ThreadRole::kLidarReceive, {}, receive, outcomes);
+  for (const auto& lidar : lidars_) {
+    const auto receiver =
+        std::make_shared<PacketReceiver>(lidar->source, lidar->ring, data_event_, policy_, lidar->state,
+                                         lidar->recorded ? &*lidar->recorded : nullptr);
+    start_thread(
+        ThreadRole::kLidarReceive,
+        {.run = [receiver] { return receiver->run(); }, .finish = [receiver] { receiver->finish(); }},
+        outcomes);
   }
   if (input_.frames) {
     // An unpaced replay has samples seconds before the scans they belong to.
-    ipc::PublisherProcess* const imu_poses = input_.live || policy_.pace ? publisher_ : nullptr;
-    const auto receive = [this, imu_poses] {
-      receive_imu(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_, imu_state_,
-                  imu_poses);
-    };
-    run_thread(ThreadRole::kImuReceive, {}, receive, outcomes);
+    ipc::PublisherProcess* const imu_poses =
+        options_.rules.has_sensors() || policy_.pace ? publisher_ : nullptr;
+    const auto receiver =
+        std::make_shared<ImuReceiver>(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_,
+                                      imu_state_, imu_poses, recorded_frames());
+    start_thread(
+        ThreadRole::kImuReceive,
+        {.run = [receiver] { return receiver->run(); }, .finish = [receiver] { receiver->finish(); }},
+        outcomes);
   }
   start_identification();
   for (const PlanOutcome& outcome : outcomes) {
@@ -305,8 +306,10 @@ void Pipeline::request_stop() {
 }
 
 void Pipeline::join() {
-  for (PlanThread& thread : threads_) thread.join();
+  for (RealtimeThread& thread : threads_) thread.join();
   threads_.clear();
+  if (identification_thread_) identification_thread_->join();
+  identification_thread_.reset();
 }
 
 }  // namespace nilio::daemon

@@ -9,27 +9,28 @@
 #include "daemon/input/receive.hpp"
 #include "daemon/odometry/odometry_loop.hpp"
 #include "daemon/output/event_log.hpp"
-#include "daemon/realtime/thread_plan.hpp"
+#include "daemon/realtime/realtime_thread.hpp"
+#include "daemon/realtime/watchdog.hpp"
 #include "ipc/publisher_process.hpp"
 
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace nilio::daemon {
 
 struct PipelineOptions {
-  bool paced = false;  ///< replay at the recorded pace instead of as fast as possible
-  /// Replay under live rules: full rings drop, the newest scan wins, waits time out.
-  bool as_live = false;
+  RunRules rules;
   /// Decisions of an earlier run to repeat.
-  std::vector<ScanDecision> decisions;
+  std::vector<ScanDecision> decisions{};
   bool collect_map = false;  ///< fill clouds()
+  bool record = false;       ///< fill LidarInput::recorded and recorded_frames()
   /// Clock of the odometry's stage stamps.
   core::Odometry::ClockFunction clock = monotonic_ns;
-  ScanObserver observer;
+  ScanObserver observer{};
   ThreadHook thread_hook = nullptr;
 };
 
@@ -41,6 +42,8 @@ struct LidarInput {
 
   drivers::PacketSource& source;
   ipc::Ring<drivers::Packet> ring;
+  /// Copy of the packets that entered `ring`, if the run is recorded.
+  std::optional<ipc::Ring<drivers::Packet>> recorded;
   ReceiveState state;
   LidarChannel channel;
 };
@@ -62,19 +65,32 @@ class Pipeline {
   core::Result<std::vector<PlanOutcome>> start();
   void request_stop();
   void join();
+  /// Has the threads watched. Call after start().
+  void watch_with(Watchdog& watchdog) const;
   /// The odometry thread has ended: all input is processed, or stop was requested.
   [[nodiscard]] bool finished() const { return finished_.load(std::memory_order_acquire); }
 
   [[nodiscard]] ipc::Ring<ipc::PoseRecord>& poses() { return poses_; }
   [[nodiscard]] ipc::Ring<CloudRecord>& clouds() { return clouds_; }
+  [[nodiscard]] const ipc::Ring<CloudRecord>& clouds() const { return clouds_; }
   /// Log lines of the threads, to be drained by the owner.
   [[nodiscard]] EventLog& event_log() { return event_log_; }
   [[nodiscard]] const EventLog& event_log() const { return event_log_; }
   [[nodiscard]] ipc::Ring<core::ImuHealth>& imu_health() { return imu_health_; }
   /// Under live rules: one decision per complete scan.
   [[nodiscard]] ipc::Ring<ScanDecision>& decisions() { return decisions_; }
-  /// Live rules apply.
-  [[nodiscard]] bool has_live_rules() const { return live_rules_; }
+  [[nodiscard]] const ipc::Ring<ScanDecision>& decisions() const { return decisions_; }
+  /// Copy of the frames that entered the IMU decoder; null unless the run is recorded with an IMU on CAN.
+  [[nodiscard]] ipc::Ring<drivers::CanFrame>* recorded_frames() {
+    return recorded_frames_ ? &*recorded_frames_ : nullptr;
+  }
+  [[nodiscard]] const ipc::Ring<drivers::CanFrame>* recorded_frames() const {
+    return recorded_frames_ ? &*recorded_frames_ : nullptr;
+  }
+  /// Interface named in the recorded frames.
+  [[nodiscard]] std::string can_interface() const {
+    return config_.imu.interface_name.empty() ? "can0" : config_.imu.interface_name;
+  }
   [[nodiscard]] const core::BudgetConfig& budget() const { return budget_; }
   /// Notified after every pose and at the end.
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
@@ -102,11 +118,8 @@ class Pipeline {
   void make_feed();
   void make_merged_feed();
   [[nodiscard]] OdometryLoopConfig loop_config() const;
-  /// Preparation of a thread after it got its scheduling, before start() returns; returns its outcomes.
-  using Preparation = std::function<std::vector<PlanOutcome>()>;
-  void run_thread(ThreadRole role, Preparation prepare, std::function<void()> body,
-                  std::vector<PlanOutcome>& outcomes);
-  void start_odometry(std::vector<PlanOutcome>& outcomes);
+  void start_thread(ThreadRole role, RealtimeWork work, std::vector<PlanOutcome>& outcomes);
+  [[nodiscard]] RealtimeWork odometry_work();
   void start_identification();
   [[nodiscard]] std::unique_ptr<OdometryLoop> make_loop();
   std::vector<PlanOutcome> warm_up(OdometryLoop& loop);
@@ -114,7 +127,6 @@ class Pipeline {
   Config config_;
   Input input_;
   PipelineOptions options_;
-  bool live_rules_;
   core::BudgetConfig budget_;
   ipc::PublisherProcess* publisher_;
   ThreadPlan plan_;
@@ -123,6 +135,7 @@ class Pipeline {
   EventLog event_log_;
   std::vector<std::unique_ptr<LidarInput>> lidars_;
   ipc::Ring<core::ImuSample> imu_ring_;
+  std::optional<ipc::Ring<drivers::CanFrame>> recorded_frames_;
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;
   ipc::Ring<core::ImuHealth> imu_health_;
@@ -138,7 +151,8 @@ class Pipeline {
   std::unique_ptr<DeadlineGuard> guard_;
   std::atomic<bool> stop_{false};
   std::atomic<bool> finished_{false};
-  std::vector<PlanThread> threads_;
+  std::vector<RealtimeThread> threads_;
+  std::optional<PlanThread> identification_thread_;
 };
 
 }  // namespace nilio::daemon

@@ -1,8 +1,12 @@
 #include "daemon/output/run_output.hpp"
 
-#include <cmath>
+#include <array>
 #include <cstdio>
-#include <filesystem>
+#include <cstring>
+#include <fstream>
+#include <span>
+#include <string_view>
+#include <utility>
 
 namespace nilio::daemon {
 
@@ -12,8 +16,10 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-// Sufficient for a map picture; 12 bytes each.
-constexpr std::size_t kMaxMapPoints = 20'000'000;
+// Waiting bytes of a file while the disk does not accept data; hours of poses.
+constexpr std::size_t kHeldBytes = std::size_t{4} << 20U;
+constexpr const char* kFileNames[] = {"trajectory.tum", "trajectory.kitti", "decisions.jsonl", "map.ply",
+                                      "latency.json"};
 
 Error cannot_write(const fs::path& path) {
   return Error{path.string() +
@@ -37,13 +43,21 @@ std::string kitti_line(const core::SE3& pose) {
   return line;
 }
 
-std::uint64_t voxel_key(const std::array<float, 3>& point, double voxel_m) {
-  std::uint64_t key = 0;
-  for (const float value : point) {
-    const auto cell = static_cast<std::int64_t>(std::floor(static_cast<double>(value) / voxel_m));
-    key = key << 21U | (static_cast<std::uint64_t>(cell) & 0x1FFFFFU);
-  }
-  return key;
+std::span<const std::uint8_t> bytes_of(std::string_view text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
+
+/// Replaces the file as a whole: readers see the old content or the new one.
+Result<std::monostate> replace_file(const fs::path& path, const std::string& content) {
+  const fs::path written = path.string() + ".new";
+  std::error_code error;
+  fs::create_directories(path.parent_path(), error);
+  std::ofstream file(written);
+  file << content;
+  if (!file.flush()) return cannot_write(written);
+  fs::rename(written, path, error);
+  if (error) return cannot_write(path);
+  return std::monostate{};
 }
 
 }  // namespace
@@ -58,95 +72,90 @@ std::string tum_line(const ipc::PoseRecord& r) {
   return line;
 }
 
+RunOutput::RunOutput(const Options& options, drivers::DiskState::Report report)
+    : options_(options),
+      folder_(options.folder),
+      disk_(std::move(report)),
+      tum_(folder_ / "trajectory.tum", {}),
+      kitti_(folder_ / "trajectory.kitti", {}) {
+  if (options.map) map_.emplace(folder_ / "map.ply", options.map_voxel_m);
+}
+
 Result<std::unique_ptr<RunOutput>> RunOutput::create(const Options& options,
-                                                     const std::string& effective_config) {
-  auto output = std::unique_ptr<RunOutput>(new RunOutput(options));
+                                                     const std::string& effective_config,
+                                                     drivers::DiskState::Report report) {
   const fs::path folder(options.folder);
   std::error_code error;
   fs::create_directories(folder, error);
   if (error)
     return Error{folder.string() + ": cannot be made (" + error.message() + ") - choose another --output"};
-  output->tum_.open(folder / "trajectory.tum");
-  if (!output->tum_) return cannot_write(folder / "trajectory.tum");
-  output->kitti_.open(folder / "trajectory.kitti");
-  if (!output->kitti_) return cannot_write(folder / "trajectory.kitti");
-  std::ofstream config(folder / "config.yaml");
-  config << effective_config;
-  if (!config.flush()) return cannot_write(folder / "config.yaml");
-  return output;
+  for (const char* name : kFileNames) {
+    fs::remove(folder / name, error);
+    if (error) return cannot_write(folder / name);
+  }
+  if (auto written = replace_file(folder / "config.yaml", effective_config); !written) return written.error();
+  return std::unique_ptr<RunOutput>(new RunOutput(options, std::move(report)));
 }
 
 void RunOutput::add(const ipc::PoseRecord& record) {
   const core::SE3 T_odom_base = pose_of(record);
-  if (poses_ == 0) {
-    T_base_odom_ = T_odom_base.inverse();
-  } else {
-    path_length_m_ += (T_odom_base.translation - last_position_).norm();
+  if (!T_base_odom_) T_base_odom_ = T_odom_base.inverse();
+  if (kitti_.pending_bytes() > kHeldBytes) {
+    ++lost_.poses;
+    return;
   }
-  last_position_ = T_odom_base.translation;
-  ++poses_;
-  tum_ << tum_line(record);
-  core::SE3 T_first_now = T_base_odom_ * T_odom_base;
+  core::SE3 T_first_now = *T_base_odom_ * T_odom_base;
   if (options_.T_camera_lidar) {
     const core::SE3 T_camera_base = *options_.T_camera_lidar * options_.T_base_lidar.inverse();
     T_first_now = T_camera_base * T_first_now * T_camera_base.inverse();
   }
-  kitti_ << kitti_line(T_first_now);
+  kitti_.append(bytes_of(kitti_line(T_first_now)));
+  tum_.append(bytes_of(tum_line(record)));
 }
 
-Result<std::monostate> RunOutput::open_decisions(const std::string& header) {
-  const fs::path path = fs::path(options_.folder) / "decisions.jsonl";
-  decisions_.open(path);
-  decisions_ << header << '\n';
-  if (!decisions_) return cannot_write(path);
-  return std::monostate{};
+void RunOutput::open_decisions(const std::string& header) {
+  const std::string line = header + '\n';
+  decisions_ = drivers::RecordFile(folder_ / "decisions.jsonl", {line.begin(), line.end()});
 }
 
-void RunOutput::add(const ScanDecision& decision) { decisions_ << decision_line(decision) << '\n'; }
+void RunOutput::add(const ScanDecision& decision) {
+  if (decisions_.pending_bytes() > kHeldBytes) {
+    ++lost_.decisions;
+  } else {
+    decisions_.append(bytes_of(decision_line(decision) + '\n'));
+  }
+}
 
 void RunOutput::add(const CloudRecord& cloud) {
-  for (std::size_t i = 0; i < cloud.count && map_points_.size() < kMaxMapPoints; ++i) {
-    if (map_voxels_.insert(voxel_key(cloud.points[i], options_.map_voxel_m)).second)
-      map_points_.push_back(cloud.points[i]);
+  if (map_) map_->add(cloud);
+}
+
+void RunOutput::flush(std::int64_t now_ns) {
+  if (!disk_.is_due(now_ns)) return;
+  std::array<drivers::RecordFile*, 4> files{&tum_, &kitti_, &decisions_, map_ ? &map_->file() : nullptr};
+  int error = 0;
+  for (drivers::RecordFile* const file : files) {
+    if (file == nullptr || error != 0) continue;
+    error = file->write_pending();
+    if (error != 0) disk_.note_failure(file->path(), error, now_ns, lost_.total());
   }
-}
-
-Result<std::monostate> RunOutput::write_map() const {
-  const fs::path path = fs::path(options_.folder) / "map.ply";
-  std::ofstream file(path, std::ios::binary);
-  file << "ply\nformat binary_little_endian 1.0\nelement vertex " << map_points_.size()
-       << "\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
-  file.write(reinterpret_cast<const char*>(map_points_.data()),
-             static_cast<std::streamsize>(map_points_.size() * sizeof map_points_[0]));
-  if (!file.flush()) return cannot_write(path);
-  return std::monostate{};
-}
-
-Result<std::monostate> RunOutput::write_distributions(const ipc::LatencyHistograms& latency) const {
-  const fs::path folder = fs::path(options_.folder) / "latency";
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) return cannot_write(folder);
-  for (std::size_t i = 0; i < ipc::kLatencyStageCount; ++i) {
-    const fs::path path = folder / (std::string(ipc::kLatencyStageNames[i]) + ".hgrm");
-    std::ofstream file(path);
-    file << ipc::percentile_distribution(latency.histogram(static_cast<ipc::LatencyStage>(i)).snapshot());
-    if (!file.flush()) return cannot_write(path);
+  if (map_) {
+    lost_.map_points = map_->lost();
+    if (error == 0) error = map_->update_count();
   }
-  return std::monostate{};
+  if (error == 0) disk_.note_success(tum_.path(), lost_.total());
 }
 
-Result<std::monostate> RunOutput::finish(const std::string& latency_json,
-                                         const ipc::LatencyHistograms& latency) {
-  const fs::path folder(options_.folder);
-  if (!tum_.flush()) return cannot_write(folder / "trajectory.tum");
-  if (!kitti_.flush()) return cannot_write(folder / "trajectory.kitti");
-  if (decisions_.is_open() && !decisions_.flush()) return cannot_write(folder / "decisions.jsonl");
-  std::ofstream summary(folder / "latency.json");
-  summary << latency_json << '\n';
-  if (!summary.flush()) return cannot_write(folder / "latency.json");
-  if (auto written = write_distributions(latency); !written) return written;
-  if (options_.map) return write_map();
+Result<std::monostate> RunOutput::finish(const FinalFiles& final_files, std::int64_t now_ns) {
+  disk_.retry_at_once();
+  flush(now_ns);
+  if (disk_.is_blocked() || lost_.total() > 0) {
+    return Error{folder_.string() + ": " + std::to_string(lost_.total() + tum_.pending_records()) +
+                 " records could not be written in time - free space on the disk, or choose a faster one"};
+  }
+  for (const auto& [name, content] : final_files) {
+    if (auto written = replace_file(folder_ / name, content); !written) return written;
+  }
   return std::monostate{};
 }
 

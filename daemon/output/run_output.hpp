@@ -2,27 +2,27 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/core/se3.hpp"
+#include "nilio/drivers/capture/record_file.hpp"
 
 #include "daemon/odometry/odometry_loop.hpp"
-#include "ipc/histogram.hpp"
+#include "daemon/output/map_file.hpp"
 #include "ipc/records.hpp"
 
 #include <cstdint>
-#include <fstream>
+#include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
-#include <unordered_set>
-#include <vector>
 
 namespace nilio::daemon {
 
 /// Line of trajectory.tum for a pose.
 std::string tum_line(const ipc::PoseRecord& record);
 
-/// Output files of one run, written by the supervisor. trajectory.tum and trajectory.kitti grow with each
-/// pose; config.yaml is written at the start, latency.json, latency/<stage>.hgrm and map.ply at the end. One
-/// thread.
+/// Files of one run: trajectory.tum, trajectory.kitti, decisions.jsonl and map.ply grow during the run,
+/// config.yaml is written at the start, latency.json and latency/<stage>.hgrm at the end. While the disk does
+/// not accept data, a bounded amount waits in memory and the rest is dropped and counted. One thread.
 class RunOutput {
  public:
   struct Options {
@@ -33,37 +33,46 @@ class RunOutput {
     bool map = true;
     double map_voxel_m = 0.3;
   };
+  /// Content of files that are written at the end, by path in the folder.
+  using FinalFiles = std::map<std::string, std::string>;
+  /// Records that the disk did not accept in time.
+  struct Lost {
+    std::uint64_t poses = 0;
+    std::uint64_t decisions = 0;
+    std::uint64_t map_points = 0;
+    [[nodiscard]] std::uint64_t total() const { return poses + decisions + map_points; }
+  };
 
-  /// Creates the folder and opens the files; the error names the file that cannot be written.
+  /// Creates the folder and removes the files of an earlier run; the error names the file that cannot be
+  /// written. `report` takes lines about the disk.
   static core::Result<std::unique_ptr<RunOutput>> create(const Options& options,
-                                                         const std::string& effective_config);
+                                                         const std::string& effective_config,
+                                                         drivers::DiskState::Report report);
 
   void add(const ipc::PoseRecord& record);
   void add(const CloudRecord& cloud);
-  /// Creates decisions.jsonl for the scan decisions.
-  core::Result<std::monostate> open_decisions(const std::string& header);
+  /// Decisions are written below this first line of decisions.jsonl; call before the first one.
+  void open_decisions(const std::string& header);
   void add(const ScanDecision& decision);
-  /// Writes the final files; returns the first write error, such as a full disk.
-  core::Result<std::monostate> finish(const std::string& latency_json, const ipc::LatencyHistograms& latency);
-
-  [[nodiscard]] double path_length_m() const { return path_length_m_; }
-  [[nodiscard]] std::uint64_t poses() const { return poses_; }
+  /// Gives the kernel everything added, so that it survives the end of this process. `now_ns`:
+  /// CLOCK_MONOTONIC.
+  void flush(std::int64_t now_ns);
+  /// Flushes and writes the final files; returns the first error, such as a full disk.
+  core::Result<std::monostate> finish(const FinalFiles& final_files, std::int64_t now_ns);
+  [[nodiscard]] const Lost& lost() const { return lost_; }
 
  private:
-  explicit RunOutput(const Options& options) : options_(options) {}
-  core::Result<std::monostate> write_distributions(const ipc::LatencyHistograms& latency) const;
-  core::Result<std::monostate> write_map() const;
+  RunOutput(const Options& options, drivers::DiskState::Report report);
 
   Options options_;
-  std::ofstream tum_;
-  std::ofstream kitti_;
-  std::ofstream decisions_;
-  core::SE3 T_base_odom_;  ///< inverse of the first pose
-  core::Vector3 last_position_ = core::Vector3::Zero();
-  double path_length_m_ = 0.0;
-  std::uint64_t poses_ = 0;
-  std::unordered_set<std::uint64_t> map_voxels_;
-  std::vector<std::array<float, 3>> map_points_;
+  std::filesystem::path folder_;
+  drivers::DiskState disk_;
+  drivers::RecordFile tum_;
+  drivers::RecordFile kitti_;
+  drivers::RecordFile decisions_;
+  std::optional<MapFile> map_;
+  std::optional<core::SE3> T_base_odom_;  ///< inverse of the first pose
+  Lost lost_;
 };
 
 }  // namespace nilio::daemon

@@ -4,17 +4,17 @@
 #include "daemon/config/schema.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/pipeline.hpp"
-#include "daemon/output/run_output.hpp"
-#include "daemon/output/run_reports.hpp"
-#include "daemon/realtime/memory_plan.hpp"
-#include "ipc/histogram.hpp"
+#include "daemon/output/file_writer.hpp"
+#include "daemon/output/run_log.hpp"
+#include "daemon/realtime/watchdog.hpp"
 #include "ipc/publisher_process.hpp"
 
-#include <array>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -31,47 +31,51 @@ constexpr Duration kPollPeriod = Duration::from_milliseconds(20.0);
 constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
 constexpr std::int64_t kSilenceNs = 2'000'000'000;
 constexpr std::size_t kPublisherSlots = 1024;
+// SIGTERM ends the process within 2 s, of which the publisher may take half.
+constexpr Duration kPublisherPatience = Duration::from_seconds(0.8);
+constexpr Duration kDiskPatience = Duration::from_seconds(0.8);
+// The end of a replay is not in a hurry.
+constexpr Duration kReplayPublisherPatience = Duration::from_seconds(2.0);
+constexpr Duration kReplayDiskPatience = Duration::from_seconds(60.0);
 
-/// State of the supervisor during one run.
+spdlog::level::level_enum level_of(LogLevel level) {
+  return level == LogLevel::kError     ? spdlog::level::err
+         : level == LogLevel::kWarning ? spdlog::level::warn
+                                       : spdlog::level::info;
+}
+
+/// Starts, watches and ends the parts of one run. Never waits for a disk: files belong to the FileWriter.
 class Supervisor {
  public:
   Supervisor(const Config& config, const RunOptions& options) : config_(config), options_(options) {}
 
   Result<std::monostate> open();
-  Result<std::monostate> run(const std::atomic<bool>& stop);
+  Result<RunResult> run(const std::atomic<bool>& stop);
 
  private:
-  Result<std::monostate> open_publisher(bool live);
-  Result<std::monostate> open_output(const Input& input);
-  void drain();
-  void report_plan(const std::vector<PlanOutcome>& outcomes);
-  void report_clock(const ipc::PoseRecord& record);
+  Result<std::monostate> open_publisher();
+  Result<std::monostate> open_pipeline(Input input);
+  Result<std::monostate> open_files(const std::optional<core::SE3>& T_camera_lidar);
+  void take_results();
+  void watch();
   void watch_publisher();
   void watch_can();
+  void watch_files();
   void report_status();
   void report_silence(std::int64_t now);
-  void report_feed();
+  void report_events();
   void report_mixed_senders();
-  void report_end() const;
-  void report_unused_imu() const;
+  Result<std::monostate> finish_files(bool stopped);
   [[nodiscard]] nlohmann::json summary() const;
 
   const Config& config_;
   const RunOptions& options_;
   std::unique_ptr<ipc::PublisherProcess> publisher_;
-  std::unique_ptr<Pipeline> pipeline_;
+  std::shared_ptr<Pipeline> pipeline_;
   std::unique_ptr<CanWatch> can_watch_;
-  std::unique_ptr<RunOutput> output_;
-  ipc::LatencyHistograms latency_;
-  BudgetReport budget_;
-  ImuReport imu_report_;
-  /// Outcomes of the requests to the kernel, one line each.
-  std::vector<std::string> plan_lines_;
-  std::optional<ipc::PoseRecord> last_;
-  std::uint64_t poses_ = 0;
-  std::uint64_t poses_at_last_status_ = 0;
-  std::array<std::uint64_t, 4> states_{};
-  ipc::TrackingState reported_state_ = ipc::TrackingState::kInitialising;
+  std::unique_ptr<FileWriter> files_;
+  RunLog log_;
+  Watchdog watchdog_;
   std::int64_t started_ns_ = 0;
   std::int64_t next_status_ns_ = 0;
   std::int64_t last_pose_ns_ = 0;
@@ -80,7 +84,7 @@ class Supervisor {
   std::set<std::string> mixed_reported_;
 };
 
-Result<std::monostate> Supervisor::open_publisher(bool live) {
+Result<std::monostate> Supervisor::open_publisher() {
   if (!config_.publisher.enabled) return std::monostate{};
   ipc::PublisherProcessConfig config;
   config.executable = options_.publisher_executable;
@@ -91,7 +95,7 @@ Result<std::monostate> Supervisor::open_publisher(bool live) {
   config.topic_prefix = config_.publisher.topic_prefix;
   config.ring_capacity = kPublisherSlots;
   if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
-  const Result<ThreadPlan> plan = make_thread_plan(config_, live);
+  const Result<ThreadPlan> plan = make_thread_plan(config_, options_.rules);
   if (!plan) return plan.error();
   if (plan->fifo) config.imu_pose_priority = config_.realtime.imu_pose_priority;
   config.lock_memory = plan->lock_memory;
@@ -108,31 +112,9 @@ Result<std::monostate> Supervisor::open_publisher(bool live) {
   return std::monostate{};
 }
 
-Result<std::monostate> Supervisor::open_output(const Input& input) {
-  if (options_.output_folder.empty()) return std::monostate{};
-  RunOutput::Options options;
-  options.folder = options_.output_folder;
-  options.T_camera_lidar = input.T_camera_lidar;
-  options.T_base_lidar = odometry_config(config_).T_base_lidar;
-  options.map = config_.output.map;
-  options.map_voxel_m = config_.output.map_voxel_m;
-  auto output = RunOutput::create(options, to_yaml(config_));
-  if (!output) return output.error();
-  output_ = std::move(output).value();
-  return std::monostate{};
-}
-
-Result<std::monostate> Supervisor::open() {
-  Result<Input> input = options_.replay ? open_replay(options_.files, config_) : open_live(config_);
-  if (!input) return input.error();
-  for (const std::string& note : input->notes) spdlog::info("{}", note);
-  for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
-  if (auto opened = open_output(*input); !opened) return opened;
-  if (auto opened = open_publisher(input->live || options_.as_live); !opened) return opened;
-  can_watch_ = std::move(input->can_watch);
+Result<std::monostate> Supervisor::open_pipeline(Input input) {
   PipelineOptions pipeline_options;
-  pipeline_options.paced = options_.paced;
-  pipeline_options.as_live = options_.as_live;
+  pipeline_options.rules = options_.rules;
   pipeline_options.thread_hook = options_.thread_hook;
   if (!options_.decisions_file.empty()) {
     auto decisions = read_decisions(options_.decisions_file);
@@ -140,72 +122,77 @@ Result<std::monostate> Supervisor::open() {
     if (decisions->empty()) return Error{options_.decisions_file + ": contains no decision"};
     pipeline_options.decisions = std::move(decisions).value();
   }
-  pipeline_options.collect_map = output_ != nullptr && config_.output.map;
-  auto pipeline = Pipeline::create(config_, std::move(input).value(), pipeline_options, publisher_.get());
+  pipeline_options.collect_map = !options_.output_folder.empty() && config_.output.map;
+  pipeline_options.record = !options_.record_folder.empty();
+  auto pipeline = Pipeline::create(config_, std::move(input), pipeline_options, publisher_.get());
   if (!pipeline) return pipeline.error();
   pipeline_ = std::move(pipeline).value();
-  if (output_ && pipeline_->has_live_rules()) {
-    const core::BudgetConfig& budget = pipeline_->budget();
-    return output_->open_decisions(
-        decision_header(budget.mode, static_cast<double>(budget.budget.ns) * 1e-6));
-  }
   return std::monostate{};
 }
 
-void Supervisor::drain() {
-  while (const std::optional<ipc::PoseRecord> record = pipeline_->poses().try_pop()) {
-    latency_.record(*record);
-    budget_.record(*record);
-    if (output_) output_->add(*record);
-    ++poses_;
-    ++states_[static_cast<std::size_t>(record->state) % states_.size()];
+Result<std::monostate> Supervisor::open_files(const std::optional<core::SE3>& T_camera_lidar) {
+  const auto report = [](const std::string& line) { spdlog::warn("{}", line); };
+  DecisionHeader header{pipeline_->budget().mode, pipeline_->budget().budget, {}};
+  std::unique_ptr<RunRecorder> recorder;
+  if (!options_.record_folder.empty()) {
+    auto created = RunRecorder::create(options_.record_folder, to_yaml(config_), report);
+    if (!created) return created.error();
+    recorder = std::move(created).value();
+    if (options_.rules.are_live()) recorder->open_decisions(decision_line(header));
+    header.recording = {std::filesystem::absolute(options_.record_folder).string()};
+  } else {
+    for (const std::string& path : options_.recording)
+      header.recording.push_back(std::filesystem::absolute(path).string());
+  }
+  std::unique_ptr<RunOutput> output;
+  if (!options_.output_folder.empty()) {
+    RunOutput::Options output_options;
+    output_options.folder = options_.output_folder;
+    output_options.T_camera_lidar = T_camera_lidar;
+    output_options.T_base_lidar = odometry_config(config_).T_base_lidar;
+    output_options.map = config_.output.map;
+    output_options.map_voxel_m = config_.output.map_voxel_m;
+    auto created = RunOutput::create(output_options, to_yaml(config_), report);
+    if (!created) return created.error();
+    output = std::move(created).value();
+    if (options_.rules.are_live()) output->open_decisions(decision_line(header));
+  }
+  if (output || recorder)
+    files_ = std::make_unique<FileWriter>(pipeline_, std::move(output), std::move(recorder));
+  return std::monostate{};
+}
+
+Result<std::monostate> Supervisor::open() {
+  Result<Input> input =
+      options_.rules.has_sensors() ? open_live(config_) : open_replay(options_.files, config_);
+  if (!input) return input.error();
+  for (const std::string& note : input->notes) spdlog::info("{}", note);
+  for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
+  if (auto opened = open_publisher(); !opened) return opened;
+  can_watch_ = std::move(input->can_watch);
+  const std::optional<core::SE3> T_camera_lidar = input->T_camera_lidar;
+  if (auto opened = open_pipeline(std::move(input).value()); !opened) return opened;
+  return open_files(T_camera_lidar);
+}
+
+/// Passes results on to log and files. In a replay, poses wait while the files have no room for them.
+void Supervisor::take_results() {
+  const auto has_room = [&] { return options_.rules.are_live() || !files_ || files_->has_room(); };
+  while (has_room()) {
+    const std::optional<ipc::PoseRecord> record = pipeline_->poses().try_pop();
+    if (!record) break;
+    log_.add(*record);
+    if (files_) files_->add(*record);
     last_pose_ns_ = monotonic_ns();
     silence_reported_ = false;
-    if (record->state != reported_state_) {
-      spdlog::info("scan {}: {} -> {} ({})", record->sequence, core::name_of(reported_state_),
-                   core::name_of(record->state), core::name_of(record->stop_reason));
-      reported_state_ = record->state;
-    }
-    report_clock(*record);
-    last_ = record;
   }
-  while (const std::optional<ScanDecision> decision = pipeline_->decisions().try_pop()) {
-    if (output_) output_->add(*decision);
-  }
-  while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop())
-    imu_report_.update(*health);
-  for (auto slots = pipeline_->clouds().begin_read(); !slots.empty();
-       slots = pipeline_->clouds().begin_read()) {
-    if (output_) output_->add(slots.front());
-    pipeline_->clouds().consume(1);
-  }
-}
-
-void Supervisor::report_plan(const std::vector<PlanOutcome>& outcomes) {
-  // Not of interest in a replay at normal priority.
-  const auto good = pipeline_->input().live ? spdlog::level::info : spdlog::level::debug;
-  for (const PlanOutcome& outcome : outcomes) {
-    spdlog::log(outcome.granted && !outcome.warns ? good : spdlog::level::warn, "{}", outcome.text);
-    plan_lines_.push_back(outcome.text);
-  }
-}
-
-/// Logs the time source at the first scan and at every change.
-void Supervisor::report_clock(const ipc::PoseRecord& record) {
-  if (last_ && last_->clock_source == record.clock_source && !record.after_time_jump) return;
-  if (record.after_time_jump)
-    spdlog::warn("scan {}: the LiDAR's clock was set; its timeline is reset", record.sequence);
-  spdlog::info("scan {}: LiDAR time source {}", record.sequence, core::name_of(record.clock_source));
+  while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop()) log_.add(*health);
 }
 
 /// Logs the events of the odometry and identification threads.
-void Supervisor::report_feed() {
-  while (const std::optional<EventLog::Line> line = pipeline_->event_log().take()) {
-    const auto level = line->level == LogLevel::kError     ? spdlog::level::err
-                       : line->level == LogLevel::kWarning ? spdlog::level::warn
-                                                           : spdlog::level::info;
-    spdlog::log(level, "{}", line->text);
-  }
+void Supervisor::report_events() {
+  while (const std::optional<EventLog::Line> line = pipeline_->event_log().take())
+    spdlog::log(level_of(line->level), "{}", line->text);
 }
 
 void Supervisor::report_mixed_senders() {
@@ -233,140 +220,107 @@ void Supervisor::watch_can() {
     spdlog::log(event.problem ? spdlog::level::warn : spdlog::level::info, "{}", event.message);
 }
 
+void Supervisor::watch_files() {
+  if (!files_) return;
+  if (const std::optional<std::string> line = files_->poll(monotonic_ns())) spdlog::warn("{}", *line);
+}
+
+void Supervisor::watch() {
+  for (const Watchdog::Event& event : watchdog_.poll(monotonic_ns()))
+    spdlog::log(event.hangs ? spdlog::level::err : spdlog::level::warn, "{}", event.text);
+  watch_publisher();
+  watch_can();
+  watch_files();
+}
+
 void Supervisor::report_status() {
   const std::int64_t now = monotonic_ns();
   if (now < next_status_ns_) return;
   next_status_ns_ = now + kStatusPeriodNs;
   report_silence(now);
   report_mixed_senders();
-  if (!last_ || poses_ == poses_at_last_status_) return;
-  const auto p50 =
-      static_cast<double>(latency_.histogram(ipc::LatencyStage::kEndToEnd).snapshot().percentile(50.0)) *
-      1e-6;
-  spdlog::info(
-      "{}: {} poses (+{}), position {:.2f} {:.2f} {:.2f} m, {:.2f} m/s, {} correspondences, latency p50 "
-      "{:.1f} ms",
-      core::name_of(last_->state), poses_, poses_ - poses_at_last_status_, last_->position[0],
-      last_->position[1], last_->position[2], last_->linear_velocity[0], last_->correspondences, p50);
-  poses_at_last_status_ = poses_;
+  log_.report_status();
 }
 
 void Supervisor::report_silence(std::int64_t now) {
-  if (!pipeline_->input().live || silence_reported_ || now - last_pose_ns_ < kSilenceNs) return;
+  if (!options_.rules.has_sensors() || silence_reported_ || now - last_pose_ns_ < kSilenceNs) return;
   spdlog::warn("no scan for {:.0f} s: {}", static_cast<double>(now - last_pose_ns_) * 1e-9,
                pipeline_->input().packets->status());
   silence_reported_ = true;
 }
 
-Result<std::monostate> Supervisor::run(const std::atomic<bool>& stop) {
+Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
   started_ns_ = last_pose_ns_ = monotonic_ns();
   next_status_ns_ = started_ns_ + kStatusPeriodNs;
   const auto granted = pipeline_->start();
   if (!granted) return granted.error();
-  report_plan(*granted);
+  log_.add(*granted, options_.rules.has_sensors());
+  if (options_.rules.are_live()) pipeline_->watch_with(watchdog_);
   while (!pipeline_->finished() && !stop.load()) {
     pipeline_->output_event().wait(kPollPeriod);
-    drain();
-    report_feed();
-    watch_publisher();
-    watch_can();
+    take_results();
+    report_events();
+    watch();
     report_status();
   }
+  const bool stopped = stop.load();
   pipeline_->request_stop();
   pipeline_->join();
-  drain();
-  report_feed();
+  take_results();
+  // A stopped run does not wait for a disk.
+  while (!stopped && !stop.load() && pipeline_->poses().size() > 0) {
+    pipeline_->output_event().wait(kPollPeriod);
+    take_results();
+  }
+  report_events();
   report_mixed_senders();
   if (publisher_) {
-    if (const auto event = publisher_->stop(); event && event->unpublished > 0)
-      spdlog::warn("{}", event->message);
+    const auto event = publisher_->stop(stopped ? kPublisherPatience : kReplayPublisherPatience);
+    if (event && event->unpublished > 0) spdlog::warn("{}", event->message);
   }
-  report_end();
-  if (output_) {
-    if (auto finished = output_->finish(summary().dump(2), latency_); !finished) return finished;
-  }
-  if (poses_ == 0 && options_.replay) return Error{explain_no_poses(*pipeline_)};
-  return std::monostate{};
+  log_.report_end(*pipeline_, static_cast<double>(monotonic_ns() - started_ns_) * 1e-9);
+  if (auto finished = finish_files(stopped); !finished) return finished.error();
+  if (log_.poses() == 0 && !options_.rules.has_sensors()) return Error{explain_no_poses(*pipeline_)};
+  return RunResult{log_.poses(), log_.lost_poses()};
+}
+
+Result<std::monostate> Supervisor::finish_files(bool stopped) {
+  if (!files_) return std::monostate{};
+  RunOutput::FinalFiles final_files = log_.latency_files();
+  final_files["latency.json"] = summary().dump(2) + '\n';
+  auto finished = files_->finish(std::move(final_files), stopped ? kDiskPatience : kReplayDiskPatience);
+  if (finished && !options_.output_folder.empty())
+    spdlog::info("path {:.2f} m; outputs in {}", log_.path_length_m(), options_.output_folder);
+  return finished;
 }
 
 nlohmann::json Supervisor::summary() const {
-  nlohmann::json json = pipeline_summary(*pipeline_);
-  json["stages"] = ipc::latency_json(latency_);
+  nlohmann::json json = log_.summary(*pipeline_);
   json["counters"].update({
-      {"poses", poses_},
-      {"poses_initialising", states_[0]},
-      {"poses_tracking", states_[1]},
-      {"poses_degraded", states_[2]},
-      {"poses_lost", states_[3]},
       {"publisher_restarts", publisher_ ? publisher_->restarts() : 0},
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
       {"publisher_samples", publisher_ ? publisher_->samples().written() : 0},
       {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
+      {"watchdog_hangs", watchdog_.hangs()},
   });
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
-  json["imu"] = imu_report_.json();
-  json["budget"] = budget_.json(pipeline_->budget());
-  json["budget"]["superseded"] = pipeline_->counters().superseded.load();
-  json["threads"] = plan_lines_;
-  const MemoryUse memory = memory_use();
-  json["memory"] = {{"resident_bytes", memory.resident_bytes},
-                    {"peak_resident_bytes", memory.peak_resident_bytes},
-                    {"locked_bytes", memory.locked_bytes}};
-  if (last_) json["clock_source"] = core::name_of(last_->clock_source);
-  if (output_) json["path_length_m"] = output_->path_length_m();
+  const FileWriter::Counters files = files_->counters();
+  json["counters"].update({
+      {"files_poses_dropped", files.poses_dropped},
+      {"files_decisions_dropped", files.decisions_dropped},
+      {"files_clouds_dropped", files.clouds_dropped},
+      {"files_packets_dropped", files.packets_dropped},
+      {"files_frames_dropped", files.frames_dropped},
+      {"files_disk_lost", files.disk_lost},
+  });
   return json;
-}
-
-void Supervisor::report_unused_imu() const {
-  if (imu_report_.is_compared()) {
-    spdlog::info(
-        "IMU: compared with the LiDAR, but not used; it has not yet predicted a turn better than a constant "
-        "rate");
-    return;
-  }
-  spdlog::warn(
-      "IMU: no scan covered ({} samples decoded) - check imu.preset and that both logs are "
-      "of "
-      "the same time",
-      pipeline_->counters().imu_samples.load());
-}
-
-void Supervisor::report_end() const {
-  const OdometryCounters& counters = pipeline_->counters();
-  const double seconds = static_cast<double>(monotonic_ns() - started_ns_) * 1e-9;
-  spdlog::info("{} scans, {} poses ({} initialising, {} tracking, {} degraded, {} lost) in {:.1f} s",
-               counters.scans.load(), poses_, states_[0], states_[1], states_[2], states_[3], seconds);
-  if (output_) spdlog::info("path {:.2f} m; outputs in {}", output_->path_length_m(), options_.output_folder);
-  const drivers::ScanAssemblerStats scans = pipeline_->scan_stats();
-  if (scans.lost_packets + scans.partial_scans + pipeline_->packets_dropped() > 0) {
-    spdlog::info("{} packets lost in the network, {} dropped by niliod, {} partial scans discarded",
-                 scans.lost_packets, pipeline_->packets_dropped(), scans.partial_scans);
-  }
-  log_merged_lidars(*pipeline_);
-  const Input& input = pipeline_->input();
-  if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
-  if (input.frames) {
-    if (input.frames->stats().malformed > 0) spdlog::warn("{}", input.frames->status());
-    if (counters.scans_with_imu.load() == 0) report_unused_imu();
-  }
-  if (const std::string text = budget_.text(pipeline_->budget()); !text.empty()) spdlog::info("{}", text);
-  if (const std::uint64_t missed = counters.decisions_missed.load(); missed > 0)
-    spdlog::warn(
-        "{} scans do not match the decision log: it belongs to another recording, or to one "
-        "with other lost packets; this run does not repeat it",
-        missed);
-  const MemoryUse memory = memory_use();
-  spdlog::info("memory: {} MiB resident, {} MiB peak, {} MiB locked", memory.resident_bytes >> 20U,
-               memory.peak_resident_bytes >> 20U, memory.locked_bytes >> 20U);
-  spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
 }
 
 }  // namespace
 
-Result<std::monostate> supervise(const Config& config, const RunOptions& options,
-                                 const std::atomic<bool>& stop) {
+Result<RunResult> supervise(const Config& config, const RunOptions& options, const std::atomic<bool>& stop) {
   Supervisor supervisor(config, options);
-  if (auto opened = supervisor.open(); !opened) return opened;
+  if (auto opened = supervisor.open(); !opened) return opened.error();
   return supervisor.run(stop);
 }
 

@@ -4,29 +4,39 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/input/input.hpp"
+#include "daemon/realtime/run_rules.hpp"
 #include "daemon/realtime/thread_hook.hpp"
 
 #include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace nilio::daemon {
 
 struct RunOptions {
-  bool replay = false;
+  RunRules rules = RunRules::Kind::kLive;
   ReplayFiles files;
-  bool paced = false;
-  bool as_live = false;
   std::string decisions_file;  ///< decision log to repeat; empty: none
   std::string output_folder;   ///< empty: no files
+  std::string record_folder;   ///< black box of the run; empty: none
+  /// Files and folders that were named for the replay, for the decision log.
+  std::vector<std::string> recording;
   std::filesystem::path publisher_executable;
   ThreadHook thread_hook = nullptr;
+};
+
+/// Poses of a run.
+struct RunResult {
+  std::uint64_t poses = 0;
+  std::uint64_t lost_poses = 0;
 };
 
 /// Runs the daemon: opens the input, starts publisher and pipeline, supervises them, writes outputs and log.
 /// Returns when a replay is done or `stop` is set; an error if no pose could be computed. Call from the main
 /// thread.
-core::Result<std::monostate> supervise(const Config& config, const RunOptions& options,
-                                       const std::atomic<bool>& stop);
+core::Result<RunResult> supervise(const Config& config, const RunOptions& options,
+                                  const std::atomic<bool>& stop);
 
 }  // namespace nilio::daemon

@@ -126,11 +126,11 @@ std::string cpu_list_text(const CpuList& cpus) {
   return text;
 }
 
-Result<ThreadPlan> make_thread_plan(const Config& config, bool live) {
+Result<ThreadPlan> make_thread_plan(const Config& config, RunRules rules) {
   const RealtimeSection& section = config.realtime;
   ThreadPlan plan;
-  plan.fifo = section.policy == "fifo" || (section.policy == "auto" && live);
-  plan.lock_memory = section.lock_memory && live;
+  plan.fifo = section.policy == "fifo" || (section.policy == "auto" && rules.are_live());
+  plan.lock_memory = section.lock_memory && rules.are_live();
   plan.strict = section.strict;
   plan.odometry_threads = config.odometry.threads;
   // The guard must preempt a late registration.

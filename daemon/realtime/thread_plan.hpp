@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 
 #include "daemon/config/config.hpp"
+#include "daemon/realtime/run_rules.hpp"
 #include "daemon/realtime/thread_hook.hpp"
 
 #include <array>
@@ -43,7 +44,7 @@ struct ThreadPlan {
   [[nodiscard]] const Role& of(ThreadRole role) const { return roles[static_cast<std::size_t>(role)]; }
 };
 /// Fails on an invalid CPU list; the error names the key.
-core::Result<ThreadPlan> make_thread_plan(const Config& config, bool live);
+core::Result<ThreadPlan> make_thread_plan(const Config& config, RunRules rules);
 
 /// Outcome of one request to the kernel.
 struct PlanOutcome {

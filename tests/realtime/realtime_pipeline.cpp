@@ -43,14 +43,12 @@ daemon::Config drive_config(int threads) {
 struct Drive {
   std::size_t times = 1;
   tests::Faults faults;
-  bool live = false;
   double speed = 0.0;
 };
 
 daemon::Input memory_input(const Drive& drive) {
   const tests::Recording& recording = tests::town_drive();
   daemon::Input input;
-  input.live = drive.live;
   input.packets = std::make_unique<tests::RepeatedPackets>(recording, drive.times, drive.faults, drive.speed);
   input.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
   input.frames = std::make_unique<tests::RepeatedFrames>(recording, drive.times, drive.faults);
@@ -106,6 +104,7 @@ void take_outputs(daemon::Pipeline& pipeline, ipc::Ring<ipc::PoseRecord>& publis
 
 /// Settings of a run besides its input.
 struct Run {
+  daemon::RunRules rules = {};
   daemon::ScanObserver observer = {};
   /// Feeds the pipeline from the calling thread; the default input needs no feeding.
   std::function<void(daemon::Pipeline&, const std::function<void()>& look_after)> feed = {};
@@ -117,6 +116,7 @@ Outcome run_watched(const daemon::Config& config, daemon::Input input, const Run
   auto published = ipc::Ring<ipc::PoseRecord>::attach(publisher->ring().file_descriptor());
   REQUIRE(published.ok());
   daemon::PipelineOptions options;
+  options.rules = run.rules;
   options.collect_map = true;
   options.thread_hook = watch::hook;
   options.observer = run.observer;
@@ -219,10 +219,10 @@ TEST_CASE("scans faster than the registration are superseded without allocation,
           "[realtime_pipeline][drives]") {
   Drive drive;
   drive.faults.enabled = true;
-  drive.live = true;
   // 80 s of data in 2 s.
   drive.speed = 40.0;
-  const Outcome outcome = run_watched(drive_config(1), memory_input(drive));
+  const Outcome outcome =
+      run_watched(drive_config(1), memory_input(drive), {.rules = daemon::RunRules::Kind::kLive});
   check_nothing_was_done();
   CHECK(outcome.superseded > 0);
   CHECK(outcome.watched_scans > 300);
@@ -251,9 +251,8 @@ TEST_CASE("the guard keeps an unreachable budget without allocation, lock or thr
   config.odometry.budget_ms = 0.2;
   Drive drive;
   drive.faults.enabled = true;
-  drive.live = true;
   drive.speed = 10.0;
-  const Outcome outcome = run_watched(config, memory_input(drive));
+  const Outcome outcome = run_watched(config, memory_input(drive), {.rules = daemon::RunRules::Kind::kLive});
   check_nothing_was_done();
   CHECK(outcome.watched_scans > 300);
   CHECK(outcome.published == outcome.poses);
@@ -273,6 +272,7 @@ TEST_CASE("a live LiDAR is identified, falls silent and returns without allocati
   REQUIRE(input.ok());
   tests::UdpSender sender;
   Run run;
+  run.rules = daemon::RunRules::Kind::kLive;
   run.feed = [&](daemon::Pipeline& pipeline, const std::function<void()>& look_after) {
     const std::vector<drivers::Packet>& packets = tests::town_drive().packets;
     constexpr std::size_t kPackets = 15'000;

@@ -38,7 +38,8 @@ Config live_config() {
 Started start(const Config& config) {
   auto input = open_live(config);
   REQUIRE(input.ok());
-  auto pipeline = Pipeline::create(config, std::move(input).value(), {}, nullptr);
+  auto pipeline =
+      Pipeline::create(config, std::move(input).value(), {.rules = RunRules::Kind::kLive}, nullptr);
   REQUIRE(pipeline.ok());
   auto outcomes = (*pipeline)->start();
   REQUIRE(outcomes.ok());
@@ -102,7 +103,8 @@ TEST_CASE("a missing CPU is reported with the key to correct, and is an error in
   config.realtime.strict = true;
   auto input = open_live(config);
   REQUIRE(input.ok());
-  auto pipeline = Pipeline::create(config, std::move(input).value(), {}, nullptr);
+  auto pipeline =
+      Pipeline::create(config, std::move(input).value(), {.rules = RunRules::Kind::kLive}, nullptr);
   REQUIRE(pipeline.ok());
   const auto outcomes = (*pipeline)->start();
   REQUIRE_FALSE(outcomes.ok());
@@ -112,7 +114,7 @@ TEST_CASE("a missing CPU is reported with the key to correct, and is an error in
 TEST_CASE("an invalid CPU list is an error with its key", "[realtime_thread_plan][plan]") {
   Config config = live_config();
   config.realtime.imu_cpus = "1-x";
-  const auto plan = make_thread_plan(config, true);
+  const auto plan = make_thread_plan(config, RunRules::Kind::kLive);
   REQUIRE_FALSE(plan.ok());
   CHECK(plan.error().message.find("realtime.imu_cpus: '1-x'") == 0);
 }
@@ -121,16 +123,16 @@ TEST_CASE("a supervisor without a CPU of its own causes a warning", "[realtime_t
   Config config;
   const CpuList cpus = scheduling_of(0).cpus;
   config.odometry.threads = static_cast<int>(cpus.size());
-  CHECK(check_throttling(make_thread_plan(config, true).value()).warns);
-  CHECK_FALSE(check_throttling(make_thread_plan(config, false).value()).warns);
+  CHECK(check_throttling(make_thread_plan(config, RunRules::Kind::kLive).value()).warns);
+  CHECK_FALSE(check_throttling(make_thread_plan(config, {}).value()).warns);
   if (cpus.size() < 2) return;
   config.realtime.odometry_cpus = std::to_string(cpus.back());
-  CHECK_FALSE(check_throttling(make_thread_plan(config, true).value()).warns);
+  CHECK_FALSE(check_throttling(make_thread_plan(config, RunRules::Kind::kLive).value()).warns);
 }
 
 TEST_CASE("a worker with other scheduling than the odometry is reported with both",
           "[realtime_thread_plan][plan]") {
-  const ThreadPlan plan = make_thread_plan(Config{}, false).value();
+  const ThreadPlan plan = make_thread_plan(Config{}, {}).value();
   CHECK(check_workers(plan, {gettid()}).granted);
   if (!may_have_fifo()) {
     WARN("skipped: no permission for FIFO threads");

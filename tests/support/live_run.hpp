@@ -40,7 +40,8 @@ class LiveRun {
   explicit LiveRun(const daemon::Config& config) {
     auto input = daemon::open_live(config);
     REQUIRE(input.ok());
-    auto pipeline = daemon::Pipeline::create(config, std::move(input).value(), {}, nullptr);
+    auto pipeline = daemon::Pipeline::create(config, std::move(input).value(),
+                                             {.rules = daemon::RunRules::Kind::kLive}, nullptr);
     REQUIRE(pipeline.ok());
     pipeline_ = std::move(pipeline).value();
     sent_.resize(pipeline_->lidars().size());

@@ -63,7 +63,7 @@ class RecordStatus {
     std::snprintf(
         text.data(), text.size(),
         "%.0f s, %s: %llu packets, %llu frames, %.1f MB, %.0f packets and frames/s, %.2f MB/s; %s%s%s",
-        now_s - begin_s_, record::record_file_name(record::RecordStream::kLidar, progress.part).c_str(),
+        now_s - begin_s_, drivers::record_file_name(drivers::RecordStream::kLidar, progress.part).c_str(),
         printable(progress.packets), printable(progress.frames), static_cast<double>(progress.bytes) / kMega,
         static_cast<double>(progress.received - last_.received) / span,
         static_cast<double>(progress.bytes - last_.bytes) / kMega / span, losses(progress).c_str(),

@@ -55,13 +55,13 @@ void add_lines(const Channels& channels, bool silent_only, std::vector<std::stri
 }  // namespace
 
 Result<std::unique_ptr<RecordSession>> RecordSession::open(const RecordConfig& config,
-                                                           RecordParts::Report report) {
+                                                           drivers::RecordParts::Report report) {
   std::unique_ptr<RecordSession> session(new RecordSession(config, std::move(report)));
   if (const Result<std::size_t> opened = session->open_sources(); !opened) return opened.error();
-  Result<RecordParts> parts =
-      RecordParts::create(config.folder, config.limits, session->counters_, session->report_);
+  Result<drivers::RecordParts> parts =
+      drivers::RecordParts::create(config.folder, config.limits, session->counters_, session->report_);
   if (!parts) return parts.error();
-  session->parts_ = std::make_unique<RecordParts>(std::move(parts).value());
+  session->parts_ = std::make_unique<drivers::RecordParts>(std::move(parts).value());
   session->lidar_merger_ = std::make_unique<RingMerger<Packet>>(session->lidar_);
   session->can_merger_ = std::make_unique<RingMerger<CanFrame>>(session->can_);
   return session;
@@ -179,7 +179,7 @@ void RecordSession::drain(const RingHorizon& horizon) {
     record_.clear();
     // Only a host clock before 1970 or after 2106 gives stamps that a capture cannot store.
     if (drivers::append_pcap_record(record_, packet)) {
-      parts_->append(RecordStream::kLidar, record_, now);
+      parts_->append(drivers::RecordStream::kLidar, record_, now);
     } else {
       unrecordable_.fetch_add(1);
     }
@@ -187,7 +187,7 @@ void RecordSession::drain(const RingHorizon& horizon) {
   can_merger_->drain(horizon, [&](const CanFrame& frame, std::size_t channel) {
     const std::string line = drivers::format_candump_line(frame, config_.can_interfaces[channel]) + "\n";
     record_.assign(line.begin(), line.end());
-    parts_->append(RecordStream::kCan, record_, now);
+    parts_->append(drivers::RecordStream::kCan, record_, now);
   });
 }
 

@@ -1,10 +1,10 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/drivers/capture/record_parts.hpp"
 #include "nilio/drivers/packet.hpp"
 
 #include "tools/record/channel.hpp"
-#include "tools/record/parts.hpp"
 
 #include <atomic>
 #include <cstdint>
@@ -28,7 +28,7 @@ struct RecordConfig {
   std::uint16_t position_port = 8308;
   int receive_buffer_bytes = 8 * 1024 * 1024;
   std::vector<std::string> can_interfaces;
-  RecordLimits limits;
+  drivers::RecordLimits limits;
   /// Memory for packets waiting for the disk.
   std::size_t ring_bytes = std::size_t{128} * 1024 * 1024;
   /// SCHED_FIFO priority of the receive threads; 0 = normal scheduling.
@@ -57,7 +57,7 @@ class RecordSession {
   /// Opens the sockets and the folder; receiving begins with start(). `report` is called from several
   /// threads.
   static core::Result<std::unique_ptr<RecordSession>> open(const RecordConfig& config,
-                                                           RecordParts::Report report);
+                                                           drivers::RecordParts::Report report);
   RecordSession(const RecordSession&) = delete;
   RecordSession& operator=(const RecordSession&) = delete;
   ~RecordSession();
@@ -70,7 +70,7 @@ class RecordSession {
   [[nodiscard]] std::vector<std::string> source_lines(bool silent_only) const;
 
  private:
-  explicit RecordSession(const RecordConfig& config, RecordParts::Report report)
+  explicit RecordSession(const RecordConfig& config, drivers::RecordParts::Report report)
       : config_(config), report_(std::move(report)) {}
 
   core::Result<std::size_t> open_sources();
@@ -81,9 +81,9 @@ class RecordSession {
   void drain(const RingHorizon& horizon);
 
   const RecordConfig config_;
-  const RecordParts::Report report_;
-  RecordCounters counters_;
-  std::unique_ptr<RecordParts> parts_;
+  const drivers::RecordParts::Report report_;
+  drivers::RecordCounters counters_;
+  std::unique_ptr<drivers::RecordParts> parts_;
   std::vector<std::unique_ptr<RecordChannel<drivers::Packet>>> lidar_;
   std::vector<std::unique_ptr<RecordChannel<drivers::CanFrame>>> can_;
   std::unique_ptr<RingMerger<drivers::Packet>> lidar_merger_;

@@ -1,4 +1,5 @@
 #include "tests/support/eventually.hpp"
+#include "tests/support/niliod_process.hpp"
 #include "tests/support/room_drive.hpp"
 #include "tests/support/two_lidars.hpp"
 #include "tests/support/udp_support.hpp"
@@ -26,67 +27,14 @@ using tests::write_room_drive;
 namespace {
 
 namespace fs = std::filesystem;
-
-struct Finished {
-  int status = -1;
-  std::string output;
-};
-
-std::string read_file(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
-/// niliod with both output streams redirected to a file.
-class Niliod {
- public:
-  Niliod(const TemporaryFolder& folder, const std::vector<std::string>& arguments)
-      : log_(folder.path() / "niliod.log") {
-    std::vector<std::string> words{std::string(NILIO_BIN_DIR) + "/niliod"};
-    words.insert(words.end(), arguments.begin(), arguments.end());
-    pid_ = fork();
-    if (pid_ == 0) {
-      std::vector<char*> argv;
-      for (std::string& word : words) argv.push_back(word.data());
-      argv.push_back(nullptr);
-      if (freopen(log_.c_str(), "w", stdout) == nullptr || dup2(STDOUT_FILENO, STDERR_FILENO) < 0) _exit(126);
-      execv(argv[0], argv.data());
-      _exit(127);
-    }
-  }
-  [[nodiscard]] std::string output() const { return read_file(log_); }
-  [[nodiscard]] pid_t pid() const { return pid_; }
-  Finished wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), output()};
-  }
-  /// Waits until the pattern matches the output; returns its first group, or an empty text.
-  [[nodiscard]] std::string await(const std::string& pattern) const {
-    const std::regex expression(pattern);
-    std::string found;
-    tests::eventually([&] {
-      const std::string text = output();
-      std::smatch match;
-      if (!std::regex_search(text, match, expression)) return false;
-      found = match[1].str();
-      return true;
-    });
-    return found;
-  }
-
- private:
-  fs::path log_;
-  pid_t pid_ = -1;
-};
+using Finished = tests::FinishedProcess;
+using Niliod = tests::NiliodProcess;
+using tests::count_lines;
+using tests::own_domain;
+using tests::read_file;
 
 Finished run_niliod(const TemporaryFolder& folder, const std::vector<std::string>& arguments) {
   return Niliod(folder, arguments).wait();
-}
-
-std::size_t count_lines(const fs::path& path) {
-  const std::string text = read_file(path);
-  return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
 }
 
 void write_file(const fs::path& path, const std::string& text) {
@@ -94,9 +42,6 @@ void write_file(const fs::path& path, const std::string& text) {
 }
 
 const std::string kNoPublisher = "publisher.enabled=false";
-
-/// DDS domain of this process, isolated from other programs on the machine.
-std::string own_domain() { return "publisher.domain=" + std::to_string(100 + getpid() % 100); }
 
 }  // namespace
 

@@ -71,8 +71,7 @@ class Scans {
     partial.min_coverage = 0.0;
     input_.emplace("lidar", config.lidar, assembler_config(config.lidar), *source_, sensor_, log_);
     other_.emplace("lidar2", second, partial, *other_source_, sensor_, log_);
-    for (LidarInput* input : {&*input_, &*other_})
-      receive_packets(input->source, input->ring, event_, {}, input->state);
+    for (LidarInput* input : {&*input_, &*other_}) receive_all(*input);
     first_.emplace(input_->channel, event_);
     MergedScanFeed::Other other;
     other.channel = &other_->channel;
@@ -85,6 +84,13 @@ class Scans {
   const LidarInput& other() { return *other_; }
 
  private:
+  void receive_all(LidarInput& input) {
+    const ReceivePolicy policy;
+    PacketReceiver receiver(input.source, input.ring, event_, policy, input.state);
+    while (receiver.run()) {
+    }
+    receiver.finish();
+  }
   static std::unique_ptr<drivers::PacketSource> open(const std::filesystem::path& folder,
                                                      const LidarConfig& config) {
     return drivers::open_pcap((folder / "lidar.pcap").string(), {.sender_address = config.sender_address})
@@ -208,15 +214,15 @@ TEST_CASE("a run with a late second LiDAR is repeated bit by bit from its decisi
   ExtraLidar& second = input->more_lidars.front();
   second.packets = std::make_unique<LateSource>(std::move(second.packets));
   PipelineOptions as_live;
-  as_live.paced = true;
-  as_live.as_live = true;
+  as_live.rules = RunRules::Kind::kReplayAsLive;
   const ReplayRun live = run_input(config, std::move(input).value(), as_live);
   CHECK(live.pipeline->merge_counters(1).waits_timed_out > 0);
   REQUIRE(live.decisions.size() >= live.poses.size());
   // Written and read back.
   const std::string log = (folder.path() / "decisions.jsonl").string();
   std::ofstream file(log);
-  file << decision_header(core::BudgetMode::kWall, 50.0) << '\n';
+  file << decision_line(DecisionHeader{core::BudgetMode::kWall, core::Duration::from_milliseconds(50.0), {}})
+       << '\n';
   for (const ScanDecision& decision : live.decisions) file << decision_line(decision) << '\n';
   file.close();
   const auto decisions = read_decisions(log);

@@ -92,14 +92,14 @@ TEST_CASE("the parts of a recording replay like one file with the same packets",
   const TemporaryFolder parts_folder;
   const auto packets = tests::sensor_packets(1000, 2368, 8308);
   tests::write_capture(whole.path() / "lidar.pcap", packets);
-  RecordCounters counters;
-  auto parts = RecordParts::create(parts_folder.path(), {.rotate_bytes = 100'000}, counters,
-                                   [](const std::string& line) { FAIL(line); });
+  drivers::RecordCounters counters;
+  auto parts = drivers::RecordParts::create(parts_folder.path(), {.rotate_bytes = 100'000}, counters,
+                                            [](const std::string& line) { FAIL(line); });
   REQUIRE(parts.ok());
   for (const drivers::Packet& packet : packets) {
     std::vector<std::uint8_t> record;
     REQUIRE(drivers::append_pcap_record(record, packet));
-    parts->append(RecordStream::kLidar, record, 0);
+    parts->append(drivers::RecordStream::kLidar, record, 0);
   }
   parts->close(0);
   CHECK(counters.files.load() > 10);

@@ -31,7 +31,10 @@ struct RunningGuard {
     });
     REQUIRE(created.ok());
     guard = std::move(created).value();
-    thread = std::thread([this] { guard->run(); });
+    thread = std::thread([this] {
+      while (guard->run()) {
+      }
+    });
   }
   ~RunningGuard() { stop(); }
   void stop() {
@@ -119,7 +122,9 @@ TEST_CASE("a decision log reads back as written", "[deadline_guard]") {
   cut.budget.stop_size = 1;
   {
     std::ofstream file(path);
-    file << daemon::decision_header(core::BudgetMode::kWall, 5.0) << '\n';
+    file << daemon::decision_line(
+                daemon::DecisionHeader{core::BudgetMode::kWall, core::Duration::from_milliseconds(5.0), {}})
+         << '\n';
     for (const ScanDecision& decision : {plain, superseded, cut})
       file << daemon::decision_line(decision) << '\n';
   }
@@ -144,7 +149,8 @@ TEST_CASE("a decision log reads back as written", "[deadline_guard]") {
 TEST_CASE("a damaged decision log is rejected with the wrong line", "[deadline_guard]") {
   const tests::TemporaryFolder folder;
   const std::string path = (folder.path() / "decisions.jsonl").string();
-  const std::string header = daemon::decision_header(core::BudgetMode::kWall, 5.0);
+  const std::string header = daemon::decision_line(
+      daemon::DecisionHeader{core::BudgetMode::kWall, core::Duration::from_milliseconds(5.0), {}});
   const auto read = [&](const std::string& text) {
     std::ofstream(path) << text;
     const auto decisions = daemon::read_decisions(path);

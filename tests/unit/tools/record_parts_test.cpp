@@ -1,6 +1,7 @@
+#include "nilio/drivers/capture/record_parts.hpp"
+
 #include "tests/support/tools_record_support.hpp"
 #include "tools/record/channel.hpp"
-#include "tools/record/parts.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -12,6 +13,7 @@
 using namespace nilio;
 using namespace nilio::tools;
 using namespace nilio::tools::record;
+using namespace nilio::drivers;
 using Catch::Matchers::Contains;
 using tests::count_up;
 using tests::numbers_of;
@@ -197,7 +199,7 @@ TEST_CASE("a full disk is reported once, drops data that do not fit, and recordi
     CHECK_FALSE(parts.counters.blocked.load());
     REQUIRE(parts.lines.size() == 2);
     CHECK_THAT(parts.lines[1], Contains("writable again") &&
-                                   Contains(std::to_string(parts.counters.lost[0].load()) + " packets"));
+                                   Contains(std::to_string(parts.counters.lost[0].load()) + " records"));
     record(100);
     parts->close(now);
     CHECK(parts.counters.written[0].load() + parts.counters.lost[0].load() == number);

@@ -220,7 +220,11 @@ core::Result<ReceiveTrialResult> try_receiving(const ReceiveTrialOptions& option
   std::thread receiver([&] {
     const double cpu = clock_seconds(CLOCK_THREAD_CPUTIME_ID);
     const double wall = clock_seconds(CLOCK_MONOTONIC);
-    daemon::receive_packets(source, ring, *event, {}, state);
+    const daemon::ReceivePolicy policy{.rules = daemon::RunRules::Kind::kLive, .pace = {}};
+    daemon::PacketReceiver packets(source, ring, *event, policy, state);
+    while (packets.run()) {
+    }
+    packets.finish();
     result.cpu_share =
         (clock_seconds(CLOCK_THREAD_CPUTIME_ID) - cpu) / (clock_seconds(CLOCK_MONOTONIC) - wall);
   });

@@ -1,11 +1,25 @@
-#include "tools/record/file.hpp"
+#include "nilio/drivers/capture/record_file.hpp"
 
 #include <cerrno>
+#include <cstring>
 #include <fcntl.h>
 #include <unistd.h>
 #include <utility>
 
-namespace nilio::tools::record {
+namespace nilio::drivers {
+
+namespace {
+
+constexpr std::int64_t kRetryPeriodNs = 500'000'000;
+
+std::string failure_advice(int error) {
+  if (error == ENOSPC || error == EDQUOT)
+    return "free space there; writing continues when there is space, data until then are dropped";
+  if (error == EFBIG) return "raise the limit on the size of files ('ulimit -f')";
+  return "check the disk; writing is retried until the end of the run";
+}
+
+}  // namespace
 
 RecordFile::RecordFile(std::filesystem::path path, std::vector<std::uint8_t> header)
     : path_(std::move(path)), header_(std::move(header)) {}
@@ -91,6 +105,13 @@ void RecordFile::keep_whole_records(std::size_t written) {
   dirty_ = dirty_ || kept > 0;
 }
 
+int RecordFile::overwrite(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+  if (descriptor_ < 0 || offset + bytes.size() > bytes_) return EINVAL;
+  const ssize_t written = pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+  if (written < 0) return errno;
+  return static_cast<std::size_t>(written) == bytes.size() ? 0 : ENOSPC;
+}
+
 int RecordFile::sync() {
   if (!dirty_) return 0;
   dirty_ = false;
@@ -118,4 +139,18 @@ std::uint64_t RecordFile::drop_pending() {
   return records;
 }
 
-}  // namespace nilio::tools::record
+void DiskState::note_failure(const std::filesystem::path& file, int error, std::int64_t now_ns,
+                             std::uint64_t lost) {
+  next_attempt_ns_ = now_ns + kRetryPeriodNs;
+  if (std::exchange(blocked_, true)) return;
+  lost_before_ = lost;
+  report_(file.string() + ": cannot be written (" + std::strerror(error) + "); " + failure_advice(error));
+}
+
+void DiskState::note_success(const std::filesystem::path& file, std::uint64_t lost) {
+  if (!std::exchange(blocked_, false)) return;
+  report_(file.string() + ": writable again, " + std::to_string(lost - lost_before_) +
+          " records were dropped meanwhile");
+}
+
+}  // namespace nilio::drivers

@@ -2,8 +2,7 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
-
-#include "tools/record/file.hpp"
+#include "nilio/drivers/capture/record_file.hpp"
 
 #include <array>
 #include <atomic>
@@ -13,7 +12,7 @@
 #include <string>
 #include <vector>
 
-namespace nilio::tools::record {
+namespace nilio::drivers {
 
 /// Streams of a recording, which is a series of parts; part 12 is lidar_0012.pcap and can_0012.log.
 enum class RecordStream : std::uint8_t { kLidar, kCan };
@@ -47,7 +46,7 @@ std::string record_file_name(RecordStream stream, std::uint64_t number);
 /// files contain whole records at any time. One thread, which also calls `report` with a line for people.
 class RecordParts {
  public:
-  using Report = std::function<void(const std::string&)>;
+  using Report = DiskState::Report;
 
   /// Creates the folder if it is missing. Fails when it cannot be created or written.
   static core::Result<RecordParts> create(const std::filesystem::path& folder, const RecordLimits& limits,
@@ -72,8 +71,6 @@ class RecordParts {
   void next_part(std::int64_t now_ns);
   int write_pending(std::size_t index);
   void close_file(RecordFile& file);
-  void note_failure(const RecordFile& file, int error, std::int64_t now_ns);
-  void note_success();
   void delete_old_parts();
   [[nodiscard]] std::uint64_t lost_total() const;
 
@@ -81,10 +78,9 @@ class RecordParts {
   RecordLimits limits_;
   RecordCounters* counters_;
   Report report_;
+  DiskState disk_;
   std::array<RecordFile, kRecordStreams> files_;
   std::int64_t part_begin_ns_ = 0;
-  std::int64_t next_attempt_ns_ = 0;
-  std::uint64_t lost_before_ = 0;
 };
 
-}  // namespace nilio::tools::record
+}  // namespace nilio::drivers

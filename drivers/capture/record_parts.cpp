@@ -1,4 +1,4 @@
-#include "tools/record/parts.hpp"
+#include "nilio/drivers/capture/record_parts.hpp"
 
 #include "nilio/drivers/capture/pcap.hpp"
 
@@ -12,7 +12,7 @@
 #include <string_view>
 #include <unistd.h>
 
-namespace nilio::tools::record {
+namespace nilio::drivers {
 
 namespace {
 
@@ -25,7 +25,6 @@ constexpr std::size_t kWriteBytes = std::size_t{1} << 20;
 constexpr std::size_t kHeldBytes = std::size_t{4} << 20;
 /// Files with larger numbers are not from this program.
 constexpr std::uint64_t kLargestNumber = 999'999'999;
-constexpr std::int64_t kRetryPeriodNs = 500'000'000;
 
 std::string_view prefix_of(RecordStream stream) { return stream == RecordStream::kLidar ? "lidar_" : "can_"; }
 std::string_view extension_of(RecordStream stream) {
@@ -57,14 +56,6 @@ std::set<std::uint64_t> find_parts(const fs::path& folder) {
   return numbers;
 }
 
-std::string failure_advice(int error) {
-  if (error == ENOSPC || error == EDQUOT)
-    return "free space there; recording continues when there is space, data until then are dropped";
-  if (error == EFBIG)
-    return "raise the limit on the size of files ('ulimit -f'), or choose a smaller --rotate-mb";
-  return "check the disk; writing is retried until the recording is stopped";
-}
-
 }  // namespace
 
 std::string record_file_name(RecordStream stream, std::uint64_t number) {
@@ -90,13 +81,17 @@ core::Result<RecordParts> RecordParts::create(const fs::path& folder, const Reco
 
 RecordParts::RecordParts(fs::path folder, const RecordLimits& limits, RecordCounters& counters, Report report,
                          std::uint64_t number)
-    : folder_(std::move(folder)), limits_(limits), counters_(&counters), report_(std::move(report)) {
+    : folder_(std::move(folder)),
+      limits_(limits),
+      counters_(&counters),
+      report_(report),
+      disk_(std::move(report)) {
   begin_part(number);
 }
 
 void RecordParts::begin_part(std::uint64_t number) {
   std::vector<std::uint8_t> header;
-  drivers::append_pcap_header(header);
+  append_pcap_header(header);
   files_[0] = RecordFile(folder_ / record_file_name(RecordStream::kLidar, number), std::move(header));
   files_[1] = RecordFile(folder_ / record_file_name(RecordStream::kCan, number), {});
   counters_->part.store(number);
@@ -130,8 +125,7 @@ void RecordParts::append(RecordStream stream, std::span<const std::uint8_t> reco
 }
 
 void RecordParts::flush(std::int64_t now_ns) {
-  const bool was_blocked = counters_->blocked.load();
-  if (was_blocked && now_ns < next_attempt_ns_) return;
+  if (!disk_.is_due(now_ns)) return;
   for (std::size_t i = 0; i < kRecordStreams; ++i) {
     int error = write_pending(i);
     // A file at its size limit is full, not the disk.
@@ -140,11 +134,12 @@ void RecordParts::flush(std::int64_t now_ns) {
       error = write_pending(i);
     }
     if (error != 0) {
-      note_failure(files_[i], error, now_ns);
-      return;
+      disk_.note_failure(files_[i].path(), error, now_ns, lost_total());
+      break;
     }
+    if (i + 1 == kRecordStreams) disk_.note_success(files_[0].path(), lost_total());
   }
-  if (was_blocked) note_success();
+  counters_->blocked.store(disk_.is_blocked());
 }
 
 /// 0, or the errno of an incomplete write.
@@ -197,20 +192,6 @@ void RecordParts::delete_old_parts() {
   }
 }
 
-void RecordParts::note_failure(const RecordFile& file, int error, std::int64_t now_ns) {
-  next_attempt_ns_ = now_ns + kRetryPeriodNs;
-  if (counters_->blocked.exchange(true)) return;
-  lost_before_ = lost_total();
-  report_(file.path().string() + ": cannot be written (" + std::strerror(error) + "); " +
-          failure_advice(error));
-}
-
-void RecordParts::note_success() {
-  counters_->blocked.store(false);
-  report_(files_[0].path().string() + ": writable again, " + std::to_string(lost_total() - lost_before_) +
-          " packets and frames were dropped meanwhile");
-}
-
 std::uint64_t RecordParts::lost_total() const {
   return counters_->lost[0].load() + counters_->lost[1].load();
 }
@@ -223,7 +204,7 @@ void RecordParts::sync() {
 }
 
 void RecordParts::close(std::int64_t now_ns) {
-  next_attempt_ns_ = now_ns;
+  disk_.retry_at_once();
   flush(now_ns);
   for (std::size_t i = 0; i < kRecordStreams; ++i) {
     counters_->lost[i].fetch_add(files_[i].drop_pending());
@@ -231,4 +212,4 @@ void RecordParts::close(std::int64_t now_ns) {
   }
 }
 
-}  // namespace nilio::tools::record
+}  // namespace nilio::drivers

@@ -3,11 +3,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
-namespace nilio::tools::record {
+namespace nilio::drivers {
 
 /// A file that grows by whole records: a record that cannot be written in full is truncated, so that a reader
 /// never meets half a record within the file. It is created with its first record. One thread.
@@ -26,6 +28,8 @@ class RecordFile {
   void append(std::span<const std::uint8_t> record);
   /// 0, or the errno of an incomplete write; unwritten records stay pending.
   int write_pending();
+  /// Replaces bytes that are in the file already, such as a count in the header. 0 or errno.
+  int overwrite(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   /// 0 or errno.
   int sync();
   /// Removes a file without a record. 0 or errno.
@@ -61,4 +65,27 @@ class RecordFile {
   bool spoiled_ = false;
 };
 
-}  // namespace nilio::tools::record
+/// Whether a disk accepts data: limits the attempts, and reports the first failure and its end, once each.
+/// One thread.
+class DiskState {
+ public:
+  using Report = std::function<void(const std::string&)>;
+  explicit DiskState(Report report) : report_(std::move(report)) {}
+
+  /// False while the next attempt is not due. `now_ns`: CLOCK_MONOTONIC.
+  [[nodiscard]] bool is_due(std::int64_t now_ns) const { return !blocked_ || now_ns >= next_attempt_ns_; }
+  /// Makes the next attempt due.
+  void retry_at_once() { next_attempt_ns_ = 0; }
+  [[nodiscard]] bool is_blocked() const { return blocked_; }
+  /// `lost`: records lost so far, for the difference that note_success() reports.
+  void note_failure(const std::filesystem::path& file, int error, std::int64_t now_ns, std::uint64_t lost);
+  void note_success(const std::filesystem::path& file, std::uint64_t lost);
+
+ private:
+  Report report_;
+  bool blocked_ = false;
+  std::int64_t next_attempt_ns_ = 0;
+  std::uint64_t lost_before_ = 0;
+};
+
+}  // namespace nilio::drivers

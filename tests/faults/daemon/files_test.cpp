@@ -1,0 +1,202 @@
+#include "tests/support/niliod_process.hpp"
+#include "tests/support/room_drive.hpp"
+
+#include <chrono>
+#include <csignal>
+#include <cstring>
+#include <string>
+#include <sys/mount.h>
+#include <thread>
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+using namespace nilio;
+using namespace std::chrono_literals;
+using Catch::Matchers::Contains;
+using tests::count_lines;
+using tests::NiliodProcess;
+using tests::read_file;
+using tests::s_curve;
+using tests::TemporaryFolder;
+using tests::write_room_drive;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::string kNoPublisher = "publisher.enabled=false";
+
+std::vector<std::string> as_live(const TemporaryFolder& drive, const std::vector<std::string>& more) {
+  std::vector<std::string> arguments{"--replay", drive.path().string(), "--as-live", "--set",
+                                     "realtime.lock_memory=false"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+/// A disk that stops answering while its flag exists.
+class SlowDisk {
+ public:
+  explicit SlowDisk(fs::path folder) : folder_(std::move(folder)) { fs::create_directories(folder_); }
+  void stop() { std::ofstream(flag()) << "stopped"; }
+  void go_on() { fs::remove(flag()); }
+  [[nodiscard]] NiliodProcess::Environment environment() const {
+    return {{"LD_PRELOAD", std::string(NILIO_BIN_DIR) + "/nilio-slow-disk.so"},
+            {"NILIO_SLOW_FOLDER", folder_.string()},
+            {"NILIO_SLOW_WHILE", flag().string()}};
+  }
+  static bool is_available() { return fs::exists(std::string(NILIO_BIN_DIR) + "/nilio-slow-disk.so"); }
+
+ private:
+  [[nodiscard]] fs::path flag() const { return folder_.string() + ".stopped"; }
+  fs::path folder_;
+};
+
+/// Number of poses in a trajectory after `seconds`.
+std::size_t poses_in(const fs::path& run) { return count_lines(run / "trajectory.tum"); }
+
+}  // namespace
+
+TEST_CASE("a killed run keeps its trajectory and decisions but for the last second", "[files]") {
+  const int signal = GENERATE(SIGKILL, SIGHUP);
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 6.0, true);
+  const fs::path run = folder.path() / "run";
+  NiliodProcess niliod(folder, as_live(folder, {"--output", run.string(), "--set", kNoPublisher}));
+  REQUIRE(tests::eventually([&] { return poses_in(run) >= 5; }));
+  std::this_thread::sleep_for(3s);
+  REQUIRE(kill(niliod.pid(), signal) == 0);
+  const auto finished = niliod.wait();
+  INFO(finished.output);
+  CHECK(finished.status == (signal == SIGKILL ? -SIGKILL : 0));
+  // 3 s after the fifth pose, at 10 poses a second and at most one second lost.
+  CHECK(poses_in(run) >= 25);
+  CHECK(count_lines(run / "trajectory.kitti") == poses_in(run));
+  CHECK(count_lines(run / "decisions.jsonl") + 10 >= poses_in(run));
+  const std::string map = read_file(run / "map.ply");
+  const std::size_t points = std::stoul(map.substr(map.find("element vertex ") + 15));
+  CHECK(points > 100);
+  const std::string end = "end_header\n";
+  CHECK(map.size() >= map.find(end) + end.size() + 12 * points);
+}
+
+TEST_CASE("a recorded run that was killed under load is repeated to the bit by its folder alone", "[files]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 6.0, true);
+  const fs::path box = folder.path() / "box";
+  const fs::path run = folder.path() / "run";
+  // A budget far too small: levels, guard and superseded scans depend on the clock.
+  NiliodProcess niliod(folder, as_live(folder, {"--output", run.string(), "--record", box.string(), "--set",
+                                                kNoPublisher, "--set", "odometry.budget_ms=0.7"}));
+  REQUIRE(tests::eventually([&] { return poses_in(run) >= 30; }));
+  REQUIRE(kill(niliod.pid(), SIGKILL) == 0);
+  CHECK(niliod.wait().status == -SIGKILL);
+  fs::remove(folder.path() / "lidar.pcap");
+  fs::remove(folder.path() / "can.log");
+
+  const fs::path again = folder.path() / "again";
+  NiliodProcess repeated(folder, {"--decisions", box.string(), "--output", again.string()});
+  const auto finished = repeated.wait();
+  INFO(finished.output);
+  REQUIRE(finished.status == 0);
+  CHECK_THAT(finished.output, !Contains("do not match the decision log"));
+  const std::string first = read_file(run / "trajectory.tum");
+  const std::string second = read_file(again / "trajectory.tum");
+  const std::size_t common = std::min(first.size(), second.size());
+  // At most a second of poses is missing on either side.
+  CHECK(std::count(first.begin(), first.end(), '\n') <= std::count(second.begin(), second.end(), '\n') + 10);
+  CHECK(common > 1000);
+  CHECK(first.substr(0, common) == second.substr(0, common));
+}
+
+TEST_CASE("a recording is not continued, and a folder without one is refused by name", "[files]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 1.0, false);
+  const auto onto = NiliodProcess(folder, as_live(folder, {"--record", folder.path().string()})).wait();
+  CHECK(onto.status == 1);
+  CHECK_THAT(onto.output, Contains("contains a recording already"));
+  const auto without = NiliodProcess(folder, {"--decisions", folder.path().string()}).wait();
+  CHECK(without.status == 1);
+  CHECK_THAT(without.output, Contains("decisions.jsonl") && Contains("--record"));
+}
+
+TEST_CASE("a disk that does not answer is reported, delays nothing, and ends nothing", "[files]") {
+  if (!SlowDisk::is_available()) {
+    WARN("skipped: a sanitizer replaces the functions that the slow disk replaces");
+    return;
+  }
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 9.0, false);
+  const fs::path run = folder.path() / "disk" / "run";
+  SlowDisk disk(folder.path() / "disk");
+  NiliodProcess niliod(folder,
+                       as_live(folder, {"--output", run.string(), "--set", tests::own_domain(), "--set",
+                                        "publisher.interfaces=[\"127.0.0.1\"]"}),
+                       disk.environment());
+  const std::string publisher = niliod.await("nilio-publisher started, pid ([0-9]+)");
+  REQUIRE_FALSE(publisher.empty());
+  REQUIRE(tests::eventually([&] { return poses_in(run) >= 10; }));
+  disk.stop();
+  CHECK_FALSE(niliod.await("files: (the disk has taken no data)").empty());
+  // The supervisor goes on: a dead publisher is started again meanwhile.
+  const auto killed = std::chrono::steady_clock::now();
+  REQUIRE(kill(static_cast<pid_t>(std::stol(publisher)), SIGKILL) == 0);
+  CHECK_FALSE(niliod.await("started again as process ([0-9]+)").empty());
+  CHECK(seconds_since(killed) < 1.0);
+  SECTION("the disk comes back: every pose is in the files") {
+    disk.go_on();
+    CHECK_FALSE(niliod.await("files: (the disk takes data again)").empty());
+    const auto finished = niliod.wait();
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    const auto report = nlohmann::json::parse(read_file(run / "latency.json"));
+    CHECK(report["counters"]["files_poses_dropped"] == 0);
+    CHECK(report["counters"]["poses"] == report["counters"]["scans"]);
+    CHECK(poses_in(run) == report["counters"]["poses"].get<std::size_t>());
+  }
+  SECTION("SIGTERM ends the process within two seconds") {
+    const auto asked = std::chrono::steady_clock::now();
+    REQUIRE(kill(niliod.pid(), SIGTERM) == 0);
+    const auto finished = niliod.wait();
+    INFO(finished.output);
+    CHECK(seconds_since(asked) < 2.0);
+    CHECK(finished.status == 1);
+    CHECK_THAT(finished.output, Contains("files of this run are incomplete"));
+  }
+}
+
+TEST_CASE("a full disk is reported once, poses continue, and files go on with free space", "[files]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 9.0, false);
+  const fs::path disk = folder.path() / "disk";
+  fs::create_directories(disk);
+  if (mount("nilio-test", disk.c_str(), "tmpfs", 0, "size=256k") != 0) {
+    WARN("skipped: no file system of its own can be mounted (" << std::strerror(errno) << ")");
+    return;
+  }
+  const fs::path run = disk / "run";
+  {
+    NiliodProcess niliod(folder, as_live(folder, {"--output", run.string(), "--set", kNoPublisher, "--set",
+                                                  "output.map=false"}));
+    REQUIRE(tests::eventually([&] { return poses_in(run) >= 10; }));
+    {
+      std::ofstream filler(disk / "filler", std::ios::binary);
+      filler << std::string(1'000'000, 'x');
+    }
+    CHECK_FALSE(niliod.await("(cannot be written) .No space left").empty());
+    std::this_thread::sleep_for(1s);
+    fs::remove(disk / "filler");
+    CHECK_FALSE(niliod.await("(writable again), 0 records were dropped").empty());
+    const auto finished = niliod.wait();
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    const auto report = nlohmann::json::parse(read_file(run / "latency.json"));
+    CHECK(report["counters"]["poses"] == report["counters"]["scans"]);
+    CHECK(poses_in(run) == report["counters"]["poses"].get<std::size_t>());
+  }
+  CHECK(umount(disk.c_str()) == 0);
+}
