@@ -55,6 +55,8 @@ struct PoseRecord {
   bool predicted = false;            ///< no registration; the pose is the prediction
   std::uint8_t degenerate_axes = 0;  ///< bit i: axis i (x y z rx ry rz of base_link) follows the prediction
   core::DegradationLevel degradation_level = core::DegradationLevel::kFull;
+  /// The scan had the larger budget of a recovery.
+  bool recovery_budget = false;
   bool guarded = false;  ///< registration was late: the deadline guard published the prediction
   /// Delivery time minus deadline in ns (negative = early; valid if has_deadline), and estimated duration of
   /// one ICP iteration in ns.

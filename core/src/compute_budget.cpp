@@ -90,14 +90,14 @@ void ComputeBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t d
   choices_ = 0;
 }
 
-void ComputeBudget::begin_scan(std::int64_t released_ns, bool exempt) {
+void ComputeBudget::begin_scan(std::int64_t released_ns, bool exempt, Duration recovery) {
   decisions_ = {};
   counted_ns_ = 0;
   answers_ = Answers::kUnlimited;
   if (config_.mode == BudgetMode::kOff) return begin(Answers::kUnlimited, 0, kNever);
   const std::int64_t now = now_ns();
   const bool has_release = config_.mode == BudgetMode::kWall && released_ns > 0;
-  const std::int64_t deadline = (has_release ? released_ns : now) + config_.budget.ns;
+  const std::int64_t deadline = (has_release ? released_ns : now) + std::max(config_.budget, recovery).ns;
   begin(exempt ? Answers::kUnlimited : Answers::kDecided, now, deadline);
 }
 

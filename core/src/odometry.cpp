@@ -5,6 +5,13 @@
 
 namespace nilio::core {
 
+namespace {
+
+// Share of the time between scans.
+constexpr double kRecoveryShare = 0.5;
+
+}  // namespace
+
 Odometry::Odometry(const OdometryConfig& config, ClockFunction clock)
     : state_(std::make_unique<State>(config, clock)) {}
 Odometry::Odometry(Odometry&&) noexcept = default;
@@ -77,6 +84,13 @@ void Odometry::State::fill_confidence(const RegistrationResult& evidence, const 
     result.state = TrackingState::kLost;
 }
 
+/// Time for a recovery, which tries hypotheses that tracking does not need; zero while tracking. Half of the
+/// time to the next scan keeps up with the scans.
+Duration Odometry::State::recovery_budget(const Scan& scan) const {
+  const bool is_due = scans >= kInitialScans && (recovers || is_gap((scan.end - time).seconds()));
+  return is_due ? Duration::from_seconds(kRecoveryShare * period_s) : Duration{};
+}
+
 void Odometry::State::count_map(OdometryResult& result) const {
   result.map_voxels = static_cast<std::uint32_t>(planes.size());
   result.map_refused = planes.refused() + coarse_map.refused();
@@ -87,6 +101,7 @@ void Odometry::State::count_map(OdometryResult& result) const {
 OdometryResult Odometry::register_within_budget(const Scan& scan) {
   State& s = *state_;
   OdometryResult result = State::result_for(scan);
+  result.recovery_budget = s.recovery_budget(scan);
   s.stamp(result, OdometryStage::kStarted);
   s.filter_points(scan, result);
   if (s.restart_is_due()) s.reset_map();
@@ -113,7 +128,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
 OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
   s.apply_pending_map_update();
-  s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans);
+  s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans, s.recovery_budget(scan));
   return register_within_budget(scan);
 }
 

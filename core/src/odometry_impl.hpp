@@ -134,7 +134,6 @@ struct Odometry::State {
   void predict(const Scan& scan, OdometryResult& result);
   void select_points(const SE3& T_guess);
   [[nodiscard]] bool coarse_is_due() const;
-  [[nodiscard]] bool after_gap() const;
   tbb::task_arena& registration_arena();
   void register_sweep(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
@@ -174,6 +173,9 @@ struct Odometry::State {
 
   // Parts of the steps.
   [[nodiscard]] MotionPrior motion_prior_for(const Scan& scan) const;
+  [[nodiscard]] Duration recovery_budget(const Scan& scan) const;
+  /// `span_s`: time since the last scan.
+  [[nodiscard]] bool is_gap(double span_s) const;
   void fill_motion(const MotionModel& moved, OdometryResult& result) const;
   void fill_confidence(const RegistrationResult& evidence, const SE3& T_map_pose, double span_s,
                        double predicted_s, OdometryResult& result) const;
@@ -276,6 +278,7 @@ struct Odometry::State {
   double mean_agreement = 0.0;
   int coarse_scans_left = kMinScansWithNdt;  ///< remaining scans with NDT
   int failures = 0;
+  bool recovers = false;              ///< the last registration failed, and not for lack of time
   std::size_t scan_points = 0;        ///< visited points of the scan
   std::size_t registered_points = 0;  ///< points of the last registration
   /// Hypothesis at which relocalisation continues in the next scan.

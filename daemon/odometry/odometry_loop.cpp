@@ -67,6 +67,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
   record.degradation_level = result.degradation_level;
+  record.recovery_budget = result.recovery_budget.ns > 0;
   record.coarse_iterations = static_cast<std::uint16_t>(std::min(result.coarse_iterations, 65535));
   record.fine_iterations = static_cast<std::uint16_t>(std::min(result.fine_iterations, 65535));
   record.points = result.points;

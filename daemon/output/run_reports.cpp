@@ -148,6 +148,7 @@ void BudgetReport::record(const ipc::PoseRecord& record) {
   ++stops_[static_cast<std::size_t>(record.stop_reason) % kStopReasons];
   ++degradation_levels_[static_cast<std::size_t>(record.degradation_level) % core::kDegradationLevels];
   if (record.guarded) ++guarded_;
+  if (record.recovery_budget) ++recoveries_;
   if (record.state == ipc::TrackingState::kInitialising) {
     ++initialising_;
     return;
@@ -174,6 +175,7 @@ nlohmann::json BudgetReport::json(const core::BudgetConfig& budget) const {
           {"poses", poses_},
           {"initialising", initialising_},
           {"predicted_by_guard", guarded_},
+          {"recovery_budget", recoveries_},
           {"late_poses", late_},
           {"stops", stops},
           {"degradation_levels", degradation_levels},

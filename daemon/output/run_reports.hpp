@@ -41,7 +41,7 @@ class ImuReport {
 class BudgetReport {
  public:
   void record(const ipc::PoseRecord& record);
-  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "late_poses", "initialising", "stops",
+  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "recovery_budget", "late_poses", "initialising", "stops",
   /// "degradation_levels", "overshoot_us", "iteration_us"}. Overshoots exclude initialisation, whose
   /// registration has no limit; early poses count as 0.
   [[nodiscard]] nlohmann::json json(const core::BudgetConfig& budget) const;
@@ -54,6 +54,7 @@ class BudgetReport {
   std::uint64_t poses_ = 0;
   std::uint64_t initialising_ = 0;
   std::uint64_t guarded_ = 0;
+  std::uint64_t recoveries_ = 0;
   std::uint64_t late_ = 0;
   std::array<std::uint64_t, kStopReasons> stops_{};
   std::array<std::uint64_t, core::kDegradationLevels> degradation_levels_{};

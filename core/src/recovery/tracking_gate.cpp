@@ -213,6 +213,7 @@ void Odometry::State::accept(OdometryResult& result) {
   doubts = doubtful ? doubts + 1 : 0;
   if (!doubtful) relocalization_attempts = 0;
   failures = 0;
+  recovers = false;
   count_coarse_scan();
   const double span_s = motion_prior.span_s();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
@@ -244,6 +245,8 @@ void Odometry::State::fall_back(OdometryResult& result) {
   result.stop_reason = registration.stop_reason == StopReason::kConverged ? StopReason::kDegenerate
                        : sweep.empty() && budget.was_short()              ? StopReason::kBudget
                                                                           : registration.stop_reason;
+  // A budget too small for tracking is no reason to exceed it.
+  recovers = result.stop_reason != StopReason::kBudget || result.recovery_budget.ns > 0;
   result.state = state_without_registration();
 }
 

@@ -59,10 +59,10 @@ void Odometry::State::select_points(const SE3& T_guess) {
 bool Odometry::State::coarse_is_due() const {
   if (!method.coarse) return false;
   if (config.coarse == CoarsePolicy::kAlways || coarse_scans_left > 0 || failures > 0) return true;
-  return prediction_error_m > kCoarseTriggerErrorMetres || after_gap();
+  return prediction_error_m > kCoarseTriggerErrorMetres || is_gap(motion_prior.span_s());
 }
 
-bool Odometry::State::after_gap() const { return motion_prior.span_s() > kCoarseTriggerGap * period_s; }
+bool Odometry::State::is_gap(double span_s) const { return span_s > kCoarseTriggerGap * period_s; }
 
 PlaneMetric plane_metric(double sigma_m) {
   PlaneMetric metric;
@@ -95,7 +95,8 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
 
 /// The prior of the registration; none while initialising, after a gap or for a relocalised pose.
 std::optional<PosePrior> Odometry::State::pose_prior() const {
-  if (relocalized || (!applies_zero_velocity_update() && (scans < kInitialScans || after_gap())))
+  if (relocalized ||
+      (!applies_zero_velocity_update() && (scans < kInitialScans || is_gap(motion_prior.span_s()))))
     return std::nullopt;
   PosePrior prior{T_predicted, prediction_error_variance.cwiseMax(min_prediction_error_variance())};
   if (motion_prior.acceleration) {

@@ -232,3 +232,27 @@ TEST_CASE("one preempted measurement changes the cost estimate by a bounded fact
   CHECK(budget.cost_ns(WorkKind::kIcp) < 120.0);
   work_clock.budget = nullptr;
 }
+
+TEST_CASE("the scan after a gap may take half of the time to the next one, and tracking may not",
+          "[compute_budget]") {
+  static const Room room = Room::with_pillars();
+  OdometryConfig config;
+  config.budget = ops(1.0);
+  Odometry odometry(config);
+  OdometryRuntime runtime(odometry);
+  constexpr int kGapBefore = 15;
+  for (int i = 0; i < 30; ++i) {
+    const double start_s = (i < kGapBefore ? i : i + 8) * kPeriod;
+    OdometryResult result =
+        odometry.register_scan(scan_room(room, driving, start_s, static_cast<std::uint64_t>(i)));
+    INFO("scan " << i);
+    if (i >= static_cast<int>(kFirstScans) && i < kGapBefore) CHECK(result.recovery_budget.ns == 0);
+    if (i == kGapBefore) {
+      CHECK(result.recovery_budget.seconds() == Approx(0.5 * kPeriod).epsilon(0.01));
+      CHECK(result.degradation_level == DegradationLevel::kFull);
+    }
+    if (i == 29) CHECK(result.state == TrackingState::kTracking);
+    runtime.note_published(result);
+    odometry.update_map(result);
+  }
+}

@@ -36,6 +36,8 @@ struct OdometryResult {
   /// No registration was accepted: the pose is the prediction.
   bool predicted = false;
   std::uint8_t degenerate_axes = 0;
+  /// Time for the recovery that this scan was allowed beyond the configured budget; 0 = it only tracked.
+  Duration recovery_budget;
   /// How far the budget cut the registration, independent of convergence.
   DegradationLevel degradation_level = DegradationLevel::kFull;
   int passes = 0;
