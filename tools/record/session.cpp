@@ -99,7 +99,7 @@ Result<std::size_t> RecordSession::add_udp(std::uint16_t port, std::size_t slots
   config.multicast_group = config_.multicast_group;
   config.multicast_interface = config_.multicast_interface;
   config.receive_buffer_bytes = config_.receive_buffer_bytes;
-  auto source = drivers::open_udp(config);
+  auto source = drivers::open_udp_or_tap(config);
   if (!source) return source.error();
   lidar_.push_back(std::make_unique<RecordChannel<Packet>>(std::move(source).value(), slots));
   return lidar_.size();

@@ -2,6 +2,7 @@
 
 #include "tests/support/udp_support.hpp"
 
+#include <algorithm>
 #include <array>
 #include <ctime>
 
@@ -259,4 +260,38 @@ TEST_CASE("the error for an unusable address names it and the reason", "[udp]") 
   UdpSourceConfig config = loopback(free_port());
   config.sender_address = "sensor";
   CHECK_THAT(open_udp(config).error().message, Contains("'sensor' is no IPv4 address for the sender"));
+}
+
+TEST_CASE("packets of another program's port are read beside it, with the same bytes and time stamps",
+          "[udp]") {
+  const std::uint16_t port = free_port();
+  auto owner = open_udp(loopback(port));
+  REQUIRE(owner.ok());
+  UdpSourceConfig config = loopback(port);
+  config.position_port = 0;
+  auto tap = open_udp_or_tap(config);
+  if (!tap) {
+    CHECK_THAT(tap.error().message, Contains("CAP_NET_RAW"));
+    WARN("skipped: no permission for packet sockets");
+    return;
+  }
+  UdpSender sender;
+  for (std::uint8_t i = 0; i < 100; ++i) sender.send(port, numbered(i));
+  sender.send(port, numbered(100, 1400));
+  sender.send(free_port(), numbered(101));
+  const std::vector<Packet> owned = read_packets(**owner, 101);
+  const std::vector<Packet> copied = read_packets(**tap, 101);
+  REQUIRE(owned.size() == 101);
+  REQUIRE(copied.size() == 101);
+  for (std::size_t i = 0; i < owned.size(); ++i) {
+    CHECK(copied[i].stamp == owned[i].stamp);
+    CHECK(copied[i].size == owned[i].size);
+    CHECK(copied[i].truncated == owned[i].truncated);
+    CHECK(copied[i].sender_address == owned[i].sender_address);
+    CHECK(copied[i].sender_port == owned[i].sender_port);
+    CHECK(copied[i].destination_port == port);
+    CHECK(std::equal(copied[i].data.begin(), copied[i].data.begin() + copied[i].size, owned[i].data.begin()));
+  }
+  CHECK((*tap)->stats().kernel_dropped == 0);
+  CHECK_THAT((*tap)->status(), Contains("beside another program: 101 packets"));
 }
