@@ -27,7 +27,7 @@ namespace {
 constexpr const char* kPattern = "%Y-%m-%d %H:%M:%S.%e niliod %l: %v";
 constexpr int kPollMs = 100;
 // At the end of the program, a reader that takes no data for this time is given up.
-constexpr int kPatienceMs = 2000;
+constexpr int kPatienceMs = 300;
 // A pipe that is writable at all has room for this.
 constexpr std::size_t kPieceBytes = 4096;
 

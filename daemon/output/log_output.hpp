@@ -20,7 +20,7 @@ struct LogOutputConfig {
 class LogOutput {
  public:
   explicit LogOutput(const LogOutputConfig& config);
-  /// Writes the queued lines as long as the reader takes data at least every 2 s.
+  /// Writes the queued lines as long as the reader takes data at least every 0.3 s.
   ~LogOutput();
   LogOutput(const LogOutput&) = delete;
   LogOutput& operator=(const LogOutput&) = delete;
