@@ -85,13 +85,19 @@ Result<drivers::ImuPreset> find_mapping(const ImuConfig& config) {
 
 }  // namespace
 
-Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config) {
+Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config, std::vector<std::string>& warnings) {
   Result<drivers::ImuPreset> imu = find_mapping(config);
   if (!imu) return imu.error();
+  const std::vector<std::string>& skipped = imu->database.warnings;
+  warnings.insert(warnings.end(), skipped.begin(), skipped.end());
   imu->mapping.time_offset = core::Duration::from_milliseconds(config.time_offset_ms);
   if (config.source_address >= 0)
     imu->mapping.source_address = static_cast<std::uint8_t>(config.source_address);
-  return drivers::ImuDecoder::create(imu->mapping, imu->database);
+  Result<drivers::ImuDecoder> decoder = drivers::ImuDecoder::create(imu->mapping, imu->database);
+  // A mapped signal may be missing because it was skipped.
+  if (!decoder && !skipped.empty())
+    return core::Error{decoder.error().message + " (skipped: " + skipped.front() + ")"};
+  return decoder;
 }
 
 void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input) {
@@ -117,7 +123,7 @@ Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input) {
         kNoImu);
     return std::monostate{};
   }
-  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config);
+  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config, input.warnings);
   if (!decoder) return decoder.error();
   Result<LiveCan> live = open_live_can(config, *decoder);
   if (!live) return live.error();

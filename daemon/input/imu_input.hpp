@@ -6,14 +6,19 @@
 #include "daemon/config/config.hpp"
 #include "daemon/input/input.hpp"
 
+#include <string>
+#include <vector>
+
 namespace nilio::daemon {
 
 inline constexpr const char* kNoImu =
     "no IMU: constant velocity is predicted from scan to scan; sharp turns and braking are tracked less "
     "accurately";
 
-/// Creates the decoder from the preset, or from the DBC file and its mapped signals.
-core::Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config);
+/// Creates the decoder from the preset, or from the DBC file and its mapped signals. Adds the DBC file's
+/// warnings.
+core::Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config,
+                                                   std::vector<std::string>& warnings);
 
 /// Adds notes about assumptions: a configured time offset, an axis that the IMU does not measure.
 void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input);

@@ -92,7 +92,7 @@ Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& conf
     input.warnings.emplace_back(std::string("no CAN log and no CAN frames in the recording; ") + kNoImu);
     return std::monostate{};
   }
-  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu);
+  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu, input.warnings);
   if (!decoder) return decoder.error();
   Result<std::unique_ptr<drivers::FrameSource>> frames =
       files.can_logs.empty() ? drivers::chain_can_captures(can_files, config.imu.interface_name)

@@ -1,5 +1,8 @@
 #include "drivers/can/dbc/lexer.hpp"
 
+#include <algorithm>
+#include <cstddef>
+
 namespace nilio::drivers {
 namespace {
 
@@ -18,6 +21,15 @@ DbcToken DbcLexer::take() {
   const DbcToken token = next_;
   next_ = scan();
   return token;
+}
+
+void DbcLexer::resume_after(const DbcToken& token) {
+  if (token.kind == DbcTokenKind::kEnd) return;
+  position_ = static_cast<std::size_t>(token.text.data() - text_.data());
+  line_ = token.line;
+  line_start_ = token.begins_statement();
+  if (!line_start_) position_ = std::min(text_.find('\n', position_), text_.size());
+  next_ = scan();
 }
 
 void DbcLexer::skip_blanks() {

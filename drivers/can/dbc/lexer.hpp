@@ -17,6 +17,10 @@ struct DbcToken {
   [[nodiscard]] bool is(std::string_view expected) const {
     return kind != DbcTokenKind::kString && text == expected;
   }
+  /// First on its line and spelled like a keyword.
+  [[nodiscard]] bool begins_statement() const {
+    return first_on_line && kind == DbcTokenKind::kWord && text.ends_with('_');
+  }
 };
 
 /// Splits a DBC text into tokens: quoted strings (which may span lines), symbols, and words, which include
@@ -27,6 +31,8 @@ class DbcLexer {
 
   [[nodiscard]] const DbcToken& peek() const { return next_; }
   DbcToken take();
+  /// Continues behind the line on which `token` begins, or at `token` itself if it begins a statement there.
+  void resume_after(const DbcToken& token);
 
  private:
   DbcToken scan();

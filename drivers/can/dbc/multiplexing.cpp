@@ -63,6 +63,10 @@ void read_extended_multiplexing(const DbcToken& keyword, const std::vector<DbcTo
   if (message == nullptr) return reader.fail_expected(statement[0], "the identifier of a message above");
   const auto signal = index_of(*message, statement[1].text);
   if (!signal) return reader.fail_expected(statement[1], "a signal of message " + quoted(message->name));
+  DbcSignal& target = message->signals[*signal];
+  target.multiplexed = true;
+  target.selector.reset();
+  target.selected_by.clear();
   const auto selector = index_of(*message, statement[2].text);
   if (!selector) return reader.fail_expected(statement[2], "a signal of message " + quoted(message->name));
   std::vector<DbcRange> ranges;
@@ -72,26 +76,45 @@ void read_extended_multiplexing(const DbcToken& keyword, const std::vector<DbcTo
       return reader.fail_expected(statement[i], "a range of the multiplexer's values, as 3-7");
     }
   }
-  message->signals[*signal].multiplexed = true;
-  message->signals[*signal].selector = selector;
-  message->signals[*signal].selected_by = std::move(ranges);
+  target.selector = selector;
+  target.selected_by = std::move(ranges);
 }
 
-std::optional<core::Error> resolve_multiplexers(DbcDatabase& database) {
+std::vector<std::string> resolve_multiplexers(DbcDatabase& database) {
+  std::vector<std::string> problems;
   for (DbcMessage& message : database.messages) {
     const std::optional<std::size_t> root = root_of(message);
     for (DbcSignal& signal : message.signals) {
       if (!signal.multiplexed) continue;
       if (!signal.selector) signal.selector = root;
     }
-    for (const DbcSignal& signal : message.signals) {
-      if (leads_to_root(message, signal)) continue;
-      return core::Error{database.path + ": the multiplexers of signal " + quoted(signal.name) +
+    std::vector<DbcSignal*> circular;
+    for (DbcSignal& signal : message.signals) {
+      if (!leads_to_root(message, signal)) circular.push_back(&signal);
+    }
+    for (DbcSignal* signal : circular) {
+      signal->selector.reset();
+      signal->selected_by.clear();
+      problems.push_back(database.path + ": the multiplexers of signal " + quoted(signal->name) +
                          " of message " + quoted(message.name) +
-                         " select each other (SG_MUL_VAL_); correct the file"};
+                         " select each other (SG_MUL_VAL_): the signal is in no frame - correct the file");
     }
   }
-  return std::nullopt;
+  return problems;
+}
+
+void remove_signal(DbcMessage& message, const DbcSignal& signal) {
+  const auto index = static_cast<std::size_t>(&signal - message.signals.data());
+  message.signals.erase(message.signals.begin() + static_cast<std::ptrdiff_t>(index));
+  for (DbcSignal& other : message.signals) {
+    if (!other.selector || *other.selector < index) continue;
+    if (*other.selector > index) {
+      --*other.selector;
+    } else {
+      other.selector.reset();
+      other.selected_by.clear();
+    }
+  }
 }
 
 void note_contradictions(const DbcMessage& message, int line, DbcNotes& notes) {

@@ -16,31 +16,67 @@ using core::Error;
 /// Pseudo-message of Vector's tools for signals without a message.
 constexpr std::uint32_t kIndependentSignals = 0xC0000000U;
 constexpr std::uint16_t kLongestSignal = 64;
+/// Number of warnings kept for one file.
+constexpr std::size_t kMostWarnings = 64;
 constexpr const char* kMarkExpected = "':' or a multiplexing mark (M, m3 or m3M)";
 
-/// Recursive-descent parser of the statements; stops at the first error.
+/// Recursive-descent parser of the statements; one that cannot be read is skipped with a warning.
 class DbcParser {
  public:
   DbcParser(std::string_view text, const std::string& path) : reader_(text, path) { database_.path = path; }
 
   core::Result<DbcDatabase> parse() {
-    while (!reader_.at_end()) parse_statement();
-    if (reader_.error()) return *reader_.error();
+    while (!reader_.at_end()) {
+      const DbcToken keyword = reader_.take();
+      parse_statement(keyword);
+      if (reader_.error()) skip(keyword);
+    }
+    if (!first_problem_.empty() && !has_signal()) return Error{first_problem_};
     if (database_.messages.empty()) {
       return Error{database_.path + ": no message (BO_) in this file; is it a DBC file?"};
     }
-    if (auto problem = resolve_multiplexers(database_)) return *problem;
+    for (const std::string& problem : resolve_multiplexers(database_)) add_warning(problem);
     for (std::size_t i = 0; i < database_.messages.size(); ++i) {
       note_contradictions(database_.messages[i], message_lines_[i], notes_);
     }
     attributes_.apply(database_, index_);
     database_.notes = notes_.texts();
+    if (more_warnings_ > 0)
+      database_.warnings.push_back(database_.path + ": " + std::to_string(more_warnings_) +
+                                   " further statements are skipped");
     return std::move(database_);
   }
 
  private:
-  void parse_statement() {
-    const DbcToken keyword = reader_.take();
+  /// Owner of the signals that follow.
+  enum class Context { kNoMessage, kMessage, kIgnored };
+
+  [[nodiscard]] bool has_signal() const {
+    return std::any_of(database_.messages.begin(), database_.messages.end(),
+                       [](const DbcMessage& message) { return !message.signals.empty(); });
+  }
+
+  /// Continues behind a statement that cannot be read.
+  void skip(const DbcToken& keyword) {
+    const std::string problem = reader_.recover(keyword);
+    if (first_problem_.empty()) first_problem_ = problem;
+    if (keyword.is("BO_")) {
+      context_ = Context::kIgnored;
+      return add_warning(problem + "; the message and its signals are skipped");
+    }
+    if (!keyword.is("SG_")) return add_warning(problem + "; the statement is skipped");
+    if (context_ != Context::kIgnored) add_warning(problem + "; the signal is skipped");
+  }
+
+  void add_warning(const std::string& text) {
+    if (database_.warnings.size() == kMostWarnings) {
+      ++more_warnings_;
+    } else {
+      database_.warnings.push_back(text);
+    }
+  }
+
+  void parse_statement(const DbcToken& keyword) {
     if (keyword.kind == DbcTokenKind::kUnterminatedString) {
       return reader_.fail(keyword, "this string is never closed");
     }
@@ -86,9 +122,8 @@ class DbcParser {
     message.extended = (id & kDbcExtendedFlag) != 0;
     message.id = id & kDbcIdMask;
     if (reader_.error()) return;
-    has_message_ = true;
-    independent_signals_ = id == kIndependentSignals;
-    if (independent_signals_) return;
+    context_ = id == kIndependentSignals ? Context::kIgnored : Context::kMessage;
+    if (context_ == Context::kIgnored) return;
     if (!index_.add(id, database_.messages.size())) {
       notes_.add(keyword.line, "message " + quoted(message.name) +
                                    " has the identifier of a message above, " + std::to_string(id) +
@@ -99,7 +134,8 @@ class DbcParser {
   }
 
   void parse_signal(const DbcToken& keyword) {
-    if (!has_message_) return reader_.fail(keyword, "signal (SG_) before any message (BO_)");
+    if (context_ == Context::kNoMessage)
+      return reader_.fail(keyword, "signal (SG_) before any message (BO_)");
     DbcSignal signal;
     signal.name = reader_.take_word("the signal's name");
     if (!reader_.peek().is(":")) parse_multiplexing(signal);
@@ -117,9 +153,8 @@ class DbcParser {
     reader_.expect("]");
     signal.unit = reader_.take_string("the unit");
     skip_receivers();
-    if (!reader_.error() && !independent_signals_) {
-      database_.messages.back().signals.push_back(std::move(signal));
-    }
+    if (reader_.error() || context_ == Context::kIgnored) return;
+    database_.messages.back().signals.push_back(std::move(signal));
   }
 
   /// "M" is the multiplexer itself and always present; "m3" is present when its value is 3; "m3M" is a
@@ -165,7 +200,7 @@ class DbcParser {
     while (!reader_.at_end() && !reader_.peek().first_on_line) reader_.take();
   }
 
-  /// Parses "SIG_VALTYPE_ id signal : 1;".
+  /// Parses "SIG_VALTYPE_ id signal : 1;". A signal of unknown type has no value and is removed.
   void parse_value_type() {
     const auto id = reader_.take_number<std::uint32_t>("the message's identifier");
     const DbcToken name_token = reader_.peek();
@@ -173,16 +208,16 @@ class DbcParser {
     if (reader_.peek().is(":")) reader_.take();
     const DbcToken type_token = reader_.peek();
     const auto type = reader_.take_number<int>("the value type (0 to 2)");
-    reader_.expect(";");
-    if (reader_.error() || type == 0) return;
-    if (type != 1 && type != 2) return reader_.fail_expected(type_token, "the value type (0 to 2)");
     DbcSignal* signal = index_.find(database_, id, name);
-    if (signal == nullptr) {
+    if (signal == nullptr && !reader_.error()) {
       return notes_.add(name_token.line, "value type (SIG_VALTYPE_) of a signal that is not in the file");
     }
-    if (signal->length != (type == 1 ? 32 : 64)) {
-      return reader_.fail(name_token, "floating-point signal " + quoted(name) + " has not 32 or 64 bits");
-    }
+    if (reader_.peek().is(";")) reader_.take();
+    if (type < 0 || type > 2) reader_.fail_expected(type_token, "the value type (0 to 2)");
+    if (type > 0 && signal != nullptr && signal->length != (type == 1 ? 32 : 64))
+      reader_.fail(name_token, "floating-point signal " + quoted(name) + " has not 32 or 64 bits");
+    if (signal == nullptr || (type == 0 && !reader_.error())) return;
+    if (reader_.error()) return remove_signal(*index_.find(database_, id), *signal);
     signal->value_type = type == 1 ? DbcValueType::kFloat32 : DbcValueType::kFloat64;
   }
 
@@ -193,8 +228,9 @@ class DbcParser {
   DbcValueTables value_tables_;
   DbcNotes notes_;
   std::vector<int> message_lines_;
-  bool has_message_ = false;
-  bool independent_signals_ = false;
+  Context context_ = Context::kNoMessage;
+  std::string first_problem_;
+  std::size_t more_warnings_ = 0;
 };
 
 }  // namespace

@@ -73,7 +73,8 @@ std::string DbcReader::take_word(const char* what) {
 std::string DbcReader::take_string(const char* what) {
   if (error_) return {};
   const DbcToken token = take();
-  if (token.kind != DbcTokenKind::kString) fail_expected(token, std::string(what) + " in quotes");
+  if (token.kind != DbcTokenKind::kString || token.text.find('\n') != std::string_view::npos)
+    fail_expected(token, std::string(what) + " in quotes on one line");
   return to_utf8(token.text);
 }
 
@@ -87,7 +88,7 @@ std::vector<DbcToken> DbcReader::take_statement() {
   std::vector<DbcToken> tokens;
   while (!at_end()) {
     const DbcToken& next = peek();
-    if (next.first_on_line && next.kind == DbcTokenKind::kWord && next.text.ends_with('_')) break;
+    if (next.begins_statement()) break;
     const DbcToken token = take();
     if (token.kind == DbcTokenKind::kUnterminatedString) fail(token, "this string is never closed");
     if (token.is(";")) break;
@@ -96,8 +97,19 @@ std::vector<DbcToken> DbcReader::take_statement() {
   return tokens;
 }
 
+std::string DbcReader::recover(const DbcToken& keyword) {
+  std::string problem = std::exchange(error_, std::nullopt).value_or(core::Error{}).message;
+  // A statement that fails at its keyword is not read again.
+  if (failed_at_.text.data() == keyword.text.data()) failed_at_.first_on_line = false;
+  lexer_.resume_after(failed_at_);
+  while (!at_end() && !peek().begins_statement()) take();
+  return problem;
+}
+
 void DbcReader::fail(const DbcToken& token, const std::string& what) {
-  if (!error_) error_ = core::Error{path_ + ":" + std::to_string(token.line) + ": " + what};
+  if (error_) return;
+  error_ = core::Error{path_ + ":" + std::to_string(token.line) + ": " + what};
+  failed_at_ = token;
 }
 
 void DbcReader::fail_expected(const DbcToken& token, const std::string& what) {

@@ -35,7 +35,8 @@ bool parse_dbc_number(const DbcToken& token, Number& value) {
   return valid;
 }
 
-/// Takes expected tokens from a file. The first missing token is the error; after it no token is taken.
+/// Takes expected tokens from a file. After a missing token, which is the error, no token is taken until
+/// recover().
 class DbcReader {
  public:
   DbcReader(std::string_view text, std::string path) : lexer_(text), path_(std::move(path)) {}
@@ -60,6 +61,10 @@ class DbcReader {
   /// BS_ have no semicolon, and some files omit others.
   std::vector<DbcToken> take_statement();
 
+  /// Returns the error ("path:line: problem") of the statement that `keyword` begins, forgets it, and
+  /// continues at the next statement.
+  std::string recover(const DbcToken& keyword);
+
   void fail(const DbcToken& token, const std::string& what);
   void fail_expected(const DbcToken& token, const std::string& what);
 
@@ -67,6 +72,7 @@ class DbcReader {
   DbcLexer lexer_;
   const std::string path_;
   std::optional<core::Error> error_;
+  DbcToken failed_at_;
 };
 
 /// Remarks about a file; equal remarks are merged.

@@ -75,13 +75,17 @@ class DbcValueTables {
 void read_comment(const std::vector<DbcToken>& statement, DbcDatabase& database, const DbcMessageIndex& index,
                   DbcNotes& notes);
 
-/// Reads SG_MUL_VAL_ id signal multiplexer 0-3, 7-7.
+/// Reads SG_MUL_VAL_ id signal multiplexer 0-3, 7-7. If the multiplexer or a range cannot be read, no frame
+/// has the signal.
 void read_extended_multiplexing(const DbcToken& keyword, const std::vector<DbcToken>& statement,
                                 DbcDatabase& database, const DbcMessageIndex& index, DbcReader& reader);
 
-/// Assigns the message's multiplexer to signals marked m3 without another one. Returns an error for
-/// multiplexers that select each other.
-std::optional<core::Error> resolve_multiplexers(DbcDatabase& database);
+/// Assigns the message's multiplexer to signals marked m3 without another one. Returns a text for each signal
+/// whose multiplexers select each other; no frame has it.
+std::vector<std::string> resolve_multiplexers(DbcDatabase& database);
+
+/// Removes a signal of the message. No frame has the signals that it selects.
+void remove_signal(DbcMessage& message, const DbcSignal& signal);
 
 /// Notes contradictions in a readable message.
 void note_contradictions(const DbcMessage& message, int line, DbcNotes& notes);

@@ -158,6 +158,75 @@ TEST_CASE("errors name file, line and token", "[dbc]") {
              Contains("/nonexistent.dbc") && Contains("No such file"));
 }
 
+TEST_CASE("a bad token costs its signal or message; the rest of the file is used", "[dbc]") {
+  const auto parsed = [](const std::string& text) {
+    const auto database = parse_dbc(text, "t.dbc");
+    INFO((database.ok() ? "" : database.error().message));
+    REQUIRE(database.ok());
+    return *database;
+  };
+  const std::string good = " SG_ good : 0|8@1+ (1,0) [0|0] \"\" X\n";
+  const std::string after = " SG_ after : 8|8@1+ (1,0) [0|0] \"\" X\n";
+  const std::vector<std::pair<std::string, std::string>> bad_signals{
+      {" SG_ bad : 7|x@0- (1,0) [0|0] \"\" X\n", "found 'x'; the signal is skipped"},
+      {" SG_ bad : 7|8@0- (1,0 [0|0] \"\" X\n", "found '['; the signal is skipped"},
+      {" SG_ bad : 7|8\n", "found 'SG_'; the signal is skipped"},
+      {" SG_ bad m : 7|8@0- (1,0) [0|0] \"\" X\n", "found 'm'; the signal is skipped"},
+      {" SG_ bad : 7|8@0- (1,0) [0|0] \"rad/s X\n", "the unit in quotes on one line"},
+      {" SG_ bad : 7|8@0- (1,0) [0|0] rad/s X\n", "found 'rad/s'; the signal is skipped"}};
+  for (const auto& [line, warning] : bad_signals) {
+    CAPTURE(line);
+    const DbcDatabase database = parsed("BO_ 1 M: 8 X\n" + good + line + after + "BO_ 2 N: 8 X\n" + good);
+    REQUIRE(database.messages.size() == 2);
+    CHECK(database.find("M", "good") != nullptr);
+    CHECK(database.find("M", "bad") == nullptr);
+    CHECK(database.find("M", "after") != nullptr);
+    CHECK(database.find("N", "good") != nullptr);
+    REQUIRE(database.warnings.size() == 1);
+    CHECK_THAT(database.warnings.front(), Contains("t.dbc:") && Contains(warning));
+  }
+  const DbcDatabase message =
+      parsed("BO_ 1 M: 8 X\n" + good + "BO_ two N: 8 X\n" + good + "BO_ 3 L: 8 X\n" + good);
+  CHECK(message.find("M") != nullptr);
+  CHECK(message.find("N") == nullptr);
+  CHECK(message.find("L", "good") != nullptr);
+  CHECK(message.find("M")->signals.size() == 1);
+  REQUIRE(message.warnings.size() == 1);
+  CHECK_THAT(message.warnings.front(),
+             Contains("t.dbc:3: expected the message's identifier, found 'two'; the "
+                      "message and its signals are skipped"));
+  // A comment that is never closed takes its line only.
+  const DbcDatabase comment = parsed("BO_ 1 M: 8 X\n" + good + "CM_ \"never closed;\nBO_ 2 N: 8 X\n");
+  CHECK(comment.find("M", "good") != nullptr);
+  CHECK(comment.find("N") != nullptr);
+  CHECK_THAT(comment.warnings.at(0), Contains("t.dbc:3: this string is never closed; the statement"));
+  // Many warnings are bounded.
+  std::string many = "BO_ 1 M: 8 X\n" + good;
+  for (int i = 0; i < 500; ++i) many += " SG_ bad" + std::to_string(i) + " : x\n";
+  CHECK(parsed(many).warnings.size() == 65);
+  CHECK_THAT(parsed(many).warnings.back(), Contains("436 further"));
+  // Without anything usable the first problem is the error.
+  CHECK_THAT(error_of("BO_ one M: 8 X\n" + good), Contains("t.dbc:1") && Contains("'one'"));
+}
+
+TEST_CASE("one bad token in a real DBC file costs one signal", "[dbc]") {
+  std::string text = nilio::tests::read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");
+  const auto whole = parse_dbc(text, "xsens.dbc");
+  REQUIRE(whole.ok());
+  CHECK(whole->warnings.empty());
+  const std::size_t factor = text.find('(', text.find(" SG_ ")) + 1;
+  text.replace(factor, 1, "O");
+  const auto damaged = parse_dbc(text, "xsens.dbc");
+  REQUIRE(damaged.ok());
+  CHECK(damaged->warnings.size() == 1);
+  std::size_t signals_before = 0;
+  std::size_t signals_after = 0;
+  for (const DbcMessage& m : whole->messages) signals_before += m.signals.size();
+  for (const DbcMessage& m : damaged->messages) signals_after += m.signals.size();
+  CHECK(damaged->messages.size() == whole->messages.size());
+  CHECK(signals_after == signals_before - 1);
+}
+
 TEST_CASE("every truncation of a DBC file is read or rejected", "[dbc]") {
   const std::string text =
       nilio::tests::read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");

@@ -79,14 +79,18 @@ struct DbcDatabase {
   std::vector<DbcMessage> messages;
   /// Remarks for the user, with line numbers: unused statements and contradictions in the file.
   std::vector<std::string> notes;
+  /// Messages, signals and other statements that could not be read and are skipped, each with file, line and
+  /// token.
+  std::vector<std::string> warnings;
 
   [[nodiscard]] const DbcMessage* find(std::string_view message_name) const;
   [[nodiscard]] const DbcSignal* find(std::string_view message_name, std::string_view signal_name) const;
 };
 
 /// Reads messages, signals, value types, multiplexing, value tables, comments, and the attributes
-/// GenMsgCycleTime and VFrameFormat. The notes name unused statements. Errors name file, line, token and the
-/// expected token. parse_dbc() uses `path` only in messages.
+/// GenMsgCycleTime and VFrameFormat. The notes name unused statements. A message or signal that cannot be
+/// read is skipped, with a warning that names file, line, token and the expected token; a file without any
+/// usable one is an error. parse_dbc() uses `path` only in messages.
 core::Result<DbcDatabase> parse_dbc(std::string_view text, const std::string& path);
 core::Result<DbcDatabase> load_dbc(const std::string& path);
 
