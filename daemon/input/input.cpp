@@ -2,6 +2,7 @@
 
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
+#include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/network/udp.hpp"
 
 #include "daemon/config/schema.hpp"
@@ -82,6 +83,13 @@ std::vector<std::string> find_can_files(const ReplayFiles& files) {
              : std::vector<std::string>{};
 }
 
+Result<std::unique_ptr<drivers::FrameSource>> open_can_files(const ReplayFiles& files,
+                                                             const std::vector<std::string>& can_files,
+                                                             const std::string& interface_name) {
+  return files.can_logs.empty() ? drivers::chain_can_captures(can_files, interface_name)
+                                : drivers::chain_can_logs(can_files, interface_name);
+}
+
 Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
   if (!config.imu.enabled) {
     input.notes.push_back(std::string("imu.enabled: false; ") + kNoImu);
@@ -95,8 +103,7 @@ Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& conf
   Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu, input.warnings);
   if (!decoder) return decoder.error();
   Result<std::unique_ptr<drivers::FrameSource>> frames =
-      files.can_logs.empty() ? drivers::chain_can_captures(can_files, config.imu.interface_name)
-                             : drivers::chain_can_logs(can_files, config.imu.interface_name);
+      open_can_files(files, can_files, config.imu.interface_name);
   if (!frames) return frames.error();
   input.frames = std::move(frames).value();
   input.imu_decoder.emplace(std::move(decoder).value());
@@ -202,6 +209,12 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
 void apply_recording_defaults(const ReplayFiles& files, Config& config) {
   // The KITTI scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM); a property of the data set.
   if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
+  const std::vector<std::string> can_files = find_can_files(files);
+  if (can_files.empty()) return;
+  // An unreadable log is reported when it is opened.
+  const auto frames = open_can_files(files, can_files, config.imu.interface_name);
+  if (!frames) return;
+  if (const auto preset = drivers::detect_imu_preset(**frames)) config.imu.preset = *preset;
 }
 
 Result<Config> replay_config(const ReplayFiles& files, const std::string& config_file) {

@@ -48,7 +48,8 @@ struct Input {
   std::vector<std::string> warnings;
 };
 
-/// Applies the defaults of a kind of recording; call before any configuration file.
+/// Applies the defaults of a recording: KITTI's elevation correction, the IMU preset whose messages are in
+/// its CAN frames. Call before any configuration file.
 void apply_recording_defaults(const ReplayFiles& files, Config& config);
 
 /// Configuration of a replay: defaults of the recording, then its nilio.yaml, then `config_file` (empty =

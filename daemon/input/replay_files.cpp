@@ -1,6 +1,6 @@
 #include "daemon/input/replay_files.hpp"
 
-#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/file_kind.hpp"
 
 #include "daemon/input/kitti_sequence.hpp"
 
@@ -8,7 +8,6 @@
 #include <charconv>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <set>
 #include <string_view>
@@ -21,6 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
+using drivers::FileKind;
 
 /// Stores `path` in the slot of its kind; an error if the slot is taken.
 Result<std::monostate> put(std::string& slot, const std::string& path, const std::string& kind) {
@@ -65,30 +65,18 @@ Result<std::monostate> put_part(std::vector<std::string>& parts, const fs::path&
   return std::monostate{};
 }
 
-/// True if one of the first lines is a CAN frame; other programs write *.log files, too.
-bool looks_like_can_log(const fs::path& path) {
-  constexpr int kLinesToLookAt = 20;
-  std::ifstream file(path);
-  std::string line;
-  for (int i = 0; i < kLinesToLookAt && std::getline(file, line); ++i) {
-    if (drivers::parse_candump_line(line)) return true;
-  }
-  return false;
-}
-
 Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool named_by_user) {
-  static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
-  static const std::set<std::string> kCanLogs = {".log", ".candump"};
-  const std::string extension = path.extension().string();
-  if (kCaptures.contains(extension)) return put_part(files.captures, path, "capture");
-  if (kCanLogs.contains(extension) && (named_by_user || part_number(path) || looks_like_can_log(path))) {
-    return put_part(files.can_logs, path, "CAN log");
-  }
   if (path.filename() == "nilio.yaml") return put(files.configuration, path.string(), "configuration");
-  if (!named_by_user) return std::monostate{};
-  return Error{path.string() +
-               ": not a recording: expected a capture (.pcap, .pcapng), a CAN log (.log, .candump) or a "
-               "folder of them"};
+  const FileKind kind = drivers::file_kind(path.string());
+  if (kind == FileKind::kCapture) return put_part(files.captures, path, "capture");
+  // Text logs of other forms than candump -L are taken by their name; other programs write *.log files, too.
+  const std::string extension = path.extension().string();
+  const bool is_named_log = (named_by_user && (extension == ".log" || extension == ".asc")) ||
+                            (extension == ".log" && part_number(path));
+  if (kind == FileKind::kCanLog || is_named_log) return put_part(files.can_logs, path, "CAN log");
+  if (named_by_user) return Error{path.string() + ": " + drivers::why_no_recording(path.string())};
+  if (extension == drivers::kPartialSuffix) files.unfinished.push_back(path.string());
+  return std::monostate{};
 }
 
 Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
@@ -125,6 +113,8 @@ Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths) {
 Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
   Result<ReplayFiles> files = sort_replay_files(paths);
   if (files && files->captures.empty() && files->kitti_sequence.empty()) {
+    if (!files->unfinished.empty())
+      return Error{files->unfinished.front() + ": " + drivers::why_no_recording(files->unfinished.front())};
     return Error{
         paths.front() +
         ": nothing to replay: expected a capture (.pcap, .pcapng) or a KITTI sequence (velodyne/*.bin)"};

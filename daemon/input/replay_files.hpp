@@ -9,15 +9,16 @@ namespace nilio::daemon {
 
 /// Input files of a replay, sorted by kind.
 struct ReplayFiles {
-  std::vector<std::string> captures;  ///< pcap or pcapng, in order; several are parts of one recording
-  std::vector<std::string> can_logs;  ///< candump, in order
-  std::string configuration;          ///< nilio.yaml of the recording
-  std::string kitti_sequence;         ///< folder of a KITTI sequence
+  std::vector<std::string> captures;    ///< pcap or pcapng, in order; several are parts of one recording
+  std::vector<std::string> can_logs;    ///< candump, in order
+  std::string configuration;            ///< nilio.yaml of the recording
+  std::string kitti_sequence;           ///< folder of a KITTI sequence
+  std::vector<std::string> unfinished;  ///< files whose writer was interrupted (drivers::kPartialSuffix)
 };
 
-/// Sorts folders and files by kind. Numbered files of `nilio record` (lidar_0001.pcap, can_0001.log) are
-/// parts of one recording, in numerical order. Otherwise more than one file of a kind is an error that names
-/// them.
+/// Sorts folders and files by kind, recognised by their content (drivers::file_kind()). Numbered files of
+/// `nilio record` (lidar_0001.pcap, can_0001.log) are parts of one recording, in numerical order. Otherwise
+/// more than one file of a kind is an error that names them.
 core::Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths);
 /// As sort_replay_files(); also fails without a capture or a KITTI sequence.
 core::Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths);

@@ -5,6 +5,8 @@
 #include <cstring>
 #include <fstream>
 #include <sstream>
+#include <system_error>
+#include <utility>
 
 namespace nilio::tools {
 
@@ -16,6 +18,20 @@ std::optional<std::string> file_text(const fs::path& path) {
   std::ostringstream text;
   text << file.rdbuf();
   return std::move(text).str();
+}
+
+UnfinishedFile::UnfinishedFile(fs::path path) : path_(std::move(path)) {
+  std::error_code ignored;
+  fs::remove(path_, ignored);
+}
+
+core::Result<std::monostate> UnfinishedFile::finish() const {
+  std::error_code error;
+  fs::rename(path(), path_, error);
+  if (error)
+    return core::Error{path() + ": cannot be renamed to " + path_.string() + " (" + error.message() +
+                       ") - check the permissions of the folder"};
+  return std::monostate{};
 }
 
 core::Result<WorkFolder> WorkFolder::create() {

@@ -1,16 +1,34 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/drivers/capture/file_kind.hpp"
 
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
+#include <variant>
 
 namespace nilio::tools {
 
 /// All bytes of a file; unset when it cannot be read.
 std::optional<std::string> file_text(const std::filesystem::path& path);
+
+/// A large file that has its name only when it is complete, so that an interrupted program leaves nothing
+/// that could be taken for a whole recording. One thread.
+class UnfinishedFile {
+ public:
+  /// Removes an earlier file of that name.
+  explicit UnfinishedFile(std::filesystem::path path);
+
+  /// Path to write to.
+  [[nodiscard]] std::string path() const { return path_.string() + std::string(drivers::kPartialSuffix); }
+  /// Gives the written and closed file its name.
+  [[nodiscard]] core::Result<std::monostate> finish() const;
+
+ private:
+  std::filesystem::path path_;
+};
 
 /// Temporary folder of a measurement, removed with this object.
 class WorkFolder {

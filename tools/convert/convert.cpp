@@ -5,6 +5,8 @@
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
+#include "tools/common/files.hpp"
+#include "tools/common/progress.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/convert/kitti_raw.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"
@@ -47,7 +49,10 @@ core::Result<LidarSummary> write_lidar(const KittiRawDrive& drive, const drivers
   if (!writer) return writer.error();
   HdlPacketStream stream(sensor, std::move(writer).value());
   LidarSummary summary;
-  for (const KittiRawScan& scan : drive.scans) {
+  Progress progress("encoding scans", drive.scans.size());
+  for (std::size_t i = 0; i < drive.scans.size(); ++i) {
+    const KittiRawScan& scan = drive.scans[i];
+    progress.update(i);
     const auto points = read_kitti_scan(scan.path);
     if (!points) return points.error();
     const auto encoded = encode_kitti_scan(*points, scan, sensor);
@@ -188,9 +193,10 @@ core::Result<int> convert_kitti_raw(const Options& options) {
   fs::create_directories(output, error);
   if (error) return core::Error{output.string() + ": " + error.message()};
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2);
-  const auto lidar = write_lidar(*drive, sensor, output / "lidar.pcap");
-  if (!lidar) return lidar.error();
   for (const char* name : {"imu.candump.log", "truth.tum"}) fs::remove(output / name, error);
+  const UnfinishedFile capture(output / "lidar.pcap");
+  const auto lidar = write_lidar(*drive, sensor, capture.path());
+  if (!lidar) return lidar.error();
   if (!records.empty()) {
     const auto imu = write_imu(records, output / "imu.candump.log");
     if (!imu) return imu.error();
@@ -201,6 +207,7 @@ core::Result<int> convert_kitti_raw(const Options& options) {
   const auto configuration =
       write_configuration(records.empty() ? nullptr : &drive->T_lidar_imu, output / "nilio.yaml");
   if (!configuration) return configuration.error();
+  if (auto finished = capture.finish(); !finished) return finished.error();
   print_summary(*drive, *lidar, records, output);
   const auto check = check_conversion((output / "lidar.pcap").string(), drive->scans, sensor);
   if (!check) return check.error();

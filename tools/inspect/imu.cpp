@@ -1,5 +1,7 @@
 #include "tools/inspect/imu.hpp"
 
+#include "nilio/drivers/imu/detect.hpp"
+
 #include <cmath>
 #include <numbers>
 #include <utility>
@@ -15,14 +17,10 @@ constexpr std::uint64_t kMinimumSamples = 10;
 constexpr double kStillGyroDeviation = 0.02;
 constexpr double kStillGyroMean = 0.05;
 constexpr double kStillAccelerationDeviation = 0.3;
-constexpr double kMinimumGravity = 7.0;
-constexpr double kMaximumGravity = 13.0;
 
 }  // namespace
 
-bool ImuFindings::plausible() const {
-  return acceleration_m_s2.mean() > kMinimumGravity && acceleration_m_s2.mean() < kMaximumGravity;
-}
+bool ImuFindings::plausible() const { return drivers::is_plausible_imu(acceleration_m_s2.mean()); }
 
 double ImuFindings::rate_hz() const {
   const double duration = (last - first).seconds();

@@ -1,97 +1,27 @@
 #include "tools/inspect/recording.hpp"
 
-#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/capture/file_kind.hpp"
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
-#include <fstream>
 #include <set>
-#include <string_view>
 
 namespace nilio::tools::inspect {
 
 namespace {
 
 namespace fs = std::filesystem;
-using namespace std::string_view_literals;
-
-constexpr std::size_t kHeadSize = 4096;
-
-enum class FileKind : std::uint8_t { kCapture, kCanLog, kOther };
-
-std::string read_head(const fs::path& path) {
-  std::string head(kHeadSize, '\0');
-  std::ifstream file(path, std::ios::binary);
-  file.read(head.data(), static_cast<std::streamsize>(head.size()));
-  head.resize(static_cast<std::size_t>(std::max<std::streamsize>(file.gcount(), 0)));
-  return head;
-}
-
-bool is_capture(std::string_view head) {
-  constexpr std::array kMagics{"\xA1\xB2\xC3\xD4"sv, "\xD4\xC3\xB2\xA1"sv, "\xA1\xB2\x3C\x4D"sv,
-                               "\x4D\x3C\xB2\xA1"sv, "\x0A\x0D\x0D\x0A"sv};
-  return std::any_of(kMagics.begin(), kMagics.end(),
-                     [&](std::string_view magic) { return head.starts_with(magic); });
-}
-
-bool is_can_log(std::string_view head) {
-  while (!head.empty()) {
-    const std::size_t end = std::min(head.find('\n'), head.size());
-    if (drivers::parse_candump_line(head.substr(0, end))) return true;
-    head.remove_prefix(std::min(end + 1, head.size()));
-  }
-  return false;
-}
-
-/// Extensions count only for unrecognised content, so that damaged files get the reader's message.
-FileKind kind_of(const fs::path& path, std::string_view head) {
-  static const std::set<std::string> kCaptures = {".pcap", ".pcapng", ".cap"};
-  static const std::set<std::string> kCanLogs = {".candump"};
-  if (is_capture(head)) return FileKind::kCapture;
-  if (is_can_log(head)) return FileKind::kCanLog;
-  if (kCaptures.contains(path.extension().string())) return FileKind::kCapture;
-  if (kCanLogs.contains(path.extension().string())) return FileKind::kCanLog;
-  return FileKind::kOther;
-}
-
-/// Reason and remedy for a file that is neither capture nor CAN log.
-std::string why_other(std::string_view head) {
-  struct Known {
-    std::string_view magic;
-    const char* text;
-  };
-  constexpr std::array<Known, 8> kKnown{{
-      {"\x1F\x8B"sv, "is compressed (gzip); unpack it with 'gunzip'"},
-      {"\xFD"
-       "7zXZ"sv,
-       "is compressed (xz); unpack it with 'unxz'"},
-      {"\x28\xB5\x2F\xFD"sv, "is compressed (zstd); unpack it with 'unzstd'"},
-      {"BZh"sv, "is compressed (bzip2); unpack it with 'bunzip2'"},
-      {"PK\x03\x04"sv, "is a zip archive; unpack it"},
-      {"#ROSBAG"sv, "is a ROS bag; this command reads captures and CAN logs"},
-      {"SQLite format 3"sv,
-       "is an SQLite file, perhaps a ROS 2 bag; this command reads captures and CAN logs"},
-      {"\x89MCAP"sv, "is an MCAP file; this command reads captures and CAN logs"},
-  }};
-  if (head.empty()) return "is empty (0 bytes); the recording was never written, record again";
-  for (const Known& known : kKnown) {
-    if (head.starts_with(known.magic)) return known.text;
-  }
-  return "is neither a capture (pcap, pcapng) nor a CAN log ('candump -L': (1700000000.123456) can0 "
-         "034#0000000009CF)";
-}
+using drivers::FileKind;
 
 void inspect_file(const fs::path& path, bool named_by_user, const drivers::DbcDatabase* dbc,
                   RecordingFindings& findings) {
-  const std::string head = read_head(path);
-  const FileKind kind = kind_of(path, head);
-  if (kind == FileKind::kOther) {
-    if (named_by_user) findings.problems.push_back(path.string() + ": " + why_other(head));
-    return;
-  }
-  if (head.empty()) {
-    findings.problems.push_back(path.string() + ": " + why_other(head));
+  const FileKind kind = drivers::file_kind(path.string());
+  std::error_code error;
+  const bool is_empty = fs::is_regular_file(path, error) && fs::file_size(path, error) == 0 && !error;
+  if (kind == FileKind::kOther || is_empty) {
+    const bool unfinished = path.extension() == drivers::kPartialSuffix;
+    if (named_by_user || unfinished || kind != FileKind::kOther)
+      findings.problems.push_back(path.string() + ": " + drivers::why_no_recording(path.string()));
     return;
   }
   if (kind == FileKind::kCapture) {

@@ -3,6 +3,7 @@
 #include "nilio/core/units.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "tools/common/files.hpp"
 #include "tools/simulate/faults/imu_faults.hpp"
 #include "tools/simulate/geometry/ray_scene.hpp"
 #include "tools/simulate/scenes/traffic.hpp"
@@ -251,13 +252,16 @@ Result<bool> write_recording(const Options& options) {
   const Result<RayScene> scene = RayScene::create(made->mesh, std::move(made->cars));
   if (!scene) return scene.error();
 
+  const fs::path capture = *folder / "lidar.pcap";
+  const UnfinishedFile unfinished(capture);
   // The small files first: errors of the folder appear at once.
   const Result<bool> small_files = write_small_files(options, trajectory, *setup, *folder);
   if (!small_files) return small_files.error();
   const Result<LidarRecordingSummary> lidar =
-      write_lidar(options, *setup, trajectory, *scene, *folder / "lidar.pcap");
+      write_lidar(options, *setup, trajectory, *scene, unfinished.path());
   if (!lidar) return lidar.error();
-  print_lidar(*lidar, *folder / "lidar.pcap");
+  if (auto finished = unfinished.finish(); !finished) return finished.error();
+  print_lidar(*lidar, capture);
   return true;
 }
 

@@ -1,3 +1,6 @@
+#include "nilio/drivers/can/can_files.hpp"
+#include "nilio/drivers/imu/decoder.hpp"
+
 #include "daemon/input/input.hpp"
 #include "tests/support/hdl64e_packets.hpp"
 #include "tests/support/room_drive.hpp"
@@ -61,6 +64,54 @@ TEST_CASE("CAN logs without a capture can be played but not replayed", "[replay_
   touch(folder.path() / "can_0001.log");
   CHECK(sort_replay_files({folder.path().string()}).ok());
   CHECK_FALSE(find_replay_files({folder.path().string()}).ok());
+}
+
+TEST_CASE("captures and CAN logs of a replay are recognised by their content", "[replay_files]") {
+  const TemporaryFolder folder;
+  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
+  fs::rename(folder.path() / "lidar.pcap", folder.path() / "drive.dat");
+  fs::rename(folder.path() / "imu.log", folder.path() / "bus.txt");
+  REQUIRE_FALSE(folder.write("niliod.log", "not a frame\n").empty());
+  const auto files = find_replay_files({folder.text()});
+  REQUIRE(files.ok());
+  CHECK(names(files->captures) == std::vector<std::string>{"drive.dat"});
+  CHECK(names(files->can_logs) == std::vector<std::string>{"bus.txt"});
+  const auto other = find_replay_files({folder.write("drive.gz", "\x1F\x8B...")});
+  REQUIRE_FALSE(other.ok());
+  CHECK_THAT(other.error().message, Contains("drive.gz: is compressed (gzip)"));
+}
+
+TEST_CASE("an unfinished recording is not replayed and is named", "[replay_files]") {
+  const TemporaryFolder folder;
+  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
+  fs::rename(folder.path() / "lidar.pcap", folder.path() / "lidar.pcap.partial");
+  const auto files = find_replay_files({folder.text()});
+  REQUIRE_FALSE(files.ok());
+  CHECK_THAT(files.error().message, Contains("lidar.pcap.partial: is unfinished"));
+}
+
+TEST_CASE("the IMU preset of a replay is the one whose messages are in its CAN log", "[replay_files]") {
+  const TemporaryFolder folder;
+  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, false);
+  const auto preset = drivers::imu_preset("oxts_rt3003");
+  REQUIRE(preset.ok());
+  std::string log;
+  for (int i = 0; i < 50; ++i) {
+    const core::ImuSample sample{
+        core::Time{1'767'268'800'000'000'000 + std::int64_t{i} * 10'000'000}, {}, {0.0, 0.0, 9.81}};
+    for (const drivers::CanFrame& frame : drivers::encode_imu_sample(sample, *preset))
+      log += drivers::format_candump_line(frame, "can0") + "\n";
+  }
+  REQUIRE_FALSE(folder.write("imu.log", log).empty());
+  const auto files = find_replay_files({folder.text()});
+  REQUIRE(files.ok());
+  const auto detected = replay_config(*files, "");
+  REQUIRE(detected.ok());
+  CHECK(detected->imu.preset == "oxts_rt3003");
+  // A configuration file has precedence.
+  const auto configured = replay_config(*files, folder.write("mine.yaml", "imu:\n  preset: sbg_ellipse\n"));
+  REQUIRE(configured.ok());
+  CHECK(configured->imu.preset == "sbg_ellipse");
 }
 
 TEST_CASE("a missing part of a recording causes a warning", "[replay_files]") {

@@ -113,7 +113,7 @@ TEST_CASE("errors name the place and the remedy", "[simulate_command]") {
     CHECK_THAT(result.errors, Catch::Contains(path) && Catch::Contains("could not be created"));
   }
   SECTION("a full disk") {
-    std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap");
+    std::filesystem::create_symlink("/dev/full", folder.path() / "lidar.pcap.partial");
     result = capture_simulate(folder.path().string() + kShort);
     CHECK_THAT(result.errors, Catch::Contains("lidar.pcap") && Catch::Contains("disk"));
   }

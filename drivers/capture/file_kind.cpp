@@ -1,0 +1,90 @@
+#include "nilio/drivers/capture/file_kind.hpp"
+
+#include "nilio/drivers/can/can_files.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <fstream>
+#include <system_error>
+
+namespace nilio::drivers {
+
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::string_view_literals;
+
+constexpr std::size_t kHeadSize = 4096;
+
+/// Empty for what is no regular file: reading a pipe would take its content away.
+std::string read_head(const std::string& path) {
+  std::error_code error;
+  if (!fs::is_regular_file(path, error)) return {};
+  std::string head(kHeadSize, '\0');
+  std::ifstream file(path, std::ios::binary);
+  file.read(head.data(), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<std::size_t>(std::max<std::streamsize>(file.gcount(), 0)));
+  return head;
+}
+
+bool is_capture(std::string_view head) {
+  constexpr std::array kMagics{"\xA1\xB2\xC3\xD4"sv, "\xD4\xC3\xB2\xA1"sv, "\xA1\xB2\x3C\x4D"sv,
+                               "\x4D\x3C\xB2\xA1"sv, "\x0A\x0D\x0D\x0A"sv};
+  return std::any_of(kMagics.begin(), kMagics.end(),
+                     [&](std::string_view magic) { return head.starts_with(magic); });
+}
+
+bool is_can_log(std::string_view head) {
+  while (!head.empty()) {
+    const std::size_t end = std::min(head.find('\n'), head.size());
+    if (parse_candump_line(head.substr(0, end))) return true;
+    head.remove_prefix(std::min(end + 1, head.size()));
+  }
+  return false;
+}
+
+}  // namespace
+
+FileKind file_kind(const std::string& path) {
+  if (path.ends_with(kPartialSuffix)) return FileKind::kOther;
+  const std::string head = read_head(path);
+  if (is_capture(head)) return FileKind::kCapture;
+  if (is_can_log(head)) return FileKind::kCanLog;
+  const std::string extension = fs::path(path).extension().string();
+  constexpr std::array kCaptures{".pcap"sv, ".pcapng"sv, ".cap"sv};
+  if (std::find(kCaptures.begin(), kCaptures.end(), extension) != kCaptures.end()) return FileKind::kCapture;
+  return extension == ".candump" ? FileKind::kCanLog : FileKind::kOther;
+}
+
+std::string why_no_recording(const std::string& path) {
+  struct Known {
+    std::string_view magic;
+    const char* text;
+  };
+  constexpr std::array<Known, 8> kKnown{{
+      {"\x1F\x8B"sv, "is compressed (gzip); unpack it with 'gunzip'"},
+      {"\xFD"
+       "7zXZ"sv,
+       "is compressed (xz); unpack it with 'unxz'"},
+      {"\x28\xB5\x2F\xFD"sv, "is compressed (zstd); unpack it with 'unzstd'"},
+      {"BZh"sv, "is compressed (bzip2); unpack it with 'bunzip2'"},
+      {"PK\x03\x04"sv, "is a zip archive; unpack it"},
+      {"#ROSBAG"sv, "is a ROS bag; captures and CAN logs are read"},
+      {"SQLite format 3"sv, "is an SQLite file, perhaps a ROS 2 bag; captures and CAN logs are read"},
+      {"\x89MCAP"sv, "is an MCAP file; captures and CAN logs are read"},
+  }};
+  if (path.ends_with(kPartialSuffix))
+    return "is unfinished: the program that wrote it was interrupted; record again, or rename it to use what "
+           "is there";
+  const std::string head = read_head(path);
+  if (head.empty()) return "is empty (0 bytes); the recording was never written, record again";
+  for (const Known& known : kKnown) {
+    if (head.starts_with(known.magic)) return known.text;
+  }
+  return "is neither a capture (pcap, pcapng) nor a CAN log ('candump -L': (1700000000.123456) can0 "
+         "034#0000000009CF)";
+}
+
+}  // namespace nilio::drivers
