@@ -7,7 +7,9 @@
 #include <filesystem>
 #include <fstream>
 #include <iomanip>
+#include <map>
 #include <sstream>
+#include <system_error>
 #include <type_traits>
 #include <utility>
 
@@ -133,7 +135,12 @@ class Loader {
 
   void apply_entry(const YAML::Node& key, const YAML::Node& value, const std::string& parent) {
     const std::string name = key.IsScalar() ? key.Scalar() : "?";
-    apply(value, parent.empty() ? name : parent + "." + name);
+    const std::string path = parent.empty() ? name : parent + "." + name;
+    const auto [first, is_new] = lines_.emplace(path, key.Mark().line + 1);
+    if (!is_new)
+      add_problem(key, "'" + path + "' is already given in line " + std::to_string(first->second) +
+                           " - remove one of them");
+    apply(value, path);
   }
 
   [[nodiscard]] Result<std::monostate> result() const {
@@ -158,6 +165,8 @@ class Loader {
   std::vector<std::string> known_;
   std::string name_;
   std::string problems_;
+  /// First line of each key and section.
+  std::map<std::string, int> lines_;
 };
 
 }  // namespace
@@ -191,7 +200,13 @@ Result<std::monostate> apply_file(Config& config, const std::string& path) {
   if (!file) return Error{path + ": cannot be read: check the path and the permissions"};
   std::ostringstream text;
   text << file.rdbuf();
-  if (file.bad() || text.fail()) return Error{path + ": cannot be read: is it a file?"};
+  // Reading a folder gives no text either.
+  if (text.fail()) {
+    std::error_code error;
+    const bool is_empty = std::filesystem::file_size(path, error) == 0 && !error;
+    return Error{path + (is_empty ? ": is empty (0 bytes) - write it again, or remove it to use the defaults"
+                                  : ": cannot be read: is it a file?")};
+  }
   Config old = config;
   auto applied = apply_yaml(config, text.str(), path);
   // Relative paths refer to the folder of the configuration file, so that a recording can be moved.

@@ -1,4 +1,5 @@
 #include "daemon/config/schema.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 #include <filesystem>
 #include <fstream>
@@ -54,6 +55,28 @@ TEST_CASE("text that is not YAML is rejected with its line", "[config]") {
   CHECK(error_of("lidar:\n  model: [\n").find("test.yaml:") == 0);
   CHECK(error_of("just text\n").find("is not a configuration") != std::string::npos);
   CHECK(error_of("").empty());
+}
+
+TEST_CASE("a key or section that is given twice is rejected with both lines", "[config]") {
+  CHECK(error_of("odometry:\n  threads: 1\n  coarse: auto\n  threads: 2\n") ==
+        "test.yaml:4: 'odometry.threads' is already given in line 2 - remove one of them");
+  CHECK(error_of("lidar:\n  port: 2368\nimu:\n  enabled: true\nlidar:\n  port: 2369\n") ==
+        "test.yaml:5: 'lidar' is already given in line 1 - remove one of them\n"
+        "test.yaml:6: 'lidar.port' is already given in line 2 - remove one of them");
+}
+
+TEST_CASE("an empty file and a folder are rejected as configuration, comments alone are not", "[config]") {
+  const nilio::tests::TemporaryFolder folder;
+  const auto error_of_file = [&](const std::string& path) {
+    Config config;
+    const auto applied = apply_file(config, path);
+    return applied ? std::string() : applied.error().message;
+  };
+  const std::string empty = folder.write("empty.yaml", "");
+  CHECK(error_of_file(empty) ==
+        empty + ": is empty (0 bytes) - write it again, or remove it to use the defaults");
+  CHECK(error_of_file(folder.text()) == folder.text() + ": cannot be read: is it a file?");
+  CHECK(error_of_file(folder.write("comment.yaml", "# nothing yet\n")).empty());
 }
 
 TEST_CASE("a missing file is reported with its path", "[config]") {
