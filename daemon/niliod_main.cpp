@@ -1,6 +1,8 @@
+#include "daemon/command_line.hpp"
 #include "daemon/config/schema.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/output/log_output.hpp"
+#include "daemon/output/output_folder.hpp"
 #include "daemon/output/supervisor.hpp"
 #include "daemon/realtime/memory_plan.hpp"
 #include "daemon/realtime/thread_hook.hpp"
@@ -10,7 +12,9 @@
 #include <dlfcn.h>
 #include <filesystem>
 #include <iostream>
+#include <memory>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -18,6 +22,7 @@
 namespace {
 
 using nilio::daemon::Config;
+using nilio::daemon::EarlierRun;
 using nilio::daemon::ReplayFiles;
 using nilio::daemon::RunOptions;
 using nilio::daemon::RunRules;
@@ -46,6 +51,7 @@ struct Arguments {
   std::string output;
   std::string record;
   std::string decisions;
+  bool overwrite = false;
   bool as_live = false;
   bool check_config = false;
   bool help_config = false;
@@ -71,9 +77,13 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option("--record", arguments.record,
                  "new folder for a black box of the run: packets with their receive times, CAN frames, "
                  "decisions and configuration; --decisions repeats it");
-  app.add_option("--output", arguments.output,
-                 "output folder: trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and "
-                 "under live rules decisions.jsonl");
+  app.add_option(
+      "--output", arguments.output,
+      "output folder: trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and "
+      "under live rules decisions.jsonl. A replay refuses a folder with an earlier run; a live run "
+      "writes to FOLDER-2, FOLDER-3, ... instead");
+  app.add_flag("--overwrite", arguments.overwrite,
+               "replace the files of an earlier run in the output folder");
   app.add_option("--set", arguments.overrides,
                  "override one key, such as odometry.threads=2; may be repeated")
       ->take_all()
@@ -86,9 +96,27 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.set_version_flag("--version", NILIO_VERSION);
 }
 
-int fail(const std::string& message) {
+int fail(const std::string& message, nilio::ExitStatus status = nilio::kFailed) {
   std::cerr << "niliod: " << message << '\n';
-  return 1;
+  return status;
+}
+
+/// Message for options that do not fit together; empty if they do.
+std::string find_usage_error(const Arguments& arguments) {
+  const bool replay = !arguments.replay.empty();
+  if (!replay && arguments.config_file.empty() && arguments.overrides.empty() && arguments.decisions.empty())
+    return "no input: give --replay FOLDER for a recording or --config FILE for live sensors (see --help)";
+  if (!replay && arguments.as_live) return "--as-live: no recording given - name it with --replay";
+  if (arguments.as_live && !arguments.decisions.empty())
+    return "--as-live and --decisions: both given - choose one of them";
+  if (arguments.overwrite && arguments.output.empty())
+    return "--overwrite: no output folder given - name it with --output";
+  if (!arguments.overwrite || arguments.decisions.empty()) return "";
+  std::error_code ignored;
+  if (std::filesystem::equivalent(std::filesystem::absolute(arguments.decisions).parent_path(),
+                                  arguments.output, ignored))
+    return "--decisions: is in the output folder, which --overwrite clears - choose another --output";
+  return "";
 }
 
 RunRules rules_of(const Arguments& arguments) {
@@ -130,10 +158,6 @@ int run(Arguments arguments) {
     if (!found) return fail(found.error().message);
     files = *found;
   }
-  if (arguments.replay.empty() && arguments.as_live)
-    return fail("--as-live: no recording given - name it with --replay");
-  if (arguments.as_live && !arguments.decisions.empty())
-    return fail("--as-live and --decisions: both given - choose one of them");
   const auto config = effective_config(arguments, files);
   if (!config) return fail(config.error().message);
   const auto plan = nilio::daemon::make_thread_plan(*config, rules_of(arguments));
@@ -142,28 +166,37 @@ int run(Arguments arguments) {
     std::cout << nilio::daemon::to_yaml(*config);
     return 0;
   }
+  const bool replay = !arguments.replay.empty();
+  const auto output =
+      nilio::daemon::choose_output_folder(arguments.output, arguments.overwrite ? EarlierRun::kOverwrite
+                                                            : replay            ? EarlierRun::kRefuse
+                                                                                : EarlierRun::kKeep);
+  if (!output) return fail(output.error().message);
   nilio::daemon::prepare_heap(*plan);
   RunOptions options;
   options.rules = rules_of(arguments);
   options.files = files;
   options.decisions_file = arguments.decisions;
-  options.output_folder = arguments.output;
+  options.output_folder = *output;
   options.record_folder = arguments.record;
   options.recording = arguments.replay;
   options.thread_hook = preloaded_hook();
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
-  nilio::core::Result<nilio::daemon::RunResult> status = nilio::daemon::RunResult{};
+  nilio::core::Result<nilio::daemon::RunResult> result = nilio::daemon::RunResult{};
   {
     nilio::daemon::LogOutputConfig log_config;
     log_config.level = config->log.level;
     const nilio::daemon::LogOutput log(log_config);
     nilio::daemon::write_log_before_dying();
-    status = nilio::daemon::supervise(*config, options, stop_requested);
+    result = nilio::daemon::supervise(*config, options, stop_requested);
   }
   // Printed after the last line of the log.
-  if (!status) return fail(status.error().message);
-  return 0;
+  if (!result) return fail(result.error().message);
+  if (!replay || stop_requested.load() || result->lost_poses == 0) return nilio::kDone;
+  return fail("tracking was lost at " + std::to_string(result->lost_poses) + " of " +
+                  std::to_string(result->poses) + " poses: the trajectory is not continuous there",
+              nilio::kBadResult);
 }
 
 }  // namespace
@@ -171,17 +204,18 @@ int run(Arguments arguments) {
 int main(int argc, char** argv) {
   CLI::App app{"niliod: LiDAR-inertial odometry from a Velodyne and an IMU on CAN, published over DDS"};
   Arguments arguments;
+  app.formatter(std::make_shared<nilio::HelpFormatter>());
+  app.footer(
+      "Exit status: 0 poses were computed, or stopped by a signal; 1 the input, configuration or output "
+      "cannot be used; 2 wrong usage; 3 the replay is complete, but tracking was lost.");
   add_options(app, arguments);
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
   if (arguments.help_config || arguments.config_reference) {
     std::cout << (arguments.help_config ? nilio::daemon::describe_keys() : nilio::daemon::config_reference());
     return 0;
   }
-  if (arguments.replay.empty() && arguments.config_file.empty() && arguments.overrides.empty() &&
-      arguments.decisions.empty()) {
-    return fail(
-        "no input: give --replay FOLDER for a recording or --config FILE for live sensors (see --help)");
-  }
+  if (const std::string problem = find_usage_error(arguments); !problem.empty())
+    return fail(problem, nilio::kUsageError);
   install_signal_handlers();
   try {
     return run(arguments);

@@ -8,8 +8,10 @@
 int main(int argc, char** argv) {
   CLI::App app{
       "nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
-  app.formatter(std::make_shared<nilio::tools::HelpFormatter>());
+  app.formatter(std::make_shared<nilio::HelpFormatter>());
   app.require_subcommand(1);
+  app.footer(
+      "Exit status: 0 done; 1 failed, with one message; 2 wrong usage; 3 done, but the result is bad.");
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;
   nilio::tools::add_record_command(app, status);
@@ -21,6 +23,5 @@ int main(int argc, char** argv) {
   nilio::tools::add_plot_command(app, status);
   nilio::tools::add_watch_command(app, status);
   nilio::tools::add_bench_command(app);
-  CLI11_PARSE(app, argc, argv);
-  return status;
+  return nilio::parse_command_line(app, argc, argv).value_or(status);
 }

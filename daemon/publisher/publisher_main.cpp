@@ -5,6 +5,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
 
+#include "daemon/command_line.hpp"
 #include "daemon/publisher/imu_pose_loop.hpp"
 #include "daemon/publisher/publisher_loop.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
@@ -241,7 +242,7 @@ int main(int argc, char** argv) {
   options.publisher.participant.name = "nilio";
   nilio::daemon::add_publisher_options(app, options);
   nilio::daemon::add_imu_options(app, options);
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
   spdlog::set_default_logger(spdlog::stderr_logger_mt("nilio-publisher"));
   spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e %l %n: %v");
   return nilio::daemon::run(options);

@@ -8,7 +8,7 @@ class App;
 namespace nilio::tools {
 
 /// Each adds one command to `nilio`. The command runs while the line is parsed and leaves its exit status in
-/// `status` (0 done, 1 failed with one message on standard error).
+/// `status` (nilio::ExitStatus; one message on standard error where it failed).
 void add_simulate_command(CLI::App& app, int& status);
 void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);

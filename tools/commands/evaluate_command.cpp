@@ -1,3 +1,4 @@
+#include "daemon/exit_status.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/evaluate/metrics.hpp"
@@ -14,9 +15,6 @@
 namespace nilio::tools {
 
 namespace {
-
-constexpr int kUnusable = 1;
-constexpr int kThresholdExceeded = 3;
 
 struct EvaluateArguments {
   std::string truth_path;
@@ -62,26 +60,26 @@ int check_thresholds(const evaluate::Evaluation& evaluation, const EvaluateArgum
   if (arguments.max_drift_percent) {
     if (evaluation.truth_length_m <= 0.0) {
       std::cerr << "nilio evaluate: --max-drift cannot be checked: the truth does not move - leave it out\n";
-      return kUnusable;
+      return kFailed;
     }
     const double drift = evaluate::end_drift_percent(evaluation, arguments.alignment);
     if (!(drift <= *arguments.max_drift_percent)) {
       std::cerr << "nilio evaluate: end drift " << drift << " % exceeds --max-drift "
                 << *arguments.max_drift_percent << " %\n";
-      status = kThresholdExceeded;
+      status = kBadResult;
     }
   }
   if (arguments.max_translation_percent) {
     if (!evaluation.segments) {
       std::cerr << "nilio evaluate: --max-t cannot be checked: the path of " << evaluation.truth_length_m
                 << " m has no segment - give shorter ones with --segments\n";
-      return kUnusable;
+      return kFailed;
     }
     const double translation = evaluation.segments->all.translation_percent;
     if (!(translation <= *arguments.max_translation_percent)) {
       std::cerr << "nilio evaluate: t_rel " << translation << " % exceeds --max-t "
                 << *arguments.max_translation_percent << " %\n";
-      status = kThresholdExceeded;
+      status = kBadResult;
     }
   }
   return status;
@@ -105,7 +103,7 @@ int run_evaluate(const EvaluateArguments& arguments) {
   const auto pairs = load_pairs(arguments);
   if (!pairs) {
     std::cerr << "nilio evaluate: " << pairs.error().message << '\n';
-    return kUnusable;
+    return kFailed;
   }
   evaluate::EvaluationOptions options;
   options.report_unaligned = arguments.alignment == evaluate::Alignment::kNone;
@@ -115,7 +113,7 @@ int run_evaluate(const EvaluateArguments& arguments) {
   if (arguments.json_path != "-") std::cout << evaluate::format_report(evaluation, report);
   if (!arguments.json_path.empty() &&
       !write_json(arguments.json_path, evaluate::format_json(evaluation, report))) {
-    return kUnusable;
+    return kFailed;
   }
   return check_thresholds(evaluation, arguments);
 }

@@ -277,14 +277,13 @@ std::optional<Error> find_unused_option(const CLI::App& command, const Arguments
 
 int run_simulate(const CLI::App& command, Arguments& arguments) {
   parse_names(arguments);
-  std::optional<Error> error = find_unused_option(command, arguments);
-  if (!error) {
-    const core::Result<bool> written = simulate::write_recording(arguments.options);
-    if (written) return 0;
-    error = written.error();
-  }
-  std::cerr << "nilio simulate: " << error->message << '\n';
-  return 1;
+  const auto fail = [](const Error& error, ExitStatus status) {
+    std::cerr << "nilio simulate: " << error.message << '\n';
+    return status;
+  };
+  if (const auto error = find_unused_option(command, arguments)) return fail(*error, kUsageError);
+  const core::Result<bool> written = simulate::write_recording(arguments.options);
+  return written ? kDone : fail(written.error(), kFailed);
 }
 
 }  // namespace

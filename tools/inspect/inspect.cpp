@@ -2,6 +2,8 @@
 
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "daemon/config/schema.hpp"
+#include "daemon/exit_status.hpp"
 #include "daemon/input/input.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/inspect/config.hpp"
@@ -14,18 +16,15 @@
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <unistd.h>
 #include <utility>
 
 namespace nilio::tools::inspect {
 
 namespace {
 
-constexpr int kUnusable = 1;
-
 int fail(const std::string& message) {
   std::cerr << "nilio inspect: " << message << '\n';
-  return kUnusable;
+  return kFailed;
 }
 
 bool write_text(const std::string& path, const std::string& text) {
@@ -73,7 +72,7 @@ int write_files(const RecordingFindings& findings, const Options& options) {
   }
   if (options.config_path.empty()) return 0;
   const DriveFindings* const drive = findings.drive ? &*findings.drive : nullptr;
-  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? 0 : kUnusable;
+  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? kDone : kFailed;
 }
 
 /// Files that niliod would replay; unset without a LiDAR and an IMU, for which there is no drive.
@@ -101,7 +100,6 @@ void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config
 }
 
 std::function<void(double)> drive_progress(double seconds) {
-  if (isatty(STDERR_FILENO) != 1) return {};
   const auto progress = std::make_shared<Progress>("checking the IMU", static_cast<std::uint64_t>(seconds));
   return [progress](double done) { progress->update(static_cast<std::uint64_t>(done)); };
 }
@@ -138,14 +136,21 @@ int run(const Options& options) {
   if (!options.dbc_path.empty()) {
     auto loaded = drivers::load_dbc(options.dbc_path);
     if (!loaded) return fail(loaded.error().message);
+    for (const std::string& warning : loaded->warnings)
+      std::cerr << "nilio inspect: warning: " << warning << '\n';
     dbc.emplace(std::move(loaded).value());
+  }
+  if (!options.drive_config_path.empty()) {
+    daemon::Config config;
+    if (auto applied = daemon::apply_file(config, options.drive_config_path); !applied)
+      return fail(applied.error().message);
   }
   RecordingFindings findings = inspect_recording(options.paths, dbc ? &*dbc : nullptr);
   check_imu(options, findings);
   if (options.json_path != "-") std::cout << inspect_report(findings) << std::flush;
-  if (!write_json(findings, options)) return kUnusable;
+  if (!write_json(findings, options)) return kFailed;
   for (const std::string& problem : findings.problems) fail(problem);
-  if (!findings.usable()) return kUnusable;
+  if (!findings.usable()) return kFailed;
   return write_files(findings, options);
 }
 

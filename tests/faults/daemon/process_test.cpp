@@ -184,13 +184,107 @@ TEST_CASE("unusable inputs end with one message that states problem, place and r
     write_file(folder.path() / "mine.yaml", yaml);
     expect({"--replay", path, "--config", path + "/mine.yaml"}, {"mine.dbc", "gyrY", "gyrX"});
   }
-  SECTION("no arguments") { expect({}, {"--replay", "--config"}); }
   SECTION("an output folder that cannot be made") {
     write_room_drive(folder.path(), s_curve, 0.3, false);
     write_file(folder.path() / "file", "");
     expect({"--replay", path, "--set", kNoPublisher, "--output", path + "/file/run"},
            {"/file/run", "--output"});
   }
+}
+
+TEST_CASE("wrong usage ends with status 2 and one message", "[process]") {
+  const TemporaryFolder folder;
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases{
+      {{}, "--replay"},
+      {{"--bogus"}, "--bogus"},
+      {{"--replay", "x", "--speed", "fast"}, "--speed"},
+      {{"--config", "x", "--as-live"}, "--replay"},
+      {{"--replay", "x", "--as-live", "--decisions", "y"}, "choose one"},
+      {{"--replay", "x", "--overwrite"}, "--output"},
+      {{"--replay", "x", "--decisions", folder.file("d"), "--output", folder.text(), "--overwrite"},
+       "choose another --output"}};
+  for (const auto& [arguments, word] : cases) {
+    const Finished finished = run_niliod(folder, arguments);
+    INFO(finished.output);
+    CHECK(finished.status == 2);
+    CHECK(finished.output.find(word) != std::string::npos);
+  }
+  CHECK(run_niliod(folder, {"--help"}).status == 0);
+}
+
+TEST_CASE("the help text is at most 100 columns wide and explains the exit status", "[process]") {
+  const TemporaryFolder folder;
+  std::istringstream help(run_niliod(folder, {"--help"}).output);
+  bool explains = false;
+  for (std::string line; std::getline(help, line);) {
+    CAPTURE(line);
+    CHECK(line.size() <= 100);
+    explains = explains || line.find("Exit status: 0") != std::string::npos;
+  }
+  CHECK(explains);
+}
+
+TEST_CASE("a second run does not overwrite the output of the first unless told to", "[process]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 1.0, false);
+  const fs::path run = folder.path() / "run";
+  std::vector<std::string> arguments{"--replay",   folder.text(), "--output",
+                                     run.string(), "--set",       kNoPublisher};
+  CHECK(run_niliod(folder, arguments).status == 0);
+  write_file(run / "decisions.jsonl", "of the first run");
+  const std::string first = read_file(run / "trajectory.tum");
+  const Finished refused = run_niliod(folder, arguments);
+  INFO(refused.output);
+  CHECK(refused.status == 1);
+  CHECK(refused.output.find("holds the files of an earlier run") != std::string::npos);
+  CHECK(read_file(run / "trajectory.tum") == first);
+  arguments.emplace_back("--overwrite");
+  CHECK(run_niliod(folder, arguments).status == 0);
+  CHECK(read_file(run / "trajectory.tum") == first);
+  CHECK_FALSE(fs::exists(run / "decisions.jsonl"));
+}
+
+TEST_CASE("a replay that loses tracking ends with status 3 and the number of lost poses", "[process]") {
+  const TemporaryFolder folder;
+  const auto teleported = [](double t) {
+    if (t < 2.5) return s_curve(t);
+    core::SE3 pose = s_curve(t - 2.5);
+    pose.translation += core::Vector3(-12.0, 6.0, 0.0);
+    pose.rotation = Eigen::AngleAxisd(2.0, core::Vector3::UnitZ()) * pose.rotation;
+    return pose;
+  };
+  write_room_drive(folder.path(), teleported, 5.0, false);
+  const Finished finished =
+      run_niliod(folder, {"--replay", folder.text(), "--output", folder.file("run"), "--set", kNoPublisher});
+  INFO(finished.output);
+  CHECK(finished.status == 3);
+  const auto counters = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"))["counters"];
+  const std::string expected = "tracking was lost at " + std::to_string(counters["poses_lost"].get<int>()) +
+                               " of " + std::to_string(counters["poses"].get<int>()) + " poses";
+  CHECK(finished.output.find(expected) != std::string::npos);
+}
+
+TEST_CASE("a DBC file with a bad token is used, and the skipped signal is named", "[process]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 2.0, true);
+  std::string dbc = read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");
+  dbc += "BO_ 99 Other: 8 X\n SG_ broken : 0|eight@1+ (1,0) [0|0] \"\" X\n";
+  write_file(folder.path() / "mine.dbc", dbc);
+  std::string yaml = "imu:\n  dbc: mine.dbc\n";
+  for (const char* axis : {"x", "y", "z"}) {
+    const std::string upper(1, static_cast<char>(axis[0] - 'a' + 'A'));
+    yaml += std::string("  angular_velocity_") + axis + ": {message: RateOfTurn, signal: gyr" + upper + "}\n";
+    yaml += std::string("  linear_acceleration_") + axis + ": {message: Acceleration, signal: acc" + upper +
+            "}\n";
+  }
+  write_file(folder.path() / "nilio.yaml", yaml);
+  const Finished finished =
+      run_niliod(folder, {"--replay", folder.text(), "--output", folder.file("run"), "--set", kNoPublisher});
+  INFO(finished.output);
+  CHECK(finished.status == 0);
+  CHECK(std::regex_search(finished.output, std::regex("mine.dbc:[0-9]+: [^\\n]*'eight'[^\\n]*skipped")));
+  const auto report = nlohmann::json::parse(read_file(folder.path() / "run" / "latency.json"));
+  CHECK(report["counters"]["scans_with_imu"].get<int>() > 10);
 }
 
 TEST_CASE("damaged inputs are used up to the damage, which is counted and logged", "[process]") {

@@ -17,7 +17,7 @@ void check_width(CLI::App& command) {
   std::istringstream help(command.help());
   for (std::string line; std::getline(help, line);) {
     CAPTURE(line);
-    CHECK(line.size() <= HelpFormatter::kColumns);
+    CHECK(line.size() <= nilio::HelpFormatter::kColumns);
   }
   for (CLI::App* subcommand : command.get_subcommands({})) check_width(*subcommand);
 }
@@ -26,7 +26,7 @@ void check_width(CLI::App& command) {
 
 TEST_CASE("help texts of all commands are at most 100 columns wide", "[command_line]") {
   CLI::App app;
-  app.formatter(std::make_shared<HelpFormatter>());
+  app.formatter(std::make_shared<nilio::HelpFormatter>());
   int status = 0;
   for (const auto add : {add_record_command, add_play_command, add_simulate_command, add_convert_command,
                          add_evaluate_command, add_inspect_command, add_plot_command, add_watch_command})

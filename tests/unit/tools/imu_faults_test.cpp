@@ -115,9 +115,9 @@ TEST_CASE("nilio simulate applies several faults, and rejects them without an IM
         std::count(sound.begin(), sound.end(), '\n') * 3 / 5);
   CHECK(faulty.substr(0, 60) != sound.substr(0, 60));
   const tests::CommandResult without = simulate(options + " --imu none --imu-fault stuck");
-  CHECK(without.status == 1);
+  CHECK(without.status == 2);
   CHECK(without.errors.find("--imu none") != std::string::npos);
   const tests::CommandResult misspelt = simulate(options + " --imu-fault stack");
-  CHECK(misspelt.status == 1);
+  CHECK(misspelt.status == 2);
   CHECK(misspelt.errors.find("stuck") != std::string::npos);
 }

@@ -246,6 +246,24 @@ TEST_CASE("with JSON on standard output there is only JSON, with the contents of
   CHECK(sensor.at("hdl64e").is_null());
 }
 
+TEST_CASE("a configuration that cannot be read is an error", "[inspect_files]") {
+  const SimulationFolder folder;
+  write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
+  write(folder.path() / "bad.yaml", "odometry:\n  thread: 2\n");
+  const std::string config = (folder.path() / "bad.yaml").string();
+  const CommandResult bad = run_inspect((folder.path() / "lidar.pcap").string() + " --config " + config);
+  CHECK(bad.status == 1);
+  CHECK_THAT(bad.errors, Contains("bad.yaml:2: unknown key 'odometry.thread'"));
+}
+
+TEST_CASE("an unfinished file in a folder is named, not inspected", "[inspect_files]") {
+  const SimulationFolder folder;
+  write(folder.path() / "lidar.pcap.partial", vlp16_capture(kFirstSensor, 2368));
+  const CommandResult result = run_inspect(folder.path().string());
+  CHECK(result.status == 1);
+  CHECK_THAT(result.errors, Contains("lidar.pcap.partial: is unfinished"));
+}
+
 TEST_CASE("missing files and folders without recordings are errors with a message", "[inspect_files]") {
   const SimulationFolder folder;
   write(folder.path() / "notes.txt", "hello\n");

@@ -2,6 +2,7 @@
 
 #include "nilio/core/clock.hpp"
 
+#include "daemon/exit_status.hpp"
 #include "tools/bench/common/sha256.hpp"
 #include "tools/common/files.hpp"
 
@@ -152,7 +153,8 @@ Result<ChildProcess> start_niliod(std::vector<std::string> arguments,
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return Error{folder.string() + ": cannot be created (" + error.message() + ")"};
-  arguments.insert(arguments.end(), {"--output", folder.string(), "--set", "output.map=false"});
+  arguments.insert(arguments.end(),
+                   {"--output", folder.string(), "--overwrite", "--set", "output.map=false"});
   for (const std::string& assignment : overrides) arguments.insert(arguments.end(), {"--set", assignment});
   return ChildProcess::start(*program, arguments, folder / "niliod.log", std::move(environment));
 }
@@ -178,7 +180,8 @@ Result<std::monostate> await_end(ChildProcess& program, Duration limit, StopSign
                    " s: " + program.last_line()};
     }
   }
-  if (*program.poll() == 0) return std::monostate{};
+  // A run that lost tracking has its figures.
+  if (*program.poll() == kDone || *program.poll() == kBadResult) return std::monostate{};
   return Error{"niliod ended with status " + std::to_string(*program.poll()) + ": " + program.last_line()};
 }
 

@@ -3,6 +3,7 @@
 #include "nilio/core/clock.hpp"
 
 #include "tools/bench/common/niliod_run.hpp"
+#include "daemon/exit_status.hpp"
 #include "tools/bench/common/pose_listener.hpp"
 #include "tools/bench/realtime/stress_load.hpp"
 #include "tools/bench/realtime/wakeup_latency.hpp"
@@ -140,7 +141,7 @@ Result<std::monostate> RunInRealTime::connect() {
   if (!connected) return connected.error();
   const std::optional<int> ended = niliod_->poll();
   // A replay may end before the subscriber is matched.
-  if (ended && (config_.feed == Feed::kUdp || *ended != 0))
+  if (ended && (config_.feed == Feed::kUdp || (*ended != kDone && *ended != kBadResult)))
     return Error{"niliod ended early with status " + std::to_string(*ended) + ": " + niliod_->last_line()};
   if (!listener_->is_connected())
     result_.notes.push_back("no publisher was found on DDS domain " + std::to_string(config_.domain) + ": " +
