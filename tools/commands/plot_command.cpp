@@ -1,4 +1,5 @@
 #include "tools/commands/commands.hpp"
+#include "tools/common/progress.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/evaluate/metrics.hpp"
 #include "tools/plot/figure.hpp"
@@ -28,13 +29,14 @@ struct PlotArguments {
   plot::Plane plane = plot::Plane::kAuto;
 };
 
-core::Result<plot::Figure> make_figure(const PlotArguments& arguments) {
+core::Result<plot::Figure> make_figure(const PlotArguments& arguments, Progress& progress) {
   std::vector<Trajectory> estimates;
   for (const std::string& path : arguments.trajectory_paths) {
     auto estimate = read_trajectory(path);
     if (!estimate) return estimate.error();
     estimate->path = std::filesystem::path(path).stem().string();
     estimates.push_back(std::move(estimate).value());
+    progress.update(estimates.size());
   }
   std::optional<Trajectory> truth;
   if (!arguments.truth_path.empty()) {
@@ -49,6 +51,7 @@ core::Result<plot::Figure> make_figure(const PlotArguments& arguments) {
     if (!points) return points.error();
     map = std::move(points).value();
   }
+  progress.update(estimates.size() + 1);
   if (const auto mixed = plot::find_mixed_frames(estimates, truth)) {
     if (arguments.plane == plot::Plane::kAuto)
       return core::Error{
@@ -64,9 +67,14 @@ int run_plot(const PlotArguments& arguments) {
     std::cerr << "nilio plot: " << error.message << '\n';
     return 1;
   };
-  const auto figure = make_figure(arguments);
+  // Files, alignment, drawing.
+  const std::size_t steps = arguments.trajectory_paths.size() + 3;
+  Progress progress("plot", steps);
+  const auto figure = make_figure(arguments, progress);
   if (!figure) return fail(figure.error());
+  progress.update(steps - 1);
   const auto saved = plot::save_figure(*figure, arguments.output_path, kWidth, kHeight);
+  if (saved) progress.update(steps);
   return saved ? 0 : fail(saved.error());
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "nilio/core/clock.hpp"
+
 #include <cstdint>
 #include <cstdio>
 #include <string>
@@ -8,34 +10,51 @@
 
 namespace nilio::tools {
 
-/// Shows the progress of a long job on standard error: a bar on a terminal, otherwise one line per 10 %. One
-/// thread.
+/// Shows the progress of a long job on standard error: a bar on a terminal, otherwise a line every few
+/// seconds, none for short jobs. One thread at a time.
 class Progress {
  public:
-  Progress(std::string label, std::uint64_t total)
-      : label_(std::move(label)), total_(total == 0 ? 1 : total), terminal_(::isatty(STDERR_FILENO) == 1) {}
+  /// `total` 0: unknown, the count is shown.
+  explicit Progress(std::string label, std::uint64_t total = 0)
+      : label_(std::move(label)), total_(total), terminal_(::isatty(STDERR_FILENO) == 1) {}
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+  ~Progress() {
+    if (terminal_ && shown_) std::fputc('\n', stderr);
+  }
 
   /// `done` of `total`.
   void update(std::uint64_t done) {
-    const std::uint64_t percent = 100 * done / total_;
-    const std::uint64_t step = terminal_ ? 1 : 10;
-    if (percent / step == shown_ / step) return;
-    shown_ = percent;
-    if (!terminal_) {
-      std::fprintf(stderr, "%s: %3u %%\n", label_.c_str(), static_cast<unsigned>(percent / step * step));
+    const std::int64_t now = monotonic_ns();
+    const bool complete = terminal_ && total_ > 0 && done >= total_;
+    if (now < next_ns_ && !complete) return;
+    next_ns_ = now + (terminal_ ? kBarPeriodNs : kLinePeriodNs);
+    const char* const end = terminal_ ? "" : "\n";
+    const char* const begin = terminal_ ? "\r" : "";
+    shown_ = true;
+    if (total_ == 0) {
+      std::fprintf(stderr, "%s%s: %llu%s", begin, label_.c_str(), static_cast<unsigned long long>(done), end);
       return;
     }
-    constexpr std::uint64_t width = 40;
+    const auto percent = static_cast<unsigned>(done >= total_ ? 100 : 100 * done / total_);
+    constexpr unsigned width = 40;
     const std::string bar(width * percent / 100, '#');
-    std::fprintf(stderr, "\r%s [%-40s] %3u %%%s", label_.c_str(), bar.c_str(), static_cast<unsigned>(percent),
-                 percent == 100 ? "\n" : "");
+    if (terminal_) {
+      std::fprintf(stderr, "\r%s [%-40s] %3u %%", label_.c_str(), bar.c_str(), percent);
+    } else {
+      std::fprintf(stderr, "%s: %u %%\n", label_.c_str(), percent);
+    }
   }
 
  private:
+  static constexpr std::int64_t kBarPeriodNs = 100'000'000;
+  static constexpr std::int64_t kLinePeriodNs = 5'000'000'000;
+
   std::string label_;
   std::uint64_t total_;
   bool terminal_;
-  std::uint64_t shown_ = 0;
+  bool shown_ = false;
+  std::int64_t next_ns_ = monotonic_ns() + (terminal_ ? kBarPeriodNs : kLinePeriodNs);
 };
 
 }  // namespace nilio::tools

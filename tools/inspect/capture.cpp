@@ -3,9 +3,11 @@
 #include "nilio/drivers/capture/capture_reader.hpp"
 #include "nilio/drivers/packet.hpp"
 
+#include "tools/common/progress.hpp"
 #include "tools/inspect/text.hpp"
 
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <string_view>
 #include <tuple>
@@ -119,6 +121,7 @@ bool CaptureFile::next(CaptureRecord& record) {
   return false;
 }
 
+constexpr std::uint64_t kProgressStep = 4096;
 constexpr std::size_t kMaximumSensors = 32;
 constexpr std::size_t kMaximumStreams = 256;
 constexpr std::uint16_t kUsualTelemetryPort = 8308;
@@ -266,7 +269,11 @@ core::Result<CaptureFindings> inspect_capture(const std::string& path) {
   if (!file) return file.error();
   CaptureInspector inspector(path);
   CaptureRecord record;
-  while (file->next(record)) inspector.add(record);
+  Progress progress(path + ", records read");
+  for (std::uint64_t records = 0; file->next(record); ++records) {
+    inspector.add(record);
+    if (records % kProgressStep == 0) progress.update(records);
+  }
   return inspector.finish(file->early_end());
 }
 

@@ -5,9 +5,11 @@
 #include "core/src/preprocessing/normal_space_sampling.hpp"
 #include "core/src/preprocessing/scan_filter.hpp"
 #include "daemon/config/convert.hpp"
+#include "tools/common/progress.hpp"
 
 #include <cmath>
 #include <deque>
+#include <mutex>
 #include <numbers>
 #include <random>
 
@@ -190,8 +192,13 @@ std::vector<std::vector<std::size_t>> count_successes(std::span<const Registrati
                                                       const core::OdometryConfig& config,
                                                       std::uint64_t seed) {
   std::vector<std::vector<bool>> success(pairs.size());
+  Progress progress("registering pairs", pairs.size());
+  std::mutex progress_mutex;
+  std::size_t done = 0;
   tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
     success[i] = try_pair(methods, pairs[i], offsets, config, seed + i);
+    const std::lock_guard lock(progress_mutex);
+    progress.update(++done);
   });
   std::vector<std::vector<std::size_t>> counts(methods.size(), std::vector<std::size_t>(offsets.size(), 0));
   for (const std::vector<bool>& of_pair : success) {

@@ -7,7 +7,10 @@
 #include "daemon/output/run_output.hpp"
 #include "tools/bench/common/memory_use.hpp"
 #include "tools/bench/common/sha256.hpp"
+#include "tools/common/progress.hpp"
 
+#include <algorithm>
+#include <cstdint>
 #include <filesystem>
 #include <utility>
 
@@ -20,6 +23,17 @@ using core::Error;
 using core::Result;
 
 constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
+constexpr std::uint64_t kProgressParts = 1000;
+
+/// Share of the drive that is done, by the truth's length: a recording's own is not known before its end.
+std::uint64_t done_parts(const Trajectory& truth, const std::vector<core::OdometryResult>& results) {
+  if (truth.format == TrajectoryFormat::kKitti) return kProgressParts * results.size() / truth.poses.size();
+  const double length = (truth.stamps.back() - truth.stamps.front()).seconds();
+  const double done = (results.back().scan_end - truth.stamps.front()).seconds();
+  if (length <= 0.0) return 0;
+  return static_cast<std::uint64_t>(static_cast<double>(kProgressParts) *
+                                    std::clamp(done / length, 0.0, 1.0));
+}
 
 /// Splits "FOLDER:TRUTH"; without a truth, looks for one in the folder.
 Result<std::pair<std::string, std::string>> split_argument(const std::string& argument) {
@@ -90,12 +104,14 @@ Result<BenchRun> run_odometry(const BenchDataset& dataset, const daemon::Config&
   if (input->T_camera_lidar)
     run.T_camera_base = *input->T_camera_lidar * daemon::to_transform(config.lidar.extrinsic).inverse();
   std::string tum;
+  Progress progress(dataset.name, kProgressParts);
   daemon::PipelineOptions options;
   options.clock = clock;
   options.observer = [&](const core::Scan& scan, const core::OdometryResult& result,
                          const core::Odometry& odometry) {
     tum += daemon::tum_line(daemon::make_pose_record(result, scan));
     run.results.push_back(result);
+    progress.update(done_parts(dataset.truth, run.results));
     if (observer) observer(scan, result, odometry);
   };
   auto pipeline = daemon::Pipeline::create(config, std::move(input).value(), options, nullptr);
