@@ -245,7 +245,8 @@ FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> p
               .z = decoded.z[c],
               .intensity = decoded.intensity[c],
               .time_offset_ns = time_ns + table.time_ns[c],
-              .ring = table.ring[c]};
+              .ring = table.ring[c],
+              .return_kind = static_cast<std::uint16_t>(table.content)};
       out += keep[c];
     }
   }

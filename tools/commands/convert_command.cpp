@@ -1,14 +1,59 @@
+#include "daemon/exit_status.hpp"
 #include "tools/commands/commands.hpp"
+#include "tools/convert/capture.hpp"
 #include "tools/convert/convert.hpp"
 
 #include <iostream>
+#include <map>
 #include <memory>
+#include <string>
 
 #include <CLI/CLI.hpp>
 
 namespace nilio::tools {
 
 namespace {
+
+/// `capture` with its options.
+void add_capture_command(CLI::App& parent, int& status) {
+  const auto options = std::make_shared<convert::CaptureOptions>();
+  CLI::App* const command =
+      parent.add_subcommand("capture", "captures of any Velodyne to one point cloud per scan");
+  command->footer(
+      "Writes scan_000000.pcd (or .ply, .csv), ... and scans.csv with the times of the scans. Fields: x, y, "
+      "z in "
+      "metres in the sensor's frame (x forward, y left, z up); intensity 0 to 255; ring, 0 = lowest beam; "
+      "return: 0 = the only one, 1 = last, 2 = strongest, or second strongest where the strongest is the "
+      "last; "
+      "time in seconds since the scan's first firing; azimuth in degrees, clockwise from forward. Every "
+      "return "
+      "is written, whatever its range, and points are not deskewed. PCD and PLY are binary.\n"
+      "The sensor is identified from its packets; an HDL-64E's calibration is read from its status stream. "
+      "--config and --set take niliod's keys: lidar.model, lidar.calibration, lidar.port, lidar.returns, "
+      "...\n"
+      "Exit status: 0; 1 when a file cannot be read or written, or nothing was written.");
+  command->add_option("recording", options->recording, "capture, or folder of a recording")->required();
+  command->add_option("output", options->output, "folder for the scans, created if missing")->required();
+  command->add_option("--format", options->format, "pcd (default), ply or csv")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, convert::PointFormat>{{"pcd", convert::PointFormat::kPcd},
+                                                      {"ply", convert::PointFormat::kPly},
+                                                      {"csv", convert::PointFormat::kCsv}},
+          CLI::ignore_case));
+  command->add_option("--config", options->config_file, "configuration file of niliod (YAML)");
+  command
+      ->add_option("--set", options->overrides,
+                   "one key, such as lidar.calibration=unit.yaml; may be repeated")
+      ->take_all()
+      ->expected(1);
+  command->add_option("--first", options->first, "number of the first scan to write")->capture_default_str();
+  command->add_option("--count", options->count, "number of scans to write (default: all)");
+  command->callback([options, &status] {
+    const auto converted = convert::convert_capture(*options);
+    if (!converted) std::cerr << "nilio convert: " << converted.error().message << '\n';
+    status = converted ? kDone : kFailed;
+  });
+}
 
 int run_convert(const convert::Options& options) {
   const auto status = convert::convert_kitti_raw(options);
@@ -22,8 +67,9 @@ int run_convert(const convert::Options& options) {
 void add_convert_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<convert::Options>();
   CLI::App* command =
-      app.add_subcommand("convert", "convert recordings of other projects to the formats that niliod reads");
+      app.add_subcommand("convert", "captures to point clouds, and KITTI's drives to captures");
   command->require_subcommand(1);
+  add_capture_command(*command, status);
   CLI::App* kitti = command->add_subcommand(
       "kitti-raw", "KITTI raw drive to lidar.pcap, imu.candump.log, truth.tum and nilio.yaml");
   kitti->footer(

@@ -20,7 +20,9 @@ struct Point {
   std::int32_t time_offset_ns = 0;
   /// Rank of the beam, 0 = lowest elevation; from 256 on a second LiDAR's, and so forth.
   std::uint16_t ring = 0;
-  std::uint16_t reserved = 0;
+  /// Of a firing with two returns: 1 = last, 2 = strongest, or second strongest where the strongest is the
+  /// last. 0 = the sensor sends one return.
+  std::uint16_t return_kind = 0;
 };
 
 /// One revolution of the sensor, or the received part of it.

@@ -1,0 +1,142 @@
+#include "tools/convert/capture.hpp"
+
+#include "nilio/drivers/velodyne/decoder.hpp"
+
+#include "daemon/config/convert.hpp"
+#include "daemon/config/schema.hpp"
+#include "daemon/input/input.hpp"
+#include "tools/common/progress.hpp"
+
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <span>
+#include <string>
+#include <system_error>
+
+namespace nilio::tools::convert {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Error;
+using core::Result;
+
+constexpr const char* kIndex = "scans.csv";
+constexpr std::size_t kBatch = 64;
+
+Result<daemon::Input> open_input(const CaptureOptions& options, daemon::Config& config) {
+  const auto files = daemon::find_replay_files({options.recording});
+  if (!files) return files.error();
+  if (files->captures.empty())
+    return Error{files->kitti_sequence + ": has no packets - its velodyne/*.bin are point clouds already"};
+  auto loaded = daemon::replay_config(*files, options.config_file);
+  if (!loaded) return loaded.error();
+  config = std::move(loaded).value();
+  if (auto applied = daemon::apply_overrides(config, options.overrides); !applied) return applied.error();
+  config.imu.enabled = false;
+  auto input = daemon::open_replay(*files, config);
+  if (input) std::erase_if(input->notes, [](const std::string& note) { return note.starts_with("imu."); });
+  return input;
+}
+
+/// Writes scans and their index.
+class ScanWriter {
+ public:
+  explicit ScanWriter(const CaptureOptions& options)
+      : options_(options), index_(fs::path(options.output) / kIndex) {
+    index_ << "file,start_ns,end_ns,points,coverage_deg,lost_packets\n";
+  }
+
+  /// Scan number `next_`; those out of the wanted range are left out.
+  Result<std::monostate> add(const core::Scan& scan) {
+    const std::uint64_t number = next_++;
+    if (number < options_.first || number - options_.first >= options_.count) return std::monostate{};
+    std::array<char, 32> name{};
+    std::snprintf(name.data(), name.size(), "scan_%06llu.%s", static_cast<unsigned long long>(number),
+                  extension_of(options_.format));
+    const fs::path path = fs::path(options_.output) / name.data();
+    if (auto written = write_points(scan, options_.format, path.string()); !written) return written;
+    index_ << name.data() << ',' << scan.start.ns << ',' << scan.end.ns << ',' << scan.points.size() << ','
+           << scan.coverage_deg << ',' << scan.lost_packets << '\n';
+    points_ += scan.points.size();
+    ++written_;
+    return std::monostate{};
+  }
+
+  [[nodiscard]] bool is_done() const {
+    return next_ > options_.first && next_ - options_.first >= options_.count;
+  }
+  Result<std::monostate> finish() {
+    index_.close();
+    const std::string folder = options_.output;
+    if (!index_)
+      return Error{(fs::path(folder) / kIndex).string() +
+                   ": could not be written - check the folder and the space on the disk"};
+    if (written_ == 0)
+      return Error{folder + ": no scan was written (" + std::to_string(next_) +
+                   " in the recording) - check --first, lidar.port and lidar.model"};
+    std::cout << folder << ": " << written_ << " scans, " << points_ << " points, times in " << kIndex
+              << '\n';
+    return std::monostate{};
+  }
+  [[nodiscard]] std::uint64_t seen() const { return next_; }
+
+ private:
+  const CaptureOptions& options_;
+  std::ofstream index_;
+  std::uint64_t next_ = 0;
+  std::uint64_t written_ = 0;
+  std::uint64_t points_ = 0;
+};
+
+Result<std::monostate> write_scans(daemon::Input& input, const daemon::LidarConfig& lidar,
+                                   ScanWriter& writer) {
+  drivers::ScanAssemblerConfig config = daemon::assembler_config(lidar);
+  config.min_range_m = 0.0;
+  config.max_range_m = 1000.0;
+  config.min_coverage = 0.0;
+  drivers::ScanAssembler assembler(*input.sensor, config);
+  Progress progress("scans written");
+  core::Scan scan;
+  const auto take = [&]() -> Result<std::monostate> {
+    assembler.take_scan(scan);
+    progress.update(writer.seen());
+    return writer.add(scan);
+  };
+  std::vector<drivers::Packet> packets(kBatch);
+  while (!writer.is_done()) {
+    const drivers::SourceRead read = input.packets->read(packets, core::Duration{});
+    if (read.state == drivers::SourceState::kFailed) return Error{input.packets->status()};
+    if (read.state != drivers::SourceState::kData) break;
+    for (const drivers::Packet& packet : std::span(packets).first(read.count)) {
+      if (!assembler.add(packet)) continue;
+      if (auto taken = take(); !taken) return taken;
+    }
+  }
+  if (!writer.is_done() && assembler.finish()) return take();
+  return std::monostate{};
+}
+
+}  // namespace
+
+Result<std::monostate> convert_capture(const CaptureOptions& options) {
+  daemon::Config config;
+  Result<daemon::Input> input = open_input(options, config);
+  if (!input) return input.error();
+  for (const std::string& note : input->notes) std::cout << note << '\n';
+  for (const std::string& warning : input->warnings) std::cerr << "warning: " << warning << '\n';
+  std::error_code error;
+  fs::create_directories(options.output, error);
+  if (error)
+    return Error{options.output + ": could not be created (" + error.message() + ") - choose another folder"};
+  if (fs::exists(fs::path(options.output) / kIndex, error))
+    return Error{options.output + ": holds an earlier conversion (" + kIndex + ") - choose another folder"};
+  ScanWriter writer(options);
+  if (auto written = write_scans(*input, config.lidar, writer); !written) return written;
+  return writer.finish();
+}
+
+}  // namespace nilio::tools::convert

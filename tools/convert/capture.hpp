@@ -1,0 +1,34 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include "tools/convert/point_file.hpp"
+
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace nilio::tools::convert {
+
+/// Options of "nilio convert capture".
+struct CaptureOptions {
+  /// A capture, or the folder of a recording.
+  std::string recording;
+  /// Folder for the scans, created if missing.
+  std::string output;
+  PointFormat format = PointFormat::kPcd;
+  /// Configuration of niliod: section lidar. Empty = that of the recording, if there is one.
+  std::string config_file;
+  std::vector<std::string> overrides;
+  /// Number of the first scan to write, and how many.
+  std::uint64_t first = 0;
+  std::uint64_t count = std::numeric_limits<std::uint64_t>::max();
+};
+
+/// Writes every return of each scan to scan_000000.pcd and so on, whatever its range, and scans.csv with the
+/// times of the scans. Prints a summary. Fails without a single scan, and when the folder holds an earlier
+/// conversion.
+core::Result<std::monostate> convert_capture(const CaptureOptions& options);
+
+}  // namespace nilio::tools::convert
