@@ -78,7 +78,10 @@ core::Result<bool> run_soak_bench(const SoakOptions& options);
 struct RealtimeOptions {
   std::vector<std::string> drives;
   std::vector<double> budgets_ms{50.0, 20.0, 10.0, 5.0, 2.0, 1.0};
-  std::vector<std::string> conditions{"idle", "cpu", "memory", "subscriber"};  ///< condition_name()
+  /// condition_name()
+  std::vector<std::string> conditions{"idle",       "cpu",     "memory",    "subscriber", "nice",
+                                      "nice-later", "foreign", "slow-disk", "full-disk"};
+  bool conditions_only = false;     ///< no budgets, no identity checks
   bool full = false;                ///< every budget under every condition
   double seconds = 15.0;            ///< length of a run: the beginning of the drive
   std::string feed = "udp";         ///< or "replay"

@@ -1,6 +1,7 @@
 #include "nilio/core/registration_method.hpp"
 
 #include "tools/bench/bench.hpp"
+#include "tools/bench/realtime/live_run.hpp"
 #include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
 
@@ -186,10 +187,18 @@ void add_realtime_load_options(CLI::App& command, bench::RealtimeOptions& o) {
       ->delimiter(',')
       ->check(number_between(0.1, 1000.0))
       ->capture_default_str();
-  command.add_option("--conditions", o.conditions, "loads of the computer under the configured budget")
+  // The list of names is too long for one word of the help text.
+  const auto is_condition = [](const std::string& given) {
+    return bench::parse_condition(given) ? std::string() : "'" + given + "' is no condition";
+  };
+  command
+      .add_option("--conditions", o.conditions,
+                  "loads and faults under the configured budget: idle, cpu, memory, subscriber, nice, "
+                  "nice-later, foreign, slow-disk, full-disk (default: all)")
       ->delimiter(',')
-      ->check(CLI::IsMember({"idle", "cpu", "memory", "subscriber"}))
-      ->capture_default_str();
+      ->check(CLI::Validator(is_condition, "NAME"));
+  command.add_flag("--conditions-only", o.conditions_only,
+                   "only the conditions under the configured budget: no budgets, no identity checks");
   command.add_flag("--full", o.full, "run every budget under every condition");
   command.add_option("--seconds", o.seconds, "length of each run: the drive's beginning")
       ->check(number_between(1.0, 3600.0))

@@ -79,7 +79,7 @@ TEST_CASE("the figures of a run are read from its files and shown in table rows"
   CHECK(times.rows[0][2] == "0.00 / 0.25 / 0.50");
   CHECK(times.rows[0][3] == "40 / 60");
   CHECK(times.rows[0][4] == "3.00 / 5.00");
-  CHECK(times.rows[0][9] == "12 / 345 (normal)");
+  CHECK(times.rows[0][11] == "12 / 345 (normal)");
   CHECK(realtime_trajectory_table(std::span(&cell, 1)).rows[0][3] == f.sha256);
   CHECK(realtime_latency_figure(std::span(&cell, 1)).panels[0].curves.size() == 1);
   CHECK(accuracy_figure({}, std::span(&cell, 1)).panels[0].curves.empty());
@@ -227,8 +227,56 @@ TEST_CASE("a UDP port in use is reported, and free ones are found", "[realtime_p
 }
 
 TEST_CASE("conditions have names, and other names are refused", "[realtime_parts]") {
-  for (const Condition condition :
-       {Condition::kIdle, Condition::kCpuLoad, Condition::kMemory, Condition::kSlowSubscriber})
+  for (std::size_t i = 0; i < kConditions; ++i) {
+    const auto condition = static_cast<Condition>(i);
     CHECK(parse_condition(condition_name(condition)) == condition);
+  }
+  CHECK(parse_condition("full-disk") == Condition::kFullDisk);
   CHECK_FALSE(parse_condition("busy"));
+}
+
+TEST_CASE("the lines of the independent reader give poses and latency of this machine", "[realtime_parts]") {
+  const ReaderFigures figures = read_reader_lines(
+      "ready 1\npose 100 5000000\npacket 100 1000000 here\npacket 200 2000000 here\npose 200 4000000\n"
+      "pose 300 9000000\npacket 300 1 elsewhere\npose 4",
+      "here");
+  CHECK(figures.poses == 3);
+  CHECK(figures.is_fifo);
+  CHECK(figures.packet_to_reader.count == 2);
+  CHECK(figures.packet_to_reader.max_us == Approx(4000.0).epsilon(0.01));
+  CHECK(read_reader_lines("", "here").poses == 0);
+}
+
+TEST_CASE("the disk library makes one folder slow or full, and no other", "[realtime_parts]") {
+  const auto library = find_sibling_program("libnilio-slow-disk.so");
+  REQUIRE(library.ok());
+  if (!std::filesystem::exists("/usr/bin/python3")) {
+    WARN("skipped: no python3");
+    return;
+  }
+  const TemporaryFolder folder;
+  REQUIRE_FALSE(folder.write("slow/x", "").empty());
+  // Status of a program that writes to a file there, and how long it took.
+  const auto write_to = [&](const std::string& file, const std::string& variable) {
+    const std::int64_t begin = monotonic_ns();
+    // Three writes of a system call each. Programs of the C library's streams call no exported function.
+    const std::string script =
+        "import os, sys\nfile = os.open(sys.argv[1], os.O_CREAT | os.O_WRONLY)\n"
+        "for _ in range(3): os.write(file, b'x' * 100)\n";
+    auto child = ChildProcess::start(
+        "/usr/bin/python3", {"-c", script, folder.file(file)}, folder.file("log"),
+        {"LD_PRELOAD=" + library->string(), variable, "NILIO_DISK_FOLDER=" + folder.file("slow")});
+    REQUIRE(child.ok());
+    while (!child->poll()) sleep_for(core::Duration::from_milliseconds(1.0));
+    return std::pair(*child->poll(), 1e-9 * static_cast<double>(monotonic_ns() - begin));
+  };
+  const auto [slow_status, slow_s] = write_to("slow/a", "NILIO_DISK_WRITE_MS=200");
+  CHECK(slow_status == 0);
+  CHECK(slow_s >= 0.6);
+  CHECK(std::filesystem::file_size(folder.file("slow/a")) == 300);
+  const std::string full = "NILIO_DISK_FULL_FILE=" + folder.write("full", "");
+  CHECK(write_to("slow/b", full).first == 1);
+  CHECK(write_to("other", full).first == 0);
+  std::filesystem::remove(folder.file("full"));
+  CHECK(write_to("slow/b", full).first == 0);
 }

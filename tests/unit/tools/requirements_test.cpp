@@ -92,6 +92,52 @@ TEST_CASE("requirements missed by the clock differ from failures that do not dep
   CHECK(any_failed(requirements));
 }
 
+TEST_CASE("accuracy by the clock has a verdict: at most twice the error of the whole computation",
+          "[requirements]") {
+  RealtimeCell cell = good_cell();
+  const auto verdict = [&](std::optional<double> whole) {
+    return verdict_of(check_requirements({{&cell, 1}, {}, {}, nullptr, {whole, std::nullopt}}), "accuracy");
+  };
+  CHECK(verdict(0.5) == Verdict::kNotMeasured);
+  cell.translation_percent = 0.9;
+  CHECK(verdict(0.5) == Verdict::kMet);
+  CHECK(verdict(std::nullopt) == Verdict::kNotMeasured);
+  cell.translation_percent = 1.1;
+  CHECK(verdict(0.5) == Verdict::kMissed);
+  // Differences below 0.1 % are none.
+  cell.translation_percent = 0.09;
+  CHECK(verdict(0.01) == Verdict::kMet);
+  // Runs of the files have a reference of their own.
+  cell.feed = Feed::kReplay;
+  CHECK(verdict(0.01) == Verdict::kNotMeasured);
+}
+
+TEST_CASE("an independent reader has every pose within the budget and 5 ms", "[requirements]") {
+  RealtimeCell cell = good_cell();
+  cell.run.why_no_reader = "not built";
+  CHECK(verdict_of(check(cell), "every pose at an independent reader") == Verdict::kNotMeasured);
+  cell.run.figures.budget_ms = 50.0;
+  cell.run.reader = ReaderFigures{100, latency(4000.0, 54'000.0), true};
+  CHECK(verdict_of(check(cell), "last packet to an independent reader") == Verdict::kMet);
+  CHECK(verdict_of(check(cell), "every pose at an independent reader") == Verdict::kMet);
+  cell.run.reader = ReaderFigures{99, latency(4000.0, 56'000.0), true};
+  CHECK(verdict_of(check(cell), "last packet to an independent reader") == Verdict::kMissed);
+  CHECK(verdict_of(check(cell), "every pose at an independent reader") == Verdict::kMissed);
+}
+
+TEST_CASE("a bad disk may cost neither poses in the files nor the time to stop", "[requirements]") {
+  RealtimeCell cell = good_cell();
+  cell.condition = Condition::kSlowDisk;
+  cell.run.figures.trajectory.poses.resize(100);
+  cell.run.stop_s = 1.9;
+  CHECK(verdict_of(check(cell), "every pose in trajectory.tum") == Verdict::kMet);
+  CHECK(verdict_of(check(cell), "SIGTERM") == Verdict::kMet);
+  cell.run.figures.trajectory.poses.resize(99);
+  cell.run.stop_s = 2.1;
+  CHECK(verdict_of(check(cell), "every pose in trajectory.tum") == Verdict::kMissed);
+  CHECK(verdict_of(check(cell), "SIGTERM") == Verdict::kMissed);
+}
+
 TEST_CASE("poses at IMU rate are checked under CPU load, where there is an IMU", "[requirements]") {
   RealtimeCell cell = good_cell();
   cell.condition = Condition::kCpuLoad;

@@ -1,10 +1,12 @@
 #include "tools/bench/realtime/live_run.hpp"
 
 #include "nilio/core/clock.hpp"
+#include "nilio/drivers/capture/pcap.hpp"
 
-#include "tools/bench/common/niliod_run.hpp"
 #include "daemon/exit_status.hpp"
+#include "tools/bench/common/niliod_run.hpp"
 #include "tools/bench/common/pose_listener.hpp"
+#include "tools/bench/realtime/foreign_sender.hpp"
 #include "tools/bench/realtime/stress_load.hpp"
 #include "tools/bench/realtime/wakeup_latency.hpp"
 #include "tools/common/child_process.hpp"
@@ -15,8 +17,10 @@
 #include <array>
 #include <atomic>
 #include <csignal>
+#include <fstream>
 #include <memory>
 #include <sys/prctl.h>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -39,9 +43,45 @@ constexpr Duration kBacklogLimit = Duration::from_seconds(20.0);
 constexpr Duration kPatience = Duration::from_seconds(10.0);
 /// Time to start and end, added to the length of the drive.
 constexpr Duration kReplayMargin = Duration::from_seconds(60.0);
-constexpr std::array<const char*, 4> kConditionNames{"idle", "cpu", "memory", "subscriber"};
+constexpr std::array<const char*, kConditions> kConditionNames{
+    "idle", "cpu", "memory", "subscriber", "nice", "nice-later", "foreign", "slow-disk", "full-disk"};
+constexpr const char* kDiskLibrary = "libnilio-slow-disk.so";
+constexpr const char* kSlowWriteMs = "1000";
 
 const Error kInterrupted{"interrupted"};
+
+/// While the file exists, the disk of the output folder is full: in the second third of a run.
+class FullDisk {
+ public:
+  FullDisk(fs::path file, Duration run)
+      : file_(std::move(file)), third_{run.ns / 3}, thread_([this] { fill(); }) {}
+  FullDisk(const FullDisk&) = delete;
+  FullDisk& operator=(const FullDisk&) = delete;
+  ~FullDisk() {
+    stop_.store(true);
+    thread_.join();
+    std::error_code ignored;
+    fs::remove(file_, ignored);
+  }
+
+ private:
+  void fill() {
+    pause();
+    std::ofstream(file_) << "full\n";
+    pause();
+    std::error_code ignored;
+    fs::remove(file_, ignored);
+  }
+  void pause() {
+    const std::int64_t until = monotonic_ns() + third_.ns;
+    while (!stop_.load() && monotonic_ns() < until) sleep_for(kPoll);
+  }
+
+  fs::path file_;
+  Duration third_;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
 
 /// One run, from the start of the first program to the end of the last.
 class RunInRealTime {
@@ -54,6 +94,14 @@ class RunInRealTime {
 
  private:
   Result<std::monostate> start_load();
+  void start_reader();
+  [[nodiscard]] std::vector<std::string> environment() const;
+  [[nodiscard]] bool has_bad_disk() const {
+    return config_.condition == Condition::kSlowDisk || config_.condition == Condition::kFullDisk;
+  }
+  [[nodiscard]] fs::path full_disk_file() const { return folder_ / "full"; }
+  Result<std::monostate> start_later_load();
+  Result<std::monostate> stop_niliod();
   Result<std::monostate> start_program();
   /// Waits until the condition holds; false after `limit`. Fails on a stop signal.
   template <class Condition>
@@ -73,7 +121,10 @@ class RunInRealTime {
   std::uint16_t port_ = 0;
   std::uint16_t position_port_ = 0;
   std::unique_ptr<PoseListener> listener_;
+  std::optional<PoseReader> reader_;
   std::optional<StressLoad> load_;
+  std::unique_ptr<ForeignSender> foreign_;
+  std::unique_ptr<FullDisk> full_disk_;
   std::optional<ChildProcess> slow_subscriber_;
   std::optional<ChildProcess> niliod_;
   RealtimeRun result_;
@@ -90,13 +141,13 @@ Result<bool> RunInRealTime::wait_for(Duration limit, const Condition& condition)
 }
 
 Result<std::monostate> RunInRealTime::start_load() {
-  if (config_.condition == Condition::kCpuLoad || config_.condition == Condition::kMemory) {
-    Result<StressLoad> load = config_.condition == Condition::kCpuLoad
-                                  ? StressLoad::cpu_load(kLoadProcesses)
-                                  : StressLoad::memory_pressure(pressure_bytes(config_.memory_bytes));
-    if (!load) return load.error();
-    load_.emplace(std::move(load).value());
-  }
+  std::optional<Result<StressLoad>> load;
+  if (config_.condition == Condition::kCpuLoad) load.emplace(StressLoad::cpu_load(kLoadProcesses));
+  if (config_.condition == Condition::kUrgentLoad) load.emplace(StressLoad::urgent_cpu_load(kLoadProcesses));
+  if (config_.condition == Condition::kMemory)
+    load.emplace(StressLoad::memory_pressure(pressure_bytes(config_.memory_bytes)));
+  if (load && !*load) return load->error();
+  if (load) load_.emplace(std::move(*load).value());
   if (config_.condition != Condition::kSlowSubscriber) return std::monostate{};
   const Result<fs::path> nilio = find_sibling_program("nilio");
   if (!nilio) return nilio.error();
@@ -106,6 +157,55 @@ Result<std::monostate> RunInRealTime::start_load() {
   if (!watch) return watch.error();
   slow_subscriber_.emplace(std::move(watch).value());
   return std::monostate{};
+}
+
+/// Begins with the first packet: a load, a full disk, or a second sender.
+Result<std::monostate> RunInRealTime::start_later_load() {
+  if (config_.condition == Condition::kLaterUrgentLoad) {
+    Result<StressLoad> load = StressLoad::urgent_cpu_load(kLoadProcesses);
+    if (!load) return load.error();
+    load_.emplace(std::move(load).value());
+  }
+  if (config_.condition == Condition::kFullDisk)
+    full_disk_ = std::make_unique<FullDisk>(full_disk_file(), part_.length);
+  if (config_.condition != Condition::kForeignSender || config_.feed != Feed::kUdp) return std::monostate{};
+  auto source = drivers::open_pcap(part_.files.captures.front(),
+                                   {.data_port = static_cast<std::uint16_t>(drive_.config.lidar.port)});
+  if (!source) return source.error();
+  std::vector<drivers::Packet> packet(1);
+  if ((*source)->read(packet, Duration{}).count == 1)
+    foreign_ = std::make_unique<ForeignSender>(packet.front(), port_);
+  return std::monostate{};
+}
+
+void RunInRealTime::start_reader() {
+  Result<PoseReader> reader = PoseReader::start(config_.domain, folder_);
+  if (reader) {
+    reader_.emplace(std::move(reader).value());
+  } else {
+    result_.why_no_reader = reader.error().message;
+  }
+}
+
+/// Environment of niliod: the watch of its threads, and the disk.
+std::vector<std::string> RunInRealTime::environment() const {
+  std::vector<std::string> variables = watch_environment(folder_);
+  if (!has_bad_disk()) return variables;
+  const Result<fs::path> library = find_sibling_program(kDiskLibrary);
+  if (!library) return variables;
+  const std::string preload = "LD_PRELOAD=" + library->string();
+  if (variables.empty()) {
+    variables.push_back(preload);
+  } else {
+    variables.front() += " " + library->string();
+  }
+  variables.push_back("NILIO_DISK_FOLDER=" + folder_.string());
+  if (config_.condition == Condition::kSlowDisk) {
+    variables.push_back(std::string("NILIO_DISK_WRITE_MS=") + kSlowWriteMs);
+  } else {
+    variables.push_back("NILIO_DISK_FULL_FILE=" + full_disk_file().string());
+  }
+  return variables;
 }
 
 Result<std::monostate> RunInRealTime::start_program() {
@@ -128,17 +228,19 @@ Result<std::monostate> RunInRealTime::start_program() {
                                                       : "imu.interface=" + config_.can_interface);
   }
   overrides.insert(overrides.end(), config_.overrides.begin(), config_.overrides.end());
-  Result<ChildProcess> niliod =
-      start_niliod(std::move(arguments), overrides, folder_, watch_environment(folder_));
+  Result<ChildProcess> niliod = start_niliod(std::move(arguments), overrides, folder_, environment());
   if (!niliod) return niliod.error();
   niliod_.emplace(std::move(niliod).value());
   return std::monostate{};
 }
 
 Result<std::monostate> RunInRealTime::connect() {
-  const Result<bool> connected =
-      wait_for(kConnectLimit, [this] { return niliod_->poll() || listener_->is_connected(); });
+  const Result<bool> connected = wait_for(kConnectLimit, [this] {
+    return niliod_->poll() || (listener_->is_connected() && (!reader_ || reader_->is_ready()));
+  });
   if (!connected) return connected.error();
+  if (!*connected && listener_->is_connected())
+    result_.notes.emplace_back("the independent reader was not matched with the publisher");
   const std::optional<int> ended = niliod_->poll();
   // A replay may end before the subscriber is matched.
   if (ended && (config_.feed == Feed::kUdp || (*ended != kDone && *ended != kBadResult)))
@@ -180,10 +282,12 @@ Result<std::monostate> RunInRealTime::play() {
   if (!session) return session.error();
   std::atomic<bool> stop{false};
   std::atomic<bool> ended{false};
-  const std::int64_t begin_ns = clock_ns(CLOCK_REALTIME);
+  std::int64_t begin_ns = 0;
   std::thread sender([&] {
     make_this_thread_fifo(kSenderPriority);
     prctl(PR_SET_TIMERSLACK, 1UL);
+    // Here: under load this thread may begin long after its creation.
+    begin_ns = clock_ns(CLOCK_REALTIME);
     result_.sent = (*session)->run([&stop] { return stop.load(); });
     ended.store(true);
   });
@@ -213,11 +317,21 @@ Result<std::monostate> RunInRealTime::let_backlog_end() {
 
 Result<std::monostate> RunInRealTime::feed() {
   if (auto stopped = stop_slow_subscriber(); !stopped) return stopped;
+  if (auto started = start_later_load(); !started) return started;
   if (config_.feed == Feed::kReplay) return await_end(*niliod_, part_.length + kReplayMargin, signals_);
   if (auto played = play(); !played) return played;
   if (auto ended = let_backlog_end(); !ended) return ended;
-  if (const int status = niliod_->stop(kPatience); status != 0)
-    return Error{"niliod ended with status " + std::to_string(status) + ": " + niliod_->last_line()};
+  return stop_niliod();
+}
+
+Result<std::monostate> RunInRealTime::stop_niliod() {
+  const std::int64_t begin_ns = monotonic_ns();
+  const int status = niliod_->stop(kPatience);
+  result_.stop_s = 1e-9 * static_cast<double>(monotonic_ns() - begin_ns);
+  if (status == 0) return std::monostate{};
+  const Error error{"niliod ended with status " + std::to_string(status) + ": " + niliod_->last_line()};
+  if (!has_bad_disk()) return error;
+  result_.notes.push_back(error.message);
   return std::monostate{};
 }
 
@@ -245,6 +359,7 @@ Result<RealtimeRun> RunInRealTime::run() {
   if (!listener) return listener.error();
   listener_ = std::move(listener).value();
   if (auto started = start_load(); !started) return started.error();
+  start_reader();
   if (auto started = start_program(); !started) return started.error();
   if (auto connected = connect(); !connected) return connected.error();
   WakeupLatency wakeup;
@@ -253,8 +368,12 @@ Result<RealtimeRun> RunInRealTime::run() {
   if (!fed) return fed.error();
   if (load_ && !load_->is_running()) result_.notes.emplace_back("the load was killed during the run");
   Result<RunFigures> figures = read_run_figures(folder_);
-  if (!figures) return figures.error();
-  result_.figures = std::move(figures).value();
+  if (!figures && !has_bad_disk()) return figures.error();
+  if (figures) {
+    result_.figures = std::move(figures).value();
+  } else {
+    result_.notes.push_back(figures.error().message);
+  }
   if (auto watch = read_thread_watch(folder_)) {
     result_.watch = std::move(watch).value();
   } else {
@@ -263,6 +382,7 @@ Result<RealtimeRun> RunInRealTime::run() {
   result_.wakeup = ipc::summarize("wake-up", wakeup.histogram());
   result_.wakeup_is_fifo = wakeup.is_fifo();
   listener_->stop();
+  if (reader_) result_.reader = reader_->stop();
   result_.transport = ipc::summarize("DDS", listener_->transport());
   result_.packet_to_subscriber = ipc::summarize("packet to subscriber", listener_->packet_to_pose());
   read_report();
@@ -279,6 +399,15 @@ std::optional<Condition> parse_condition(const std::string& name) {
   const auto found = std::find(kConditionNames.begin(), kConditionNames.end(), name);
   if (found == kConditionNames.end()) return std::nullopt;
   return static_cast<Condition>(found - kConditionNames.begin());
+}
+
+std::string why_impossible(Condition condition) {
+  if (condition == Condition::kUrgentLoad || condition == Condition::kLaterUrgentLoad) {
+    const auto load = StressLoad::urgent_cpu_load(1);
+    return load ? "" : load.error().message;
+  }
+  if (condition != Condition::kSlowDisk && condition != Condition::kFullDisk) return "";
+  return find_sibling_program(kDiskLibrary) ? "" : std::string(kDiskLibrary) + " is not beside this program";
 }
 
 Result<RealtimeRun> run_niliod_in_real_time(const SensorDrive& drive, const DrivePart& part,

@@ -6,10 +6,12 @@
 #include "ipc/histogram.hpp"
 #include "tools/bench/common/niliod_run.hpp"
 #include "tools/bench/common/sensor_drive.hpp"
+#include "tools/bench/realtime/pose_reader.hpp"
 #include "tools/bench/realtime/thread_watch.hpp"
 #include "tools/common/system.hpp"
 #include "tools/play/session.hpp"
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -21,13 +23,21 @@ namespace nilio::tools::bench {
 /// Load of the computer during a run.
 enum class Condition : std::uint8_t {
   kIdle,
-  kCpuLoad,         ///< two processes that never sleep
-  kMemory,          ///< a process that repeatedly takes most of the memory
-  kSlowSubscriber,  ///< a DDS subscriber that is matched and then stops reading
+  kCpuLoad,          ///< two processes that never sleep
+  kMemory,           ///< a process that repeatedly takes most of the memory
+  kSlowSubscriber,   ///< a DDS subscriber that is matched and then stops reading
+  kUrgentLoad,       ///< two processes at nice -20 that never sleep, from before niliod's start
+  kLaterUrgentLoad,  ///< the same from the first packet on
+  kForeignSender,    ///< another sender of 20 valid packets a second to the same port
+  kSlowDisk,         ///< every write to the output folder takes a second
+  kFullDisk,         ///< the output folder's disk is full in the middle third of the run
 };
-/// "idle", "cpu", "memory", "subscriber".
+inline constexpr std::size_t kConditions = 9;
+/// "idle", "cpu", "memory", "subscriber", "nice", "nice-later", "foreign", "slow-disk", "full-disk".
 const char* condition_name(Condition condition);
 std::optional<Condition> parse_condition(const std::string& name);
+/// Empty, or why this computer cannot have the condition.
+std::string why_impossible(Condition condition);
 
 /// Path of a drive into niliod, at the pace of the recording.
 enum class Feed : std::uint8_t {
@@ -65,6 +75,11 @@ struct RealtimeRun {
   /// publisher's last report.
   std::optional<ipc::LatencySummary> received_to_written;
   std::optional<ipc::LatencySummary> imu_pose;
+  /// A reader of another vendor in a process of its own, or the reason why there was none.
+  std::optional<ReaderFigures> reader;
+  std::string why_no_reader;
+  /// From SIGTERM to the end of niliod; only for kUdp.
+  std::optional<double> stop_s;
   /// Forbidden calls, or the reason why they were not counted.
   std::optional<ThreadWatch> watch;
   std::string why_not_watched;

@@ -12,6 +12,11 @@ using Verdict = Requirement::Verdict;
 constexpr double kMillisecondUs = 1000.0;
 constexpr double kMaxImuPoseUs = 1000.0;
 constexpr double kMaxToSubscriberUs = 10'000.0;
+/// Of DDS and a wake-up, beyond the budget.
+constexpr double kMaxToReaderUs = 5000.0;
+constexpr double kMaxStopS = 2.0;
+/// Errors below this are equal for a user.
+constexpr double kNegligiblePercent = 0.1;
 /// Calls of the control run: an allocation, a release and a lock.
 constexpr std::uint64_t kPlanted = 3;
 
@@ -119,6 +124,61 @@ Requirement to_subscriber(const RealtimeCell& cell) {
   return requirement;
 }
 
+Requirement to_reader(const RealtimeCell& cell) {
+  Requirement requirement{"last packet to an independent reader, p99: within the budget and 5 ms",
+                          run_text(cell), cell.run.why_no_reader, "-", Verdict::kNotMeasured};
+  const std::optional<double>& budget_ms = cell.run.figures.budget_ms;
+  if (!cell.run.reader || cell.run.reader->packet_to_reader.count == 0 || !budget_ms) return requirement;
+  const ipc::LatencySummary& s = cell.run.reader->packet_to_reader;
+  const double bound_us = *budget_ms * kMillisecondUs + kMaxToReaderUs;
+  requirement.measured = ms(s.p99_us) + ", p50 " + ms(s.p50_us);
+  requirement.bound = ms(bound_us);
+  requirement.verdict = s.p99_us <= bound_us ? Verdict::kMet : Verdict::kMissed;
+  return requirement;
+}
+
+/// The poses of packets sent over UDP; a replay may begin before the reader is matched.
+Requirement reader_poses(const RealtimeCell& cell) {
+  Requirement requirement{"every pose at an independent reader", run_text(cell), cell.run.why_no_reader, "-",
+                          Verdict::kNotMeasured};
+  const RunFigures& f = cell.run.figures;
+  if (!cell.run.reader || f.poses == 0) return requirement;
+  requirement.measured = std::to_string(cell.run.reader->poses);
+  requirement.bound = std::to_string(f.poses);
+  requirement.verdict = cell.run.reader->poses >= f.poses ? Verdict::kMet : Verdict::kMissed;
+  return requirement;
+}
+
+Requirement stopping(const RealtimeCell& cell) {
+  Requirement requirement{"SIGTERM ends niliod within 2 s", run_text(cell), "-", fixed(kMaxStopS, 1) + " s",
+                          Verdict::kNotMeasured};
+  if (!cell.run.stop_s) return requirement;
+  requirement.measured = fixed(*cell.run.stop_s, 1) + " s";
+  requirement.verdict = *cell.run.stop_s <= kMaxStopS ? Verdict::kMet : Verdict::kMissed;
+  return requirement;
+}
+
+/// Only on the files of a run that could write them.
+Requirement files(const RealtimeCell& cell) {
+  const RunFigures& f = cell.run.figures;
+  const std::size_t written = f.trajectory.poses.size();
+  return {"every pose in trajectory.tum", run_text(cell), std::to_string(written),
+          f.poses > 0 ? std::to_string(f.poses) : "not written",
+          f.poses > 0 && written == f.poses ? Verdict::kMet : Verdict::kMissed};
+}
+
+Requirement accuracy(const RealtimeCell& cell, const AccuracyReference& reference) {
+  Requirement requirement{"accuracy by the clock, t %, 10-80 m: at most twice that of the whole computation",
+                          run_text(cell), "-", "-", Verdict::kNotMeasured};
+  const std::optional<double>& whole = cell.feed == Feed::kUdp ? reference.udp : reference.replay;
+  if (!whole || !cell.translation_percent) return requirement;
+  const double bound = std::max(2.0 * *whole, kNegligiblePercent);
+  requirement.measured = fixed(*cell.translation_percent, 3);
+  requirement.bound = fixed(bound, 3);
+  requirement.verdict = *cell.translation_percent <= bound ? Verdict::kMet : Verdict::kMissed;
+  return requirement;
+}
+
 Requirement identity(const IdentityCheck& check) {
   Requirement requirement{"same poses: " + check.name, "", check.remark, "", Verdict::kNotMeasured};
   if (check.verdict == IdentityCheck::Verdict::kPass) requirement.verdict = Verdict::kMet;
@@ -146,6 +206,7 @@ std::vector<Requirement> check_requirements(const RealtimeFigures& figures) {
   std::vector<Requirement> requirements;
   for (const CountedRun& run : figures.counted) requirements.push_back(deadline_by_count(run));
   for (const RealtimeCell& cell : figures.cells) requirements.push_back(deadline_by_clock(cell));
+  for (const RealtimeCell& cell : figures.cells) requirements.push_back(accuracy(cell, figures.reference));
   const auto of_each_run = [&](Requirement (*check)(const RealtimeCell&)) {
     std::vector<Requirement> runs;
     for (const RealtimeCell& cell : figures.cells) runs.push_back(check(cell));
@@ -153,6 +214,15 @@ std::vector<Requirement> check_requirements(const RealtimeFigures& figures) {
   };
   of_each_run(pose_per_scan);
   of_each_run(packets);
+  of_each_run(reader_poses);
+  for (const RealtimeCell& cell : figures.cells) {
+    if (!cell.budget_ms) requirements.push_back(to_reader(cell));
+  }
+  for (const RealtimeCell& cell : figures.cells) {
+    const bool bad_disk = cell.condition == Condition::kSlowDisk || cell.condition == Condition::kFullDisk;
+    if (bad_disk) requirements.push_back(files(cell));
+    if (bad_disk || cell.condition == Condition::kUrgentLoad) requirements.push_back(stopping(cell));
+  }
   for (const RealtimeCell& cell : figures.cells) {
     if (cell.condition == Condition::kCpuLoad && !cell.budget_ms && cell.run.figures.scans_with_imu > 0)
       requirements.push_back(imu_poses(cell));

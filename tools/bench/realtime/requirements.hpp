@@ -34,10 +34,11 @@ struct RealtimeFigures {
   std::span<const IdentityCheck> checks;
   /// Control run whose odometry thread makes one allocation, release and lock; null when not measured.
   const ThreadWatch* planted = nullptr;
+  AccuracyReference reference{};
 };
 
-/// Checks deadline, one pose per scan, packets, poses at IMU rate, forbidden calls, end-to-end latency and
-/// the identity checks.
+/// Checks deadline, one pose per scan, accuracy by the clock, the independent reader, stopping, packets,
+/// poses at IMU rate, forbidden calls, end-to-end latency and the identity checks.
 std::vector<Requirement> check_requirements(const RealtimeFigures& figures);
 Table requirement_table(std::span<const Requirement> requirements);
 /// True when a verdict is kFailed; kMissed does not count.

@@ -9,6 +9,7 @@
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <utility>
@@ -21,6 +22,7 @@ using core::Error;
 using core::Result;
 
 constexpr std::uint64_t kPage = 4096;
+constexpr int kMostUrgent = -20;
 
 /// The children must not take locks: a thread of the parent may have held one during fork().
 [[noreturn]] void burn() {
@@ -65,6 +67,17 @@ Result<StressLoad> StressLoad::cpu_load(unsigned count) {
     const Result<pid_t> pid = spawn(burn);
     if (!pid) return pid.error();
     load.processes_.push_back(*pid);
+  }
+  return load;
+}
+
+Result<StressLoad> StressLoad::urgent_cpu_load(unsigned count) {
+  Result<StressLoad> load = cpu_load(count);
+  if (!load) return load;
+  for (const pid_t pid : load->processes_) {
+    if (setpriority(PRIO_PROCESS, static_cast<id_t>(pid), kMostUrgent) != 0)
+      return Error{std::string("nice -20 is not permitted (") + std::strerror(errno) +
+                   ") - it takes CAP_SYS_NICE"};
   }
   return load;
 }

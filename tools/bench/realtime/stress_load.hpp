@@ -14,6 +14,8 @@ class StressLoad {
  public:
   /// Starts `count` processes of normal priority that never sleep.
   static core::Result<StressLoad> cpu_load(unsigned count);
+  /// The same at nice -20, above every normal thread. Fails where that is not permitted.
+  static core::Result<StressLoad> urgent_cpu_load(unsigned count);
   /// Starts a process that repeatedly allocates that much memory, touches every page and frees it. The kernel
   /// kills it first when memory runs out.
   static core::Result<StressLoad> memory_pressure(std::uint64_t bytes);

@@ -56,6 +56,13 @@ std::string calls_text(const NamedCounts& counts) {
   return text.empty() ? "0" : text;
 }
 
+std::string reader_latency(const RealtimeRun& run) {
+  if (!run.reader) return "-";
+  return p50_p99(run.reader->packet_to_reader, kMillisecondUs, 2) + (run.reader->is_fifo ? "" : " (normal)");
+}
+
+std::string reader_poses(const RealtimeRun& run) { return run.reader ? whole(run.reader->poses) : "-"; }
+
 /// True when the largest y is more than ten times the smallest.
 bool spreads_over_decades(std::span<const plot::Curve> curves) {
   double minimum = std::numeric_limits<double>::infinity();
@@ -111,7 +118,8 @@ Table realtime_work_table(std::span<const RealtimeCell> cells) {
 
 Table realtime_time_table(std::span<const RealtimeCell> cells) {
   Table table{{"budget ms", "condition", "beyond budget ms", "iteration us", "to publication ms", "to DDS ms",
-               "to subscriber ms", "DDS us", "IMU pose us", "wake-up us", "sender delay us"},
+               "to subscriber ms", "to reader ms", "reader's poses", "DDS us", "IMU pose us", "wake-up us",
+               "sender delay us"},
               {}};
   for (const RealtimeCell& cell : cells) {
     const RealtimeRun& run = cell.run;
@@ -119,8 +127,8 @@ Table realtime_time_table(std::span<const RealtimeCell> cells) {
         {budget_text(cell), condition_text(cell), p50_p99_max(run.figures.overshoot, kMillisecondUs, 2),
          p50_p99(run.figures.iteration, 1.0, 0), p50_p99(run.figures.end_to_end, kMillisecondUs, 2),
          p50_p99(run.received_to_written, kMillisecondUs, 2),
-         p50_p99(run.packet_to_subscriber, kMillisecondUs, 2), p50_p99(run.transport, 1.0, 0),
-         p50_p99(run.imu_pose, 1.0, 0),
+         p50_p99(run.packet_to_subscriber, kMillisecondUs, 2), reader_latency(run), reader_poses(run),
+         p50_p99(run.transport, 1.0, 0), p50_p99(run.imu_pose, 1.0, 0),
          fixed(run.wakeup.p99_us, 0) + " / " + fixed(run.wakeup.max_us, 0) +
              (run.wakeup_is_fifo ? "" : " (normal)"),
          run.sent ? fixed(static_cast<double>(run.sent->late_p99_ns) / kMillisecondUs, 0) : "-"});

@@ -20,6 +20,12 @@ struct RealtimeCell {
   std::optional<double> translation_percent;
 };
 
+/// Mean translation error of the whole computation: a replay without a deadline.
+struct AccuracyReference {
+  std::optional<double> udp;     ///< without an IMU where its frames are not sent
+  std::optional<double> replay;  ///< of the files
+};
+
 /// A replay whose budget is counted in operations instead of time: the same on every computer.
 struct CountedRun {
   double budget_ms = 0.0;
@@ -44,7 +50,7 @@ std::string p50_p99(const std::optional<ipc::LatencySummary>& summary, double sc
 
 /// Scans, packets and degradation_levels.
 Table realtime_work_table(std::span<const RealtimeCell> cells);
-/// Latencies and wake-up latency.
+/// Latencies and wake-up latency. Reader: the independent one.
 Table realtime_time_table(std::span<const RealtimeCell> cells);
 /// SHA-256 of each trajectory, and its error.
 Table realtime_trajectory_table(std::span<const RealtimeCell> cells);
