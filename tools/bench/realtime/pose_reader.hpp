@@ -11,7 +11,7 @@
 
 namespace nilio::tools::bench {
 
-/// What an independent reader received.
+/// Figures of an independent reader.
 struct ReaderFigures {
   std::uint64_t poses = 0;
   /// From the last packet's reception to the reader.
