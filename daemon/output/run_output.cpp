@@ -18,8 +18,6 @@ using core::Result;
 
 // Waiting bytes of a file while the disk does not accept data; hours of poses.
 constexpr std::size_t kHeldBytes = std::size_t{4} << 20U;
-constexpr const char* kFileNames[] = {"trajectory.tum", "trajectory.kitti", "decisions.jsonl", "map.ply",
-                                      "latency.json"};
 
 Error cannot_write(const fs::path& path) {
   return Error{path.string() +
@@ -89,10 +87,6 @@ Result<std::unique_ptr<RunOutput>> RunOutput::create(const Options& options,
   fs::create_directories(folder, error);
   if (error)
     return Error{folder.string() + ": cannot be made (" + error.message() + ") - choose another --output"};
-  for (const char* name : kFileNames) {
-    fs::remove(folder / name, error);
-    if (error) return cannot_write(folder / name);
-  }
   if (auto written = replace_file(folder / "config.yaml", effective_config); !written) return written.error();
   return std::unique_ptr<RunOutput>(new RunOutput(options, std::move(report)));
 }

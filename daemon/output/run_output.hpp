@@ -43,8 +43,8 @@ class RunOutput {
     [[nodiscard]] std::uint64_t total() const { return poses + decisions + map_points; }
   };
 
-  /// Creates the folder and removes the files of an earlier run; the error names the file that cannot be
-  /// written. `report` takes lines about the disk.
+  /// Creates the folder, which must not hold an earlier run; the error names the file that cannot be written.
+  /// `report` takes lines about the disk.
   static core::Result<std::unique_ptr<RunOutput>> create(const Options& options,
                                                          const std::string& effective_config,
                                                          drivers::DiskState::Report report);

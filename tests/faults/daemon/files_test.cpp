@@ -1,9 +1,12 @@
 #include "tests/support/niliod_process.hpp"
 #include "tests/support/room_drive.hpp"
+#include "tests/support/udp_support.hpp"
 
+#include <array>
 #include <chrono>
 #include <csignal>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <sys/mount.h>
 #include <thread>
@@ -45,13 +48,21 @@ class SlowDisk {
   void stop() { std::ofstream(flag()) << "stopped"; }
   void go_on() { fs::remove(flag()); }
   [[nodiscard]] NiliodProcess::Environment environment() const {
-    return {{"LD_PRELOAD", std::string(NILIO_BIN_DIR) + "/nilio-slow-disk.so"},
-            {"NILIO_SLOW_FOLDER", folder_.string()},
-            {"NILIO_SLOW_WHILE", flag().string()}};
+    return {{"LD_PRELOAD", library()},
+            {"NILIO_DISK_FOLDER", folder_.string()},
+            {"NILIO_DISK_STOPPED_FILE", flag().string()}};
   }
-  static bool is_available() { return fs::exists(std::string(NILIO_BIN_DIR) + "/nilio-slow-disk.so"); }
+  /// False in programs whose sanitizer replaces the same functions.
+  static bool is_available() {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    return false;
+#else
+    return fs::exists(library());
+#endif
+  }
 
  private:
+  static std::string library() { return std::string(NILIO_BIN_DIR) + "/libnilio-slow-disk.so"; }
   [[nodiscard]] fs::path flag() const { return folder_.string() + ".stopped"; }
   fs::path folder_;
 };
@@ -96,7 +107,7 @@ TEST_CASE("a recorded run that was killed under load is repeated to the bit by i
   REQUIRE(kill(niliod.pid(), SIGKILL) == 0);
   CHECK(niliod.wait().status == -SIGKILL);
   fs::remove(folder.path() / "lidar.pcap");
-  fs::remove(folder.path() / "can.log");
+  fs::remove(folder.path() / "imu.log");
 
   const fs::path again = folder.path() / "again";
   NiliodProcess repeated(folder, {"--decisions", box.string(), "--output", again.string()});
@@ -111,6 +122,43 @@ TEST_CASE("a recorded run that was killed under load is repeated to the bit by i
   CHECK(std::count(first.begin(), first.end(), '\n') <= std::count(second.begin(), second.end(), '\n') + 10);
   CHECK(common > 1000);
   CHECK(first.substr(0, common) == second.substr(0, common));
+}
+
+TEST_CASE("a live run on sockets is repeated to the bit from its black box", "[files]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 5.0, false);
+  auto capture = drivers::open_pcap((folder.path() / "lidar.pcap").string(), {});
+  REQUIRE(capture.ok());
+  const std::uint16_t port = tests::free_port();
+  const fs::path box = folder.path() / "box";
+  const fs::path run = folder.path() / "run";
+  NiliodProcess niliod(
+      folder,
+      {"--output", run.string(), "--record", box.string(), "--set", "lidar.bind_address=127.0.0.1", "--set",
+       "lidar.port=" + std::to_string(port), "--set", "lidar.position_port=0", "--set", "imu.enabled=false",
+       "--set", kNoPublisher, "--set", "realtime.lock_memory=false", "--set", "output.map=false"});
+  REQUIRE_FALSE(niliod.await("(UDP 127.0.0.1)").empty());
+  tests::UdpSender sender;
+  std::array<drivers::Packet, 1> packet;
+  const auto begin = std::chrono::steady_clock::now();
+  std::optional<core::Time> first;
+  while ((*capture)->read(packet, {}).state == drivers::SourceState::kData) {
+    if (!first) first = packet[0].stamp;
+    std::this_thread::sleep_until(begin + std::chrono::nanoseconds((packet[0].stamp - *first).ns));
+    sender.send(port, {packet[0].data.begin(), packet[0].data.begin() + packet[0].size});
+  }
+  std::this_thread::sleep_for(300ms);
+  REQUIRE(kill(niliod.pid(), SIGTERM) == 0);
+  const auto live = niliod.wait();
+  INFO(live.output);
+  REQUIRE(live.status == 0);
+  CHECK(poses_in(run) >= 40);
+  const fs::path again = folder.path() / "again";
+  const auto repeated =
+      NiliodProcess(folder, {"--decisions", run.string(), "--output", again.string()}).wait();
+  INFO(repeated.output);
+  REQUIRE(repeated.status == 0);
+  CHECK(read_file(again / "trajectory.tum") == read_file(run / "trajectory.tum"));
 }
 
 TEST_CASE("a recording is not continued, and a folder without one is refused by name", "[files]") {

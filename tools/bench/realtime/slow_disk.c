@@ -1,8 +1,9 @@
 // Makes the disk of a folder slow or full for the program that this library is preloaded into. Applies to
 // regular files below NILIO_DISK_FOLDER, except standard output and error:
 //
-//   NILIO_DISK_WRITE_MS    every write and sync takes that long
-//   NILIO_DISK_FULL_FILE   while this file exists every write fails: no space left
+//   NILIO_DISK_WRITE_MS      every write and sync takes that long
+//   NILIO_DISK_STOPPED_FILE  while this file exists no write ends
+//   NILIO_DISK_FULL_FILE     while this file exists every write fails: no space left
 
 #include <errno.h>
 #include <stdlib.h>
@@ -16,11 +17,13 @@
 static const char* folder;
 static double write_s;
 static const char* full_file;
+static const char* stopped_file;
 
 __attribute__((constructor)) static void read_environment(void) {
   const char* milliseconds = getenv("NILIO_DISK_WRITE_MS");
   if (milliseconds != NULL) write_s = 1e-3 * atof(milliseconds);
   full_file = getenv("NILIO_DISK_FULL_FILE");
+  stopped_file = getenv("NILIO_DISK_STOPPED_FILE");
   folder = getenv("NILIO_DISK_FOLDER");
 }
 
@@ -48,6 +51,10 @@ static int disk_accepts(int descriptor) {
   if (full_file != NULL && access(full_file, F_OK) == 0) {
     errno = ENOSPC;
     return 0;
+  }
+  while (stopped_file != NULL && access(stopped_file, F_OK) == 0) {
+    const struct timespec pause = {0, 10000000};
+    nanosleep(&pause, NULL);
   }
   if (write_s > 0.0) {
     const struct timespec pause = {(time_t)write_s, (long)(1e9 * (write_s - (double)(time_t)write_s))};
