@@ -9,6 +9,7 @@
 #include "daemon/realtime/watchdog.hpp"
 #include "ipc/publisher_process.hpp"
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -30,6 +31,7 @@ using core::Result;
 constexpr Duration kPollPeriod = Duration::from_milliseconds(20.0);
 constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
 constexpr std::int64_t kSilenceNs = 2'000'000'000;
+constexpr std::int64_t kSilenceReportPeriodNs = 60'000'000'000;
 constexpr std::size_t kPublisherSlots = 1024;
 // SIGTERM ends the process within 2 s, of which the publisher may take half.
 constexpr Duration kPublisherPatience = Duration::from_seconds(0.8);
@@ -79,7 +81,8 @@ class Supervisor {
   std::int64_t started_ns_ = 0;
   std::int64_t next_status_ns_ = 0;
   std::int64_t last_pose_ns_ = 0;
-  bool silence_reported_ = false;
+  /// Time of the next report of silence; 0 = two seconds after the last pose.
+  std::int64_t next_silence_report_ns_ = 0;
   /// Sections of the LiDARs already reported for mixed senders.
   std::set<std::string> mixed_reported_;
 };
@@ -184,7 +187,7 @@ void Supervisor::take_results() {
     log_.add(*record);
     if (files_) files_->add(*record);
     last_pose_ns_ = monotonic_ns();
-    silence_reported_ = false;
+    next_silence_report_ns_ = 0;
   }
   while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop()) log_.add(*health);
 }
@@ -243,10 +246,11 @@ void Supervisor::report_status() {
 }
 
 void Supervisor::report_silence(std::int64_t now) {
-  if (!options_.rules.has_sensors() || silence_reported_ || now - last_pose_ns_ < kSilenceNs) return;
+  const std::int64_t due = std::max(last_pose_ns_ + kSilenceNs, next_silence_report_ns_);
+  if (!options_.rules.has_sensors() || now < due) return;
   spdlog::warn("no scan for {:.0f} s: {}", static_cast<double>(now - last_pose_ns_) * 1e-9,
                pipeline_->input().packets->status());
-  silence_reported_ = true;
+  next_silence_report_ns_ = now + kSilenceReportPeriodNs;
 }
 
 Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {

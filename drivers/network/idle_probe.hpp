@@ -21,7 +21,7 @@ namespace nilio::drivers {
 class IdleProbe {
  public:
   struct Timing {
-    core::Duration patience{1'000'000'000};  ///< idle time before the first listening period
+    core::Duration patience{500'000'000};  ///< idle time before the first listening period
     core::Duration listening{1'000'000'000};
     core::Duration rest{9'000'000'000};  ///< between two listening periods
   };

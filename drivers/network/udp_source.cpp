@@ -27,7 +27,7 @@ using core::Error;
 
 /// Datagrams per system call; more are fetched by the next read().
 constexpr std::size_t kBatch = 64;
-/// Without packets for this long, status() looks for the cause: a sensor sends hundreds a second.
+/// Without data packets for this long, status() looks for the cause: a sensor sends hundreds a second.
 constexpr std::int64_t kSilenceNs = 1'000'000'000;
 
 std::string where_text(const UdpSourceConfig& config) {
@@ -56,6 +56,7 @@ class UdpSource final : public PacketSource {
  private:
   bool wait(core::Duration timeout);
   void note_idle();
+  void note_missing_data(std::int64_t now_ns);
   std::size_t receive_from(Port& port, std::span<Packet> slots);
   int receive(const Port& port, std::span<Packet> slots);
   bool fill(std::size_t message, Port& port, Packet& slot);
@@ -95,6 +96,7 @@ SourceRead UdpSource::read(std::span<Packet> slots, core::Duration timeout) {
   if (error_.load(std::memory_order_relaxed) != 0) return {SourceState::kFailed, 0};
   if (!wait(timeout)) {
     note_idle();
+    note_missing_data(monotonic_ns());
     return {SourceState::kIdle, 0};
   }
   std::size_t kept = 0;
@@ -117,11 +119,15 @@ bool UdpSource::wait(core::Duration timeout) {
 }
 
 void UdpSource::note_idle() {
-  idle_.store(true, std::memory_order_relaxed);
   for (Port& port : ports_) {
     if (const auto drops = count_kernel_drops(port.socket.descriptor.get())) count_drops(port, *drops);
   }
-  probe_.idle(monotonic_ns());
+}
+
+/// Position packets alone are no sign that data packets reach the right port.
+void UdpSource::note_missing_data(std::int64_t now_ns) {
+  idle_.store(true, std::memory_order_relaxed);
+  probe_.idle(now_ns);
 }
 
 /// Returns how many slots were filled.
@@ -132,10 +138,6 @@ std::size_t UdpSource::receive_from(Port& port, std::span<Packet> slots) {
     if (!nothing) error_.store(errno, std::memory_order_relaxed);
     return 0;
   }
-  if (received > 0) {
-    idle_.store(false, std::memory_order_relaxed);
-    probe_.stop();
-  }
   const std::int64_t received_ns = monotonic_ns();
   std::size_t kept = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(received); ++i) {
@@ -144,6 +146,12 @@ std::size_t UdpSource::receive_from(Port& port, std::span<Packet> slots) {
     // Close the gaps that filtered datagrams leave; they are rare.
     if (kept != i) slots[kept] = slots[i];
     ++kept;
+  }
+  if (port.port == config_.port && kept > 0) {
+    idle_.store(false, std::memory_order_relaxed);
+    probe_.stop();
+  } else if (traffic_.data_age_ns(received_ns) > kSilenceNs) {
+    note_missing_data(received_ns);
   }
   return kept;
 }
@@ -205,12 +213,14 @@ std::string UdpSource::status() const {
   text += traffic_.describe_packets(config_, now_ns) + ", ";
   if (stats.kernel_dropped > 0) text += std::to_string(stats.kernel_dropped) + " dropped by the kernel, ";
   text += buffer_text_ + traffic_.describe_problems(config_);
-  if (!idle_.load(std::memory_order_relaxed) || traffic_.age_ns(now_ns) < kSilenceNs) return text;
-  text +=
-      stats.delivered + stats.other == 0
-          ? "; nothing arrives: check the cable, this computer's address, and the destination address and "
-            "port in the sensor's web page"
-          : "; nothing arrives any more";
+  if (!idle_.load(std::memory_order_relaxed) || traffic_.data_age_ns(now_ns) < kSilenceNs) return text;
+  if (stats.delivered + stats.other == 0) {
+    text +=
+        "; nothing arrives: check the cable, this computer's address, and the destination address and port "
+        "in the sensor's web page";
+  } else if (traffic_.has_data()) {
+    text += "; no data packets arrive any more";
+  }
   const std::string& interface =
       config_.multicast_interface.empty() ? config_.bind_address : config_.multicast_interface;
   text += "; " + describe_interfaces(interface);

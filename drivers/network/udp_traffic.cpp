@@ -14,22 +14,29 @@ std::string sender_text(std::uint32_t address, std::uint64_t count) {
   return std::to_string(count) + " from " + format_ipv4(address);
 }
 
+/// Largest value for a time of 0. The receive thread may have read its clock after this thread.
+std::int64_t age_of(std::int64_t last_ns, std::int64_t now_ns) {
+  return last_ns == 0 ? std::numeric_limits<std::int64_t>::max()
+                      : std::max<std::int64_t>(now_ns - last_ns, 0);
+}
+
 }  // namespace
 
 void UdpTraffic::on_accepted(const Packet& packet, std::size_t sent_bytes, const UdpSourceConfig& config) {
   const bool is_data = packet.destination_port == config.port;
   add_to(is_data ? data_packets_ : position_packets_, 1);
-  if (is_data) senders_.count(packet.sender_address);
+  if (is_data) {
+    senders_.count(packet.sender_address);
+    last_data_ns_.store(packet.received_ns, std::memory_order_relaxed);
+  }
   if (sent_bytes != (is_data ? kDataPacketSize : kPositionPacketSize)) {
     wrong_sizes_.count({packet.destination_port, static_cast<std::uint16_t>(sent_bytes)});
   }
   last_ns_.store(packet.received_ns, std::memory_order_relaxed);
 }
 
-std::int64_t UdpTraffic::age_ns(std::int64_t now_ns) const {
-  const std::int64_t last = last_ns_.load(std::memory_order_relaxed);
-  // The receive thread may have read its clock after this thread.
-  return last == 0 ? std::numeric_limits<std::int64_t>::max() : std::max<std::int64_t>(now_ns - last, 0);
+std::int64_t UdpTraffic::data_age_ns(std::int64_t now_ns) const {
+  return age_of(last_data_ns_.load(std::memory_order_relaxed), now_ns);
 }
 
 std::string UdpTraffic::describe_packets(const UdpSourceConfig& config, std::int64_t now_ns) const {
@@ -38,7 +45,7 @@ std::string UdpTraffic::describe_packets(const UdpSourceConfig& config, std::int
     text += " data and " + std::to_string(position_packets_.load(std::memory_order_relaxed)) + " position";
   }
   text += " packets";
-  const std::int64_t age = age_ns(now_ns);
+  const std::int64_t age = age_of(last_ns_.load(std::memory_order_relaxed), now_ns);
   if (age == std::numeric_limits<std::int64_t>::max()) return text;
   const std::int64_t tenths = age / 100'000'000;
   return text + ", the last " + std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " s ago";

@@ -24,8 +24,9 @@ class UdpTraffic {
   [[nodiscard]] std::string describe_packets(const UdpSourceConfig& config, std::int64_t now_ns) const;
   /// Traffic other than good packets of one sensor, and the remedy; empty or beginning with "; ".
   [[nodiscard]] std::string describe_problems(const UdpSourceConfig& config) const;
-  /// Time since the last accepted packet; the largest value before the first.
-  [[nodiscard]] std::int64_t age_ns(std::int64_t now_ns) const;
+  [[nodiscard]] bool has_data() const { return data_packets_.load(std::memory_order_relaxed) > 0; }
+  /// Time since the last accepted data packet; the largest value before the first.
+  [[nodiscard]] std::int64_t data_age_ns(std::int64_t now_ns) const;
 
  private:
   struct PortAndSize {
@@ -39,8 +40,9 @@ class UdpTraffic {
   KeyCounter<PortAndSize, 8> wrong_sizes_;
   std::atomic<std::uint64_t> data_packets_{0};
   std::atomic<std::uint64_t> position_packets_{0};
-  /// CLOCK_MONOTONIC of the last accepted packet; 0 = none yet.
+  /// CLOCK_MONOTONIC of the last accepted packet and data packet; 0 = none yet.
   std::atomic<std::int64_t> last_ns_{0};
+  std::atomic<std::int64_t> last_data_ns_{0};
 };
 
 }  // namespace nilio::drivers

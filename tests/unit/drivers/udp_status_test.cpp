@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -215,4 +216,35 @@ TEST_CASE("an idle source detects a sensor that sends to another port", "[udp_st
     found = (*source)->status().find(wanted) != std::string::npos;
   }
   CHECK(found);
+}
+
+TEST_CASE("a sensor whose data goes to another port is found while its position packets arrive",
+          "[udp_status]") {
+  if (!can_listen_below_sockets()) {
+    WARN("skipped: no CAP_NET_RAW");
+    return;
+  }
+  const auto ports = free_ports(3);
+  auto source = open_udp(loopback(ports[0], ports[1]));
+  REQUIRE(source.ok());
+  UdpSender sender("127.0.0.9");
+  std::array<Packet, 4> slots;
+  const std::string wanted = "from 127.0.0.9 to 127.0.0.1:" + std::to_string(ports[2]);
+  const auto start = std::chrono::steady_clock::now();
+  const auto seconds = [&] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  bool found = false;
+  while (!found && seconds() < 10.0) {
+    sender.send(ports[1], std::vector<std::uint8_t>(512));
+    sender.send(ports[2], std::vector<std::uint8_t>(1206));
+    CHECK((*source)->read(slots, {20 * kMillisecondNs}).count == 1);
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    found = (*source)->status().find(wanted) != std::string::npos;
+  }
+  CHECK(found);
+  // Within the two seconds after which niliod reports silence.
+  CHECK(seconds() < 2.0);
+  CHECK_THAT((*source)->status(), Contains("position packets arrive, data does not") &&
+                                      Contains("set the LiDAR's port") && !Contains("nothing arrives"));
 }
