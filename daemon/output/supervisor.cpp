@@ -6,6 +6,7 @@
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/file_writer.hpp"
 #include "daemon/output/run_log.hpp"
+#include "daemon/realtime/startup_priority.hpp"
 #include "daemon/realtime/watchdog.hpp"
 #include "ipc/publisher_process.hpp"
 
@@ -72,6 +73,8 @@ class Supervisor {
 
   const Config& config_;
   const RunOptions& options_;
+  /// Until the pipeline runs.
+  std::optional<StartupPriority> startup_;
   std::unique_ptr<ipc::PublisherProcess> publisher_;
   std::shared_ptr<Pipeline> pipeline_;
   std::unique_ptr<CanWatch> can_watch_;
@@ -166,6 +169,8 @@ Result<std::monostate> Supervisor::open_files(const std::optional<core::SE3>& T_
 }
 
 Result<std::monostate> Supervisor::open() {
+  const Result<ThreadPlan> plan = make_thread_plan(config_, options_.rules);
+  if (plan && plan->fifo) startup_.emplace();
   Result<Input> input =
       options_.rules.has_sensors() ? open_live(config_) : open_replay(options_.files, config_);
   if (!input) return input.error();
@@ -257,6 +262,7 @@ Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
   started_ns_ = last_pose_ns_ = monotonic_ns();
   next_status_ns_ = started_ns_ + kStatusPeriodNs;
   const auto granted = pipeline_->start();
+  startup_.reset();
   if (!granted) return granted.error();
   log_.add(*granted, options_.rules.has_sensors());
   if (options_.rules.are_live()) pipeline_->watch_with(watchdog_);
