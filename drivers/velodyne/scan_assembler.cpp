@@ -382,5 +382,8 @@ ScanAssemblerStatus ScanAssembler::status() const { return impl_->status(); }
 std::uint64_t ScanAssembler::open_firings() const { return impl_->open_firings(); }
 const Hdl64eStatusReader* ScanAssembler::hdl64e_status() const { return impl_->hdl64e_status(); }
 const VelodyneSensor& ScanAssembler::sensor() const { return impl_->sensor(); }
+std::optional<core::Time> ScanAssembler::time_of(std::uint32_t timestamp_us) const {
+  return impl_->time_of(timestamp_us);
+}
 
 }  // namespace nilio::drivers

@@ -30,6 +30,9 @@ class ScanAssembler::Impl {
     return has_status_stream_ ? &status_stream_ : nullptr;
   }
   [[nodiscard]] const VelodyneSensor& sensor() const { return sensor_; }
+  [[nodiscard]] std::optional<core::Time> time_of(std::uint32_t timestamp_us) const {
+    return clock_.time_of(timestamp_us);
+  }
 
  private:
   /// The data packet being processed.

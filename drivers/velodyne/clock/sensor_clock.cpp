@@ -153,6 +153,11 @@ void SensorClock::on_gps_report(const GpsReport& report, core::Time stamp) {
   gps_received_ = stamp;
 }
 
+std::optional<core::Time> SensorClock::time_of(std::uint32_t timestamp_us) const {
+  if (!anchored_ || shift_free_) return std::nullopt;
+  return to_time(line_ns_ + hour_difference_ns(timestamp_us, last_timestamp_us_));
+}
+
 void SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns) {
   const std::int64_t wanted_ns = fitted() ? fit_.offset_at(scan_end_ns) : 0;
   if (shift_free_) {

@@ -59,6 +59,8 @@ class SensorClock {
   void on_gps_report(const GpsReport& report, core::Time stamp);
   /// Published time. The shift is constant until the next update_shift(), hence within a scan.
   [[nodiscard]] core::Time to_time(std::int64_t line_ns) const { return {line_ns + shift_ns_}; }
+  /// Published time of another packet's stamp near the last one's; empty before update_shift() set the shift.
+  [[nodiscard]] std::optional<core::Time> time_of(std::uint32_t timestamp_us) const;
   /// Call between two scans: follows the fit, slowly enough that time never goes back.
   void update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns);
 

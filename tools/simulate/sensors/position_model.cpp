@@ -1,6 +1,7 @@
 #include "tools/simulate/sensors/position_model.hpp"
 
 #include "nilio/core/units.hpp"
+#include "nilio/drivers/imu/hdl32e_imu.hpp"
 
 #include "tools/simulate/sensors/imu_model.hpp"
 
@@ -107,16 +108,14 @@ std::string PositionModel::sentence(core::Duration time) const {
   return format_rmc(fields);
 }
 
-/// Boards 0 and 1 are upright, one across and one along; board 2 is horizontal. The axes follow Hdl32eBoard;
-/// the choice of the free signs (each gyro's axis is X cross Y) and of the board across is our own.
 std::array<drivers::Hdl32eBoard, 3> PositionModel::boards(core::Duration time) const {
   const TrueInertia truth = true_inertia(trajectory_, T_base_lidar_, time.seconds());
-  const core::Vector3& rate = truth.angular_velocity;
-  const core::Vector3& force = truth.specific_force;
-  const double warmth = kTemperatureDegc;
-  return {{{-rate.y(), warmth, force.z(), -force.x()},
-           {-rate.x(), warmth, force.z(), force.y()},
-           {rate.z(), warmth, force.x(), force.y()}}};
+  core::ImuSample motion;
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    motion.angular_velocity[static_cast<std::size_t>(i)] = truth.angular_velocity[i];
+    motion.linear_acceleration[static_cast<std::size_t>(i)] = truth.specific_force[i];
+  }
+  return drivers::boards_of(motion, kTemperatureDegc);
 }
 
 }  // namespace nilio::tools::simulate

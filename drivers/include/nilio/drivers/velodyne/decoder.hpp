@@ -107,6 +107,9 @@ class ScanAssembler {
   /// Status stream of an HDL-64E; null for other models.
   [[nodiscard]] const Hdl64eStatusReader* hdl64e_status() const;
   [[nodiscard]] const VelodyneSensor& sensor() const;
+  /// Published time of a position packet's time stamp; empty before the first scan is complete, or without
+  /// sensor clock.
+  [[nodiscard]] std::optional<core::Time> time_of(std::uint32_t timestamp_us) const;
 
  private:
   class Impl;

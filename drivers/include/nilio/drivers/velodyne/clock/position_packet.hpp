@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <numbers>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -22,10 +23,13 @@ enum class PpsState : std::uint8_t {
   kUnknown = 255,
 };
 
+/// Magnitudes from which on a motion field is at its limit, rad/s and m/s^2.
+inline constexpr double kHdl32eGyroRange = 2046.5 * 0.09766 * std::numbers::pi / 180.0;
+inline constexpr double kHdl32eAccelerationRange = 2046.5 * 0.001221 * 9.80665;
+
 /// One of the three boards in an HDL-32E's fixed base, with a gyro, a thermometer and a two-axis
 /// accelerometer. X of boards 0 and 1 points up (along the spin axis); Y of board 0 is opposite to X of board
-/// 2; Y of boards 1 and 2 are parallel. This was found in recordings, like the gyros' zero offsets of up to
-/// 30 degrees a second.
+/// 2; Y of boards 1 and 2 are parallel. motion_of() gives the LiDAR's axes.
 struct Hdl32eBoard {
   double gyro_rad_s = 0.0;
   double temperature_degc = 0.0;
