@@ -71,6 +71,7 @@ struct ImuSampleTimeConfig {
 
 struct ImuConfig {
   bool enabled = true;
+  std::string source = "auto";
   std::string preset = "xsens_mti";
   /// A DBC file with six mapped signals replaces the preset. With a preset, the scales below multiply its
   /// scales.

@@ -58,7 +58,8 @@ void add_lidar(Section s, LidarConfig& c) {
   s.add("bind_address", &c.bind_address, "local IPv4 address to receive on");
   s.number("port", &c.port, "", 1, 65535, "UDP port of data packets");
   s.number("position_port", &c.position_port, "", 0, 65535, "UDP port of position packets; 0 = none");
-  s.add("sender_address", &c.sender_address, "accept packets of this sender only; empty = any");
+  s.add("sender_address", &c.sender_address,
+        "accept packets of this sender only; empty = the first that sends as steadily as a sensor");
   s.add("multicast_group", &c.multicast_group, "multicast group the sensor sends to; empty = none");
   s.add("multicast_interface", &c.multicast_interface,
         "address or name of the interface that joins the group; empty = that of bind_address");
@@ -99,6 +100,9 @@ void add_extra_lidar(Section s, ExtraLidarConfig& c) {
 
 void add_imu(Section s, ImuConfig& c) {
   s.add("enabled", &c.enabled, "use an IMU; without one, constant velocity is predicted");
+  s.choice("source", c.source, {"auto", "can", "hdl32e"},
+           "IMU on CAN, or the one in an HDL-32E (position packets; at lidar.extrinsic); auto = CAN where an "
+           "interface is configured or frames are recorded, otherwise the HDL-32E's");
   s.choice("preset", c.preset, drivers::imu_preset_names(), "built-in DBC file and signal mapping");
   s.add("dbc", &c.dbc, "DBC file instead of the preset; requires a mapping of all six axes");
   s.add("interface", &c.interface_name,

@@ -111,16 +111,38 @@ void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decode
   input.notes.emplace_back(text.data());
 }
 
-Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input) {
+void use_lidar_imu(Input& input) {
+  input.has_lidar_imu = true;
+  input.notes.emplace_back("IMU of the HDL-32E, from its position packets, at lidar.extrinsic");
+}
+
+Result<std::monostate> open_live_imu(const Config& configuration, Input& input) {
+  const ImuConfig& config = configuration.imu;
   if (!config.enabled) {
     input.notes.push_back(std::string("imu.enabled: false; ") + kNoImu);
     return std::monostate{};
   }
+  const std::string& model = configuration.lidar.model;
+  const bool can_be_hdl32e =
+      configuration.lidar.position_port != 0 && (model == "auto" || model == "HDL-32E");
+  const bool wants_lidar =
+      config.source == "hdl32e" || (config.source == "auto" && config.interface_name.empty());
+  if (wants_lidar && can_be_hdl32e && (config.source == "hdl32e" || model == "HDL-32E")) {
+    use_lidar_imu(input);
+    return std::monostate{};
+  }
+  if (config.source == "hdl32e") {
+    return core::Error{"imu.source: hdl32e needs lidar.model HDL-32E or auto (" + model +
+                       ") and lidar.position_port (" + std::to_string(configuration.lidar.position_port) +
+                       ") - correct them, or set imu.source to can"};
+  }
   if (config.interface_name.empty()) {
+    // The model is not known yet; other models' position packets carry no motion.
+    input.has_lidar_imu = wants_lidar && can_be_hdl32e;
     input.warnings.emplace_back(
         std::string("imu.interface: empty - set it to the IMU's CAN interface, such as can0, or "
                     "imu.enabled to false; ") +
-        kNoImu);
+        (input.has_lidar_imu ? "an HDL-32E's own IMU is used; with another LiDAR: " : "") + kNoImu);
     return std::monostate{};
   }
   Result<drivers::ImuDecoder> decoder = make_imu_decoder(config, input.warnings);

@@ -23,7 +23,11 @@ core::Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config,
 /// Adds notes about assumptions: a configured time offset, an axis that the IMU does not measure.
 void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input);
 
-/// Adds the IMU on its CAN interface to a live input, or a note or warning that there is none.
-core::Result<std::monostate> open_live_imu(const ImuConfig& config, Input& input);
+/// Selects the IMU of the first LiDAR.
+void use_lidar_imu(Input& input);
+
+/// Adds the IMU on its CAN interface or in the first LiDAR to a live input, or a note or warning that there
+/// is none.
+core::Result<std::monostate> open_live_imu(const Config& config, Input& input);
 
 }  // namespace nilio::daemon

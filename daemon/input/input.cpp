@@ -4,10 +4,12 @@
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/network/udp.hpp"
+#include "nilio/drivers/velodyne/clock/position_packet.hpp"
 
 #include "daemon/config/schema.hpp"
 #include "daemon/input/imu_input.hpp"
 #include "daemon/input/kitti_sequence.hpp"
+#include "daemon/input/sender_selection.hpp"
 #include "daemon/input/sensor_identification.hpp"
 
 #include <set>
@@ -37,14 +39,44 @@ struct CaptureHead {
   /// Empty if the recording has no packets of this LiDAR; `status` then describes its content.
   std::optional<drivers::VelodyneSensor> sensor;
   core::Time first_stamp;
+  /// Position packets carry an HDL-32E's gyros and accelerometers.
+  bool has_motion = false;
   std::string status;
 };
+
+/// The sender that niliod will select during playback; empty if the recording has no data packets.
+std::optional<std::uint32_t> find_sender(drivers::PacketSource& source) {
+  SenderSelection selection;
+  std::vector<drivers::Packet> packets(kReadBatch);
+  for (drivers::SourceRead read = source.read(packets, {}); read.state == drivers::SourceState::kData;
+       read = source.read(packets, {})) {
+    for (const drivers::Packet& packet : std::span(packets).first(read.count)) {
+      if (packet.truncated) continue;
+      if (selection.examine(packet) == SenderSelection::Verdict::kSelected) return selection.sender();
+    }
+  }
+  selection.finish();
+  return selection.sender();
+}
+
+bool has_motion(const drivers::Packet& packet) {
+  if (packet.size != drivers::kPositionPacketSize || packet.truncated) return false;
+  const auto position = drivers::parse_position_packet(std::span(packet.data).first(packet.size));
+  return position && position->motion;
+}
 
 Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, const LidarConfig& config,
                                         const std::string& section, Input& input) {
   Result<std::unique_ptr<drivers::PacketSource>> source = drivers::chain_captures(paths, pcap_config(config));
   if (!source) return source.error();
   CaptureHead head;
+  const std::optional<std::uint32_t> sender = find_sender(**source);
+  if (!sender) {
+    head.status = (*source)->status();
+    return head;
+  }
+  source = drivers::chain_captures(paths, pcap_config(config));
+  if (!source) return source.error();
   SensorIdentification identification(config, section);
   std::vector<drivers::Packet> packets(kReadBatch);
   SensorIdentification::State state = SensorIdentification::State::kUndecided;
@@ -53,12 +85,11 @@ Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, c
     const drivers::SourceRead read = (*source)->read(packets, core::Duration{});
     if (read.state != drivers::SourceState::kData) break;
     if (std::exchange(is_empty, false)) head.first_stamp = packets.front().stamp;
-    for (std::size_t i = 0; i < read.count && state == SensorIdentification::State::kUndecided; ++i)
-      state = identification.add(packets[i]);
-  }
-  if (is_empty) {
-    head.status = (*source)->status();
-    return head;
+    for (const drivers::Packet& packet : std::span(packets).first(read.count)) {
+      if (packet.sender_address != *sender) continue;
+      head.has_motion = head.has_motion || has_motion(packet);
+      if (state == SensorIdentification::State::kUndecided) state = identification.add(packet);
+    }
   }
   if (state == SensorIdentification::State::kUndecided) state = identification.finish();
   if (state == SensorIdentification::State::kRejected)
@@ -90,14 +121,23 @@ Result<std::unique_ptr<drivers::FrameSource>> open_can_files(const ReplayFiles& 
                                 : drivers::chain_can_logs(can_files, interface_name);
 }
 
-Result<std::monostate> open_can_log(const ReplayFiles& files, const Config& config, Input& input) {
+Result<std::monostate> open_recorded_imu(const ReplayFiles& files, const Config& config, bool has_motion,
+                                         Input& input) {
   if (!config.imu.enabled) {
     input.notes.push_back(std::string("imu.enabled: false; ") + kNoImu);
     return std::monostate{};
   }
-  const std::vector<std::string> can_files = find_can_files(files);
+  const std::vector<std::string> can_files =
+      config.imu.source == "hdl32e" ? std::vector<std::string>{} : find_can_files(files);
+  if (can_files.empty() && has_motion && config.imu.source != "can") {
+    use_lidar_imu(input);
+    return std::monostate{};
+  }
   if (can_files.empty()) {
-    input.warnings.emplace_back(std::string("no CAN log and no CAN frames in the recording; ") + kNoImu);
+    const char* const missing = config.imu.source == "hdl32e"
+                                    ? "imu.source: hdl32e, but no position packet has an HDL-32E's motion; "
+                                    : "no CAN log and no CAN frames in the recording; ";
+    input.warnings.emplace_back(std::string(missing) + kNoImu);
     return std::monostate{};
   }
   Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu, input.warnings);
@@ -252,8 +292,8 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
   input.sensor = std::move(head->sensor);
   input.first_stamp = head->first_stamp;
   if (auto more = open_more_captures(files, config, input); !more) return more.error();
-  Result<std::monostate> can = open_can_log(files, config, input);
-  if (!can) return can.error();
+  Result<std::monostate> imu = open_recorded_imu(files, config, head->has_motion, input);
+  if (!imu) return imu.error();
   return input;
 }
 
@@ -266,7 +306,7 @@ Result<Input> open_live(const Config& config) {
   input.packets = std::move(packets).value();
   input.notes.push_back(input.packets->status());
   if (auto more = open_more_sockets(config, input); !more) return more.error();
-  if (auto opened = open_live_imu(config.imu, input); !opened) return opened.error();
+  if (auto opened = open_live_imu(config, input); !opened) return opened.error();
   return input;
 }
 

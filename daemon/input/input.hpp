@@ -34,6 +34,8 @@ struct Input {
   std::optional<drivers::VelodyneSensor> sensor;
   std::vector<ExtraLidar> more_lidars;
   std::unique_ptr<ScanFeed> scans;
+  /// The IMU is that of the first LiDAR, an HDL-32E; there are no frames then.
+  bool has_lidar_imu = false;
   /// CAN frames and their decoder; both set or both empty.
   std::unique_ptr<drivers::FrameSource> frames;
   std::optional<drivers::ImuDecoder> imu_decoder;

@@ -20,8 +20,6 @@ constexpr Duration kMaxAhead = Duration::from_seconds(1.0);
 constexpr std::uint32_t kScansToReportOffset = 10;
 // Exceeds the number of rings of every model.
 constexpr std::size_t kRingsOfLidar = 256;
-// Half of a packet ring.
-constexpr std::size_t kMaxWaitingPackets = 2048;
 // The first scan after a LiDAR fell silent contains part of its packets.
 constexpr std::uint32_t kScansToReportLate = 3;
 // Points after a scan's end are kept for the next one; two scans of points are rarely exceeded.
@@ -80,7 +78,7 @@ FeedState MergedScanFeed::next(core::Scan& scan, Duration timeout) {
 void MergedScanFeed::discard_outdated(MergedLidar& lidar) {
   LidarChannel& channel = *lidar.other.channel;
   if (!channel.is_identified() && channel.front() == nullptr) return;
-  while (channel.packets_waiting() > kMaxWaitingPackets && channel.front() != nullptr) {
+  while (channel.packets_waiting() > channel.ring_capacity() / 2 && channel.front() != nullptr) {
     if (!channel.decode_front()) continue;
     channel.take_scan(lidar.part);
     lidar.counters.points_unused += lidar.part.points.size();

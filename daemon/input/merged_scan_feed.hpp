@@ -57,6 +57,7 @@ class MergedScanFeed : public ScanFeed {
                  ipc::WakeEvent& data_event, EventLog& log);
 
   FeedState next(core::Scan& scan, core::Duration timeout) override;
+  Advance advance() override { return first_.advance(); }
   [[nodiscard]] std::size_t waiting_scans() const override { return first_.waiting_scans(); }
   [[nodiscard]] MergeDecision merge_decision() const override { return decision_; }
   [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return first_.stats(); }

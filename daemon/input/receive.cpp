@@ -1,5 +1,7 @@
 #include "daemon/input/receive.hpp"
 
+#include "nilio/drivers/velodyne/model.hpp"
+
 #include <algorithm>
 #include <ctime>
 #include <utility>
@@ -18,6 +20,19 @@ constexpr std::int64_t kLongestSleepNs = 50'000'000;
 void sleep_ns(std::int64_t ns) {
   const timespec wanted{ns / 1'000'000'000, ns % 1'000'000'000};
   nanosleep(&wanted, nullptr);
+}
+
+/// Lets packets gather in the socket, for fewer wake-ups: their stamps are the kernel's all the same.
+void gather(const std::atomic<std::int64_t>& until_ns) {
+  const std::int64_t left_ns = until_ns.load(std::memory_order_relaxed) - monotonic_ns();
+  if (left_ns > 0) sleep_ns(std::min(left_ns, kGatherTime.ns));
+}
+
+std::uint64_t count_data(std::span<const drivers::Packet> packets) {
+  return static_cast<std::uint64_t>(
+      std::count_if(packets.begin(), packets.end(), [](const drivers::Packet& packet) {
+        return packet.size == drivers::kDataPacketSize && !packet.truncated;
+      }));
 }
 
 /// Waits for the due time, for at most kLongestSleepNs; true if it is due.
@@ -67,6 +82,7 @@ bool PacketReceiver::run() {
     at_end_ = has_ended(read.state, state_);
     if (dropped) {
       ring_.count_dropped(read.count);
+      data_dropped_ += count_data(slots.first(read.count));
     } else {
       held_ = slots.first(read.count);
     }
@@ -79,10 +95,14 @@ bool PacketReceiver::run() {
   }
   ring_.commit(std::exchange(held_, {}).size());
   data_event_.notify();
+  if (policy_.gather_until_ns != nullptr) gather(*policy_.gather_until_ns);
   return true;
 }
 
-void PacketReceiver::finish() { announce_end(state_, data_event_); }
+void PacketReceiver::finish() {
+  state_.data_dropped.store(source_.stats().kernel_dropped + data_dropped_);
+  announce_end(state_, data_event_);
+}
 
 ImuReceiver::ImuReceiver(drivers::FrameSource& source, drivers::ImuDecoder& decoder,
                          ipc::Ring<core::ImuSample>& ring, ipc::WakeEvent& data_event,
@@ -124,7 +144,7 @@ bool ImuReceiver::take(const drivers::CanFrame& frame) {
   if (publisher_ != nullptr)
     publisher_->publish_sample({*sample, policy_.pace ? monotonic_ns() : frame.received_ns});
   ring_.try_push(*sample);
-  data_event_.notify();
+  if (state_.is_awaited.load(std::memory_order_seq_cst)) data_event_.notify();
   return true;
 }
 

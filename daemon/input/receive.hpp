@@ -30,13 +30,25 @@ struct Pace {
 struct ReceivePolicy {
   RunRules rules;
   std::optional<Pace> pace;
+  /// Live: before this CLOCK_MONOTONIC time no packet can complete a scan, and packets may gather in the
+  /// socket for kGatherTime; null = every packet wakes the odometry.
+  const std::atomic<std::int64_t>* gather_until_ns = nullptr;
 };
+
+/// At most one wake-up of receive and odometry thread in this time while packets may gather. 92 packets, 15
+/// ms of a VLS-128, fit into the kernel's default buffer.
+inline constexpr core::Duration kGatherTime = core::Duration::from_milliseconds(1.0);
 
 /// State shared by a receive thread and the others. The flags change from false to true once.
 struct ReceiveState {
   std::atomic<bool> stop{false};    ///< requested by the supervisor
   std::atomic<bool> ended{false};   ///< end of the source; set after the last commit
   std::atomic<bool> failed{false};  ///< ended because of a source failure
+  /// Packets and frames that were received, but dropped in the kernel's buffer or for a full ring; not lost
+  /// in the network. Set at the end.
+  std::atomic<std::uint64_t> data_dropped{0};
+  /// The odometry thread waits for a sample; otherwise samples do not wake it.
+  std::atomic<bool> is_awaited{false};
 };
 
 /// Work of a LiDAR receive thread: moves packets from the source into ring slots in place. All references
@@ -65,6 +77,7 @@ class PacketReceiver {
   /// Packet of a paced replay that is not due yet.
   std::span<drivers::Packet> held_;
   bool at_end_ = false;
+  std::uint64_t data_dropped_ = 0;
   /// Destination of packets when the ring is full: they must leave the socket to be counted.
   std::unique_ptr<std::array<drivers::Packet, kBatch>> overflow_;
 };

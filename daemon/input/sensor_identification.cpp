@@ -189,4 +189,14 @@ Result<std::monostate> check_lidar(const LidarConfig& config, const std::string&
   return std::monostate{};
 }
 
+std::optional<drivers::VelodyneSensor> configured_sensor(const LidarConfig& config) {
+  const std::optional<drivers::VelodyneModel> model = drivers::parse_velodyne_model(config.model);
+  if (!model) return std::nullopt;
+  Result<drivers::VelodyneSensor> sensor = make_sensor(*model, config);
+  const bool may_transmit =
+      sensor && config.calibration.empty() && sensor->lasers.size() == drivers::kHdl64eLasers;
+  if (!sensor || may_transmit) return std::nullopt;
+  return std::move(sensor).value();
+}
+
 }  // namespace nilio::daemon

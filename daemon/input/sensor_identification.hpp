@@ -67,4 +67,8 @@ class SensorIdentification {
 /// Validates the configured model and calibration file before any packet arrives.
 core::Result<std::monostate> check_lidar(const LidarConfig& config, const std::string& section);
 
+/// The configured sensor, where its packets need not be read for it: empty for `model: auto`, and for
+/// an HDL-64E without a calibration file, which may transmit one. Call after check_lidar().
+std::optional<drivers::VelodyneSensor> configured_sensor(const LidarConfig& config);
+
 }  // namespace nilio::daemon

@@ -90,7 +90,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
 }
 
 OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<core::ImuSample>* imu_ring,
-                           ipc::WakeEvent& data_event, const ReceiveState* imu_state,
+                           ipc::WakeEvent& data_event, ReceiveState* imu_state,
                            const OdometryOutputs& outputs, const OdometryLoopConfig& config)
     : odometry_(std::move(odometry)),
       feed_(feed),
@@ -171,9 +171,18 @@ void OdometryLoop::take_imu_samples(std::uint64_t count, const std::atomic<bool>
   while (imu_ring_ != nullptr && imu_samples_taken_ < count && !stop.load(std::memory_order_relaxed)) {
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (take_imu_sample(counters)) continue;
-    if (ended) return;
-    data_event_.wait(kImuPoll);
+    const Advance advanced = config_.has_lidar_imu ? feed_.advance() : Advance::kNothing;
+    if (advanced == Advance::kDecoded) continue;
+    if (ended || advanced == Advance::kScan) return;
+    wait_for_samples(kImuPoll);
   }
+}
+
+/// Samples of a CAN IMU wake this thread only while it waits for them.
+void OdometryLoop::wait_for_samples(Duration timeout) {
+  imu_state_->is_awaited.store(true, std::memory_order_seq_cst);
+  if (imu_ring_->size() == 0) data_event_.wait(timeout);
+  imu_state_->is_awaited.store(false, std::memory_order_relaxed);
 }
 
 bool OdometryLoop::drain_imu(core::Time end, OdometryCounters& counters) {
@@ -199,13 +208,19 @@ void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>&
   const std::int64_t deadline = arrival_ns(scan) + config_.imu_wait.ns;
   while (!stop.load(std::memory_order_relaxed)) {
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
-    if (drain_imu(scan.end, counters) || ended) return;
+    if (drain_imu(scan.end, counters)) return;
+    // Most LiDARs have no IMU: wait only for one that has sent.
+    if (config_.has_lidar_imu && imu_samples_taken_ == 0) return;
+    const Advance advanced = config_.has_lidar_imu ? feed_.advance() : Advance::kNothing;
+    if (advanced == Advance::kDecoded) continue;
+    if (ended && advanced == Advance::kNothing) return;
     const std::int64_t left = deadline - monotonic_ns();
-    if (config_.rules.are_live() && (left <= 0 || !imu_can_arrive(scan, deadline))) {
+    const bool is_late = config_.rules.are_live() && (left <= 0 || !imu_can_arrive(scan, deadline));
+    if (is_late || advanced == Advance::kScan) {
       counters.imu_timeouts.fetch_add(1, std::memory_order_relaxed);
       return;
     }
-    data_event_.wait(config_.rules.are_live() ? std::min(kImuPoll, Duration{left}) : kImuPoll);
+    wait_for_samples(config_.rules.are_live() ? std::min(kImuPoll, Duration{left}) : kImuPoll);
   }
 }
 
@@ -246,7 +261,7 @@ ipc::PoseRecord OdometryLoop::complete_record(const core::OdometryResult& result
                                               const OdometryCounters& counters) {
   ipc::PoseRecord record = make_pose_record(result, scan);
   record.superseded = counters.superseded.load(std::memory_order_relaxed);
-  record.has_imu = imu_ring_ != nullptr;
+  record.has_imu = imu_ring_ != nullptr && (!config_.has_lidar_imu || imu_samples_taken_ > 0);
   if (record.has_imu) record.imu_health = odometry_.imu_health();
   return record;
 }

@@ -65,6 +65,8 @@ struct OdometryLoopConfig {
   RunRules rules;
   /// Live: maximum time a complete scan waits for its IMU samples, from its last packet.
   core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
+  /// The samples are in the packets of the feed.
+  bool has_lidar_imu = false;
   /// Decisions of an earlier run to repeat instead of decisions by the clock; the run ends with them.
   const std::vector<ScanDecision>* decisions = nullptr;
   ThreadHook hook = nullptr;
@@ -76,7 +78,7 @@ class OdometryLoop {
  public:
   /// All references and pointers must outlive the loop. `imu_state` is null without an IMU.
   OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<core::ImuSample>* imu_ring,
-               ipc::WakeEvent& data_event, const ReceiveState* imu_state, const OdometryOutputs& outputs,
+               ipc::WakeEvent& data_event, ReceiveState* imu_state, const OdometryOutputs& outputs,
                const OdometryLoopConfig& config);
 
   /// See core::OdometryRuntime::warm_up().
@@ -95,6 +97,7 @@ class OdometryLoop {
   bool drain_imu(core::Time end, OdometryCounters& counters);
   bool take_imu_sample(OdometryCounters& counters);
   void take_imu_samples(std::uint64_t count, const std::atomic<bool>& stop, OdometryCounters& counters);
+  void wait_for_samples(core::Duration timeout);
   void register_and_publish(const core::Scan& scan, const ScanDecision* decision,
                             const std::atomic<bool>& stop, OdometryCounters& counters);
   [[nodiscard]] ipc::PoseRecord complete_record(const core::OdometryResult& result, const core::Scan& scan,
@@ -115,7 +118,7 @@ class OdometryLoop {
   ScanFeed& feed_;
   ipc::Ring<core::ImuSample>* imu_ring_;
   ipc::WakeEvent& data_event_;
-  const ReceiveState* imu_state_;
+  ReceiveState* imu_state_;
   OdometryOutputs outputs_;
   OdometryLoopConfig config_;
   core::Scan scan_;

@@ -6,7 +6,8 @@
 
 #include <algorithm>
 #include <atomic>
-#include <ctime>
+#include <bit>
+#include <numbers>
 #include <pthread.h>
 #include <unistd.h>
 #include <utility>
@@ -20,9 +21,7 @@ namespace {
 using core::Error;
 using core::Result;
 
-// 4096 packets: 1.2 s of an HDL-64E, 5.4 s of a VLP-16. 4096 samples: 10 s at 400 Hz. 256 poses: 25 s at 10
-// Hz.
-constexpr std::size_t kPacketSlots = 4096;
+// 4096 samples: 10 s at 400 Hz. 256 poses: 25 s at 10 Hz.
 constexpr std::size_t kSampleSlots = 4096;
 constexpr std::size_t kPoseSlots = 256;
 constexpr std::size_t kCloudSlots = 64;
@@ -34,8 +33,6 @@ constexpr std::size_t kHealthSlots = 256;
 constexpr double kImuWaitShare = 0.3;
 // Start-up time of the threads before the first packet of a paced recording is due.
 constexpr std::int64_t kPaceLeadNs = 100'000'000;
-// Polling period of the identification thread; the ring holds one second of packets.
-constexpr timespec kIdentificationPeriod{0, 5'000'000};
 // Above the maximum of odometry.threads.
 constexpr std::size_t kMaxWorkers = 64;
 
@@ -46,13 +43,27 @@ std::size_t point_capacity(const ExtraLidar& lidar) {
       lidar.sensor ? *lidar.sensor : drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2));
 }
 
+/// The power of two nearest to one second of packets in the return mode with the most; for an unknown sensor
+/// that of the VLS-128.
+std::size_t packet_slots(const LidarConfig& config,
+                         const std::optional<drivers::VelodyneSensor>& identified) {
+  const drivers::VelodyneModel model =
+      drivers::parse_velodyne_model(config.model).value_or(drivers::VelodyneModel::kVls128);
+  const drivers::VelodyneSensor sensor = identified ? *identified : drivers::make_velodyne_sensor(model);
+  std::int64_t period_ns = sensor.single().packet_period_ns;
+  for (const drivers::PacketLayout& layout : sensor.layouts)
+    period_ns = std::min(period_ns, layout.packet_period_ns);
+  const double packets = 1e9 / static_cast<double>(period_ns);
+  return std::bit_floor(static_cast<std::size_t>(packets * std::numbers::sqrt2));
+}
+
 }  // namespace
 
 LidarInput::LidarInput(const std::string& section, const LidarConfig& config,
                        const drivers::ScanAssemblerConfig& assembler, drivers::PacketSource& packet_source,
                        const std::optional<drivers::VelodyneSensor>& sensor, EventLog& log)
     : source(packet_source),
-      ring(ipc::Ring<drivers::Packet>::in_private_memory(kPacketSlots)),
+      ring(ipc::Ring<drivers::Packet>::in_private_memory(packet_slots(config, sensor))),
       channel(section, config, assembler, sensor, ring, state, log) {}
 
 Result<std::unique_ptr<Pipeline>> Pipeline::create(const Config& config, Input input,
@@ -110,7 +121,11 @@ void Pipeline::make_feed() {
   for (const ExtraLidar& lidar : input_.more_lidars) assembler.more_points += point_capacity(lidar);
   lidars_.push_back(std::make_unique<LidarInput>("lidar", config_.lidar, assembler, *input_.packets,
                                                  input_.sensor, event_log_));
-  packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_);
+  if (options_.rules.has_sensors()) policy_.gather_until_ns = &gather_until_ns_;
+  if (input_.has_lidar_imu)
+    lidars_.front()->channel.use_own_imu(imu_ring_,
+                                         core::Duration::from_milliseconds(config_.imu.time_offset_ms));
+  packet_feed_ = std::make_unique<PacketScanFeed>(lidars_.front()->channel, data_event_, &gather_until_ns_);
   feed_ = packet_feed_.get();
   if (!input_.more_lidars.empty()) make_merged_feed();
 }
@@ -140,6 +155,7 @@ Pipeline::~Pipeline() {
 }
 
 drivers::ImuDecoderStats Pipeline::imu_stats() const {
+  if (input_.has_lidar_imu && !lidars_.empty()) return lidars_.front()->channel.imu_stats();
   return input_.imu_decoder ? input_.imu_decoder->stats() : drivers::ImuDecoderStats{};
 }
 
@@ -149,9 +165,16 @@ std::uint64_t Pipeline::packets_dropped() const {
   return dropped;
 }
 
+std::uint64_t Pipeline::foreign_packets() const {
+  std::uint64_t foreign = 0;
+  for (const auto& lidar : lidars_) foreign += lidar->channel.foreign_packets();
+  return foreign;
+}
+
 OdometryLoopConfig Pipeline::loop_config() const {
   OdometryLoopConfig result;
   result.rules = options_.rules;
+  result.has_lidar_imu = input_.has_lidar_imu;
   result.hook = options_.thread_hook;
   result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
   // Registration needs most of the budget.
@@ -170,17 +193,19 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   outputs.event = &output_event_;
   outputs.publisher = publisher_;
   outputs.observer = options_.observer;
-  const bool with_imu = input_.frames != nullptr;
+  const bool with_imu = input_.frames != nullptr || input_.has_lidar_imu;
+  ReceiveState& imu_state = input_.has_lidar_imu ? lidars_.front()->state : imu_state_;
   outputs.imu_health = with_imu ? &imu_health_ : nullptr;
   outputs.decisions = options_.rules.are_live() ? &decisions_ : nullptr;
   outputs.guard = guard_.get();
   core::OdometryConfig odometry = odometry_config(config_);
   odometry.budget = budget_;
+  if (input_.has_lidar_imu) odometry.T_base_imu = odometry.T_base_lidar;
   // Merged scans are already corrected: each LiDAR's beams are raised about its own centre.
   if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
   return std::make_unique<OdometryLoop>(core::Odometry(odometry, options_.clock), *feed_,
                                         with_imu ? &imu_ring_ : nullptr, data_event_,
-                                        with_imu ? &imu_state_ : nullptr, outputs, loop_config());
+                                        with_imu ? &imu_state : nullptr, outputs, loop_config());
 }
 
 /// Starts the odometry's workers from the calling thread, whose scheduling they inherit. TBB may also reuse
@@ -229,26 +254,6 @@ RealtimeWork Pipeline::odometry_work() {
   return work;
 }
 
-/// Identification allocates and reads files, hence a thread at normal priority.
-void Pipeline::start_identification() {
-  const auto is_wanted = [this] {
-    return std::any_of(lidars_.begin(), lidars_.end(),
-                       [](const auto& lidar) { return lidar->channel.wants_identification(); });
-  };
-  if (!is_wanted()) return;
-  identification_thread_.emplace([this, is_wanted] {
-    pthread_setname_np(pthread_self(), "nilio-identify");
-    while (is_wanted() && !stop_.load(std::memory_order_relaxed)) {
-      for (const auto& lidar : lidars_) {
-        const bool was_identifying = lidar->channel.is_identifying();
-        if (lidar->channel.wants_identification()) lidar->channel.identify();
-        if (was_identifying && !lidar->channel.is_identifying()) data_event_.notify();
-      }
-      nanosleep(&kIdentificationPeriod, nullptr);
-    }
-  });
-}
-
 void Pipeline::start_thread(ThreadRole role, RealtimeWork work, std::vector<PlanOutcome>& outcomes) {
   threads_.emplace_back(plan_, role, options_.thread_hook, std::move(work));
   for (PlanOutcome& outcome : threads_.back().await_start()) outcomes.push_back(std::move(outcome));
@@ -288,7 +293,6 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
         {.run = [receiver] { return receiver->run(); }, .finish = [receiver] { receiver->finish(); }},
         outcomes);
   }
-  start_identification();
   for (const PlanOutcome& outcome : outcomes) {
     if (outcome.granted || !plan_.strict) continue;
     request_stop();
@@ -308,8 +312,6 @@ void Pipeline::request_stop() {
 void Pipeline::join() {
   for (RealtimeThread& thread : threads_) thread.join();
   threads_.clear();
-  if (identification_thread_) identification_thread_->join();
-  identification_thread_.reset();
 }
 
 }  // namespace nilio::daemon

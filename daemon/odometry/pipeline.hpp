@@ -97,11 +97,13 @@ class Pipeline {
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
   [[nodiscard]] const Input& input() const { return input_; }
   /// First LiDAR, then the additional ones; empty for data sets of scans. Before join(), only
-  /// has_mixed_senders() of a channel may be called.
+  /// members of a channel for any thread may be called.
   [[nodiscard]] const std::vector<std::unique_ptr<LidarInput>>& lidars() const { return lidars_; }
   [[nodiscard]] const ReceiveState& imu_state() const { return imu_state_; }
   /// Packets of all LiDARs dropped because of full rings.
   [[nodiscard]] std::uint64_t packets_dropped() const;
+  /// Packets of senders that are not a sensor of this run.
+  [[nodiscard]] std::uint64_t foreign_packets() const;
   [[nodiscard]] std::uint64_t samples_dropped() const { return imu_ring_.dropped(); }
   /// After join(): counters of lidars()[index], index >= 1.
   [[nodiscard]] const MergeCounters& merge_counters(std::size_t index) const {
@@ -120,7 +122,6 @@ class Pipeline {
   [[nodiscard]] OdometryLoopConfig loop_config() const;
   void start_thread(ThreadRole role, RealtimeWork work, std::vector<PlanOutcome>& outcomes);
   [[nodiscard]] RealtimeWork odometry_work();
-  void start_identification();
   [[nodiscard]] std::unique_ptr<OdometryLoop> make_loop();
   std::vector<PlanOutcome> warm_up(OdometryLoop& loop);
 
@@ -145,6 +146,8 @@ class Pipeline {
 
   ReceiveState imu_state_;
   OdometryCounters counters_;
+  /// See ReceivePolicy.
+  std::atomic<std::int64_t> gather_until_ns_{0};
   std::unique_ptr<PacketScanFeed> packet_feed_;
   std::unique_ptr<MergedScanFeed> merged_feed_;
   ScanFeed* feed_ = nullptr;
@@ -152,7 +155,6 @@ class Pipeline {
   std::atomic<bool> stop_{false};
   std::atomic<bool> finished_{false};
   std::vector<RealtimeThread> threads_;
-  std::optional<PlanThread> identification_thread_;
 };
 
 }  // namespace nilio::daemon

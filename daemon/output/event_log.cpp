@@ -11,6 +11,13 @@ namespace {
 // Every line is logged once, so this capacity is not reached.
 constexpr std::size_t kLines = 128;
 
+std::string address_text(std::uint32_t address) {
+  std::array<char, 16> text{};
+  std::snprintf(text.data(), text.size(), "%u.%u.%u.%u", address >> 24U, address >> 16U & 0xFFU,
+                address >> 8U & 0xFFU, address & 0xFFU);
+  return text.data();
+}
+
 EventLog::Line to_line(const LidarEvent& event) {
   const std::string section(event.section.data());
   switch (event.kind) {
@@ -24,6 +31,15 @@ EventLog::Line to_line(const LidarEvent& event) {
                                       ".wait_ms allows; poses use those that arrived in time"};
     case LidarEvent::Kind::kRecovered:
       return {LogLevel::kInfo, section + ": packets arrive in time again"};
+    case LidarEvent::Kind::kForeignSender:
+      return {LogLevel::kWarning, section + ": packets from " + address_text(event.other_sender) +
+                                      " are counted and not decoded; the sensor is " +
+                                      address_text(event.sender) +
+                                      " - give that sender another port, or set " + section +
+                                      ".sender_address to the sensor wanted"};
+    case LidarEvent::Kind::kSenderChanged:
+      return {LogLevel::kWarning, section + ": packets now come from " + address_text(event.sender) +
+                                      ", the previous sender is silent; they are decoded"};
     case LidarEvent::Kind::kOtherClock:
       break;
   }

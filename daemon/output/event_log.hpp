@@ -21,7 +21,9 @@ struct LidarEvent {
     kSilent,        ///< additional LiDAR: no packets arrive
     kLate,          ///< additional LiDAR: packets arrive after the configured wait
     kRecovered,
-    kOtherClock,  ///< its clock differs by `offset_s` from the first one's
+    kOtherClock,     ///< its clock differs by `offset_s` from the first one's
+    kForeignSender,  ///< packets of `other_sender` are not decoded: the sensor is `sender`
+    kSenderChanged,  ///< the previous sender is silent, the packets of `sender` are decoded now
   };
 
   Kind kind = Kind::kStreamStatus;
@@ -29,10 +31,13 @@ struct LidarEvent {
   std::array<char, 24> model{};
   drivers::ScanAssemblerStatus status;
   double offset_s = 0.0;
+  /// IPv4, host byte order.
+  std::uint32_t sender = 0;
+  std::uint32_t other_sender = 0;
 };
 
-/// Log lines from threads that must not print. The odometry thread reports events, the identification thread
-/// logs lines, the supervisor takes both as lines. Lock-free; entries that find the log full are counted.
+/// Log lines from the odometry thread, which must not print: events as numbers, and during start-up lines.
+/// The supervisor takes both as lines. Lock-free; entries that find the log full are counted.
 class EventLog {
  public:
   struct Line {
@@ -41,9 +46,9 @@ class EventLog {
   };
 
   EventLog();
-  /// Odometry thread only. Does not allocate.
+  /// Odometry thread only, as log(). Does not allocate.
   void report(const LidarEvent& event) { events_.try_push(event); }
-  /// One other thread only. Truncated after 1000 bytes.
+  /// Truncated after 1000 bytes.
   void log(LogLevel level, std::string_view text);
   std::optional<Line> take();
   [[nodiscard]] std::uint64_t dropped() const { return lines_.dropped() + events_.dropped(); }

@@ -35,6 +35,7 @@ nlohmann::json lidar_summary(const LidarInput& lidar) {
       {"packets_position", stats.position_packets},
       {"packets_dropped_kernel", lidar.source.stats().kernel_dropped},
       {"packets_dropped_ring", lidar.ring.dropped()},
+      {"foreign_packets", lidar.channel.foreign_packets()},
       {"points", stats.points},
       {"points_out_of_range", stats.points_out_of_range},
   };
@@ -213,6 +214,7 @@ nlohmann::json pipeline_summary(const Pipeline& pipeline) {
       {"packets_late", scans.late_packets},
       {"packets_bad_length", scans.bad_length},
       {"packets_dropped_ring", pipeline.packets_dropped()},
+      {"foreign_packets", pipeline.foreign_packets()},
       {"time_jumps", scans.time_jumps},
       {"host_clock_jumps", scans.host_clock_jumps},
       {"return_mode_changes", scans.mode_changes},

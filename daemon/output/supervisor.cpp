@@ -14,7 +14,6 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 
@@ -67,7 +66,6 @@ class Supervisor {
   void report_status();
   void report_silence(std::int64_t now);
   void report_events();
-  void report_mixed_senders();
   Result<std::monostate> finish_files(bool stopped);
   [[nodiscard]] nlohmann::json summary() const;
 
@@ -86,8 +84,6 @@ class Supervisor {
   std::int64_t last_pose_ns_ = 0;
   /// Time of the next report of silence; 0 = two seconds after the last pose.
   std::int64_t next_silence_report_ns_ = 0;
-  /// Sections of the LiDARs already reported for mixed senders.
-  std::set<std::string> mixed_reported_;
 };
 
 Result<std::monostate> Supervisor::open_publisher() {
@@ -203,14 +199,6 @@ void Supervisor::report_events() {
     spdlog::log(level_of(line->level), "{}", line->text);
 }
 
-void Supervisor::report_mixed_senders() {
-  for (const auto& lidar : pipeline_->lidars()) {
-    const std::string& section = lidar->channel.section();
-    if (!lidar->channel.has_mixed_senders() || !mixed_reported_.insert(section).second) continue;
-    spdlog::warn("{}: {}", section, lidar->source.status());
-  }
-}
-
 void Supervisor::watch_publisher() {
   if (!publisher_) return;
   const std::optional<ipc::PublisherEvent> event = publisher_->poll();
@@ -246,7 +234,6 @@ void Supervisor::report_status() {
   if (now < next_status_ns_) return;
   next_status_ns_ = now + kStatusPeriodNs;
   report_silence(now);
-  report_mixed_senders();
   log_.report_status();
 }
 
@@ -283,7 +270,6 @@ Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
     take_results();
   }
   report_events();
-  report_mixed_senders();
   if (publisher_) {
     const auto event = publisher_->stop(stopped ? kPublisherPatience : kReplayPublisherPatience);
     if (event && event->unpublished > 0) spdlog::warn("{}", event->message);

@@ -71,14 +71,6 @@ TEST_CASE("odometry, workers and receive threads have the policy and CPUs of the
   const std::vector<pid_t> receivers = threads_named("self", "nilio-lidar");
   REQUIRE(receivers.size() == 1);
   CHECK(scheduling_of(receivers[0]) == ThreadScheduling{SCHED_FIFO, 17, {cpus.front()}});
-  // Its name is set after the start.
-  std::vector<pid_t> searching;
-  tests::eventually([&] {
-    searching = threads_named("self", "nilio-identify");
-    return !searching.empty();
-  });
-  REQUIRE(searching.size() == 1);
-  CHECK(scheduling_of(searching[0]).policy == SCHED_OTHER);
   CHECK(any_contains(started.outcomes, true, "nilio-lidar: FIFO 17 on CPU " + config.realtime.lidar_cpus));
   CHECK(any_contains(started.outcomes, true, "FIFO threads"));
 }

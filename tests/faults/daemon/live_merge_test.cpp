@@ -42,8 +42,7 @@ TEST_CASE("poses continue while an additional live LiDAR is silent, also after i
     }
     run.collect();
   };
-  // The packets that identify the models complete no scan yet. A LiDAR that its identification thread has not
-  // identified when a scan is complete counts as silent.
+  // The packets that identify the models complete no scan yet.
   drive(70, true);
   for (const auto& input : run.pipeline().lidars())
     REQUIRE(eventually([&] { return input->channel.is_identified(); }));
@@ -73,7 +72,9 @@ TEST_CASE("poses continue while an additional live LiDAR is silent, also after i
 TEST_CASE("an additional live LiDAR does not fill its ring while the first one is silent",
           "[live_merge][pipeline]") {
   const std::vector<std::uint16_t> ports = free_ports(2);
-  LiveRun run(live_config(ports));
+  Config config = live_config(ports);
+  config.more_lidars[0].model = "VLP-16";
+  LiveRun run(config);
   UdpSender sender;
   const std::vector<drivers::Packet> packets = vlp16_packets(6000);
   for (std::size_t i = 0; i < packets.size(); ++i) {
@@ -81,9 +82,29 @@ TEST_CASE("an additional live LiDAR does not fill its ring while the first one i
     // Faster than the sensor, but not faster than this computer.
     if (i % 30 == 0) REQUIRE(eventually([&] { return run.has_delivered(1, i); }));
   }
-  CHECK(run.drains(1, 2048));
+  CHECK(run.drains(1, run.pipeline().lidars()[1]->ring.capacity() / 2));
   run.stop();
   CHECK(run.pipeline().lidars()[1]->ring.dropped() == 0);
   CHECK(run.pipeline().merge_counters(1).points_unused > 0);
   CHECK(run.poses.empty());
+}
+
+TEST_CASE("live packets share wake-ups while no scan can be complete", "[live_merge]") {
+  const std::uint16_t port = free_port();
+  Config config = live_config({port});
+  config.lidar.model = "HDL-64E-S2";
+  config.lidar.calibration = NILIO_SOURCE_DIR "/config/calibration/hdl64e_s2_kitti.yaml";
+  LiveRun run(config);
+  UdpSender sender;
+  const std::vector<drivers::Packet> packets = hdl64e_packets(10'000, StatusStream::kWhole);
+  const auto start = std::chrono::steady_clock::now();
+  for (std::size_t i = 0; i < packets.size(); ++i) {
+    std::this_thread::sleep_until(start + i * std::chrono::microseconds(288));
+    sender.send(port, {packets[i].data.begin(), packets[i].data.begin() + packets[i].size});
+  }
+  REQUIRE(run.receives(0, packets.size()));
+  run.stop();
+  CHECK(run.poses.size() > 20);
+  // One for each read.
+  CHECK(run.pipeline().lidars().front()->state.heartbeat.load() < packets.size() / 2);
 }
