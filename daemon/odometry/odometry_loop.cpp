@@ -251,7 +251,8 @@ void OdometryLoop::push_cloud(const core::OdometryResult& result, const std::ato
 }
 
 void OdometryLoop::push_imu_health(bool always) {
-  if (outputs_.imu_health == nullptr) return;
+  const bool has_imu = !config_.has_lidar_imu || imu_samples_taken_ > 0;
+  if (outputs_.imu_health == nullptr || !has_imu) return;
   const core::ImuHealth& health = odometry_.imu_health();
   if (!always && has_same_states(health, pushed_health_)) return;
   if (outputs_.imu_health->try_push(health)) pushed_health_ = health;
