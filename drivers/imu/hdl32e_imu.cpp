@@ -59,7 +59,7 @@ void Hdl32eImu::add(const std::array<Hdl32eBoard, 3>& boards, core::Time time) {
   before_ = last_;
   last_ = motion_of(boards);
   last_->stamp = time;
-  // Nothing is interpolated over lost packets.
+  // Lost packets are not bridged by interpolation.
   if (before_ && time - before_->stamp <= kLongestInterval) return;
   before_ = last_;
   next_ = time;

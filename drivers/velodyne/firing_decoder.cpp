@@ -4,7 +4,10 @@
 #include "drivers/velodyne/packet_bytes.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <numbers>
 
 namespace nilio::drivers {
@@ -28,6 +31,7 @@ std::uint32_t intensity_of(std::uint32_t word) { return (word >> 16) & 0xFFU; }
 /// safe: the time stamp follows it.
 std::array<std::uint32_t, kEntriesPerBlock> load_entries(const std::uint8_t* block) {
   std::array<std::uint32_t, kEntriesPerBlock> words;
+#pragma GCC unroll 32
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
     words[c] = load_le32(block + kEntriesOffset + kEntrySize * c);
   return words;
@@ -131,7 +135,14 @@ void FiringDecoder::set_rate(float rate) {
   if (!interpolated_ || rate == rate_) return;
   rate_ = rate;
   const float step = rate * static_cast<float>(kRadiansPerAzimuth);
-  for (BlockTable& table : tables_) {
+  for (std::size_t b = 0; b < tables_.size(); ++b) {
+    BlockTable& table = tables_[b];
+    if (table.partner < b) {
+      // The same lasers at the same time.
+      table.sin_shift = tables_[table.partner].sin_shift;
+      table.cos_shift = tables_[table.partner].cos_shift;
+      continue;
+    }
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       // Angles are at most one degree: the series is exact to single precision.
       const float angle = step * table.fraction[c];
@@ -147,14 +158,19 @@ void FiringDecoder::set_rate(float rate) {
 /// Selects returns; of two equal returns the last one is kept. Without branches, so that the loop vectorises.
 void FiringDecoder::choose_returns(const BlockTable& table, const Words& words, const Words& others,
                                    Mask& keep) const {
+  if (returns_ == ReturnChoice::kAll) {
+    // The last return, and the other one where it differs.
+    const bool is_every = table.content == BlockContent::kLast;
+    for (std::size_t c = 0; c < kEntriesPerBlock && !is_every; ++c)
+      keep[c] = static_cast<std::int32_t>(distance_of(words[c]) != distance_of(others[c]));
+    return;
+  }
   const auto is_last = static_cast<std::int32_t>(table.content == BlockContent::kLast);
-  const auto want_all = static_cast<std::int32_t>(returns_ == ReturnChoice::kAll);
   const auto want_last = static_cast<std::int32_t>(returns_ == ReturnChoice::kLast);
   const auto want_strongest = static_cast<std::int32_t>(returns_ == ReturnChoice::kStrongest);
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const auto distance = static_cast<std::int32_t>(distance_of(words[c]));
     const auto other_distance = static_cast<std::int32_t>(distance_of(others[c]));
-    const auto differs = static_cast<std::int32_t>(distance != other_distance);
     const auto alone = static_cast<std::int32_t>(other_distance == 0);
     // A missing return is weaker than any; of two equally strong returns the one that is not the last is
     // chosen.
@@ -162,8 +178,7 @@ void FiringDecoder::choose_returns(const BlockTable& table, const Words& words, 
     const std::int32_t other_strength = 2 * static_cast<std::int32_t>(intensity_of(others[c])) + is_last;
     const auto stronger = static_cast<std::int32_t>(strength > other_strength);
     const auto there = static_cast<std::int32_t>(distance != 0);
-    keep[c] = (want_all & (is_last | differs)) | (want_last & (is_last | alone)) |
-              (want_strongest & (alone | (there & stronger)));
+    keep[c] = (want_last & (is_last | alone)) | (want_strongest & (alone | (there & stronger)));
   }
 }
 
@@ -211,44 +226,77 @@ void FiringDecoder::correct_intensity(const BlockTable& table, const Words& word
   }
 }
 
+/// Appends the kept points. Every point is written and only the kept ones advance the end, so that there is
+/// no branch to mispredict; the values are interleaved first, because that vectorises.
+core::Point* FiringDecoder::append(const BlockTable& table, const Points& decoded, const Mask& keep,
+                                   std::int32_t time_ns, core::Point* out) {
+  static_assert(sizeof(core::Point) == 24 && offsetof(core::Point, time_offset_ns) == 16 &&
+                offsetof(core::Point, ring) == 20 && offsetof(core::Point, return_kind) == 22 &&
+                std::endian::native == std::endian::little);
+  alignas(16) std::array<float, 4 * kEntriesPerBlock> values;
+  alignas(16) std::array<std::int32_t, 2 * kEntriesPerBlock> tails;
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    values[4 * c] = decoded.x[c];
+    values[4 * c + 1] = decoded.y[c];
+    values[4 * c + 2] = decoded.z[c];
+    values[4 * c + 3] = decoded.intensity[c];
+  }
+  const std::int32_t return_kind = static_cast<std::int32_t>(table.content) << 16;
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    tails[2 * c] = time_ns + table.time_ns[c];
+    tails[2 * c + 1] = table.ring[c] | return_kind;
+  }
+  for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+    auto* const bytes = reinterpret_cast<unsigned char*>(out);
+    std::memcpy(bytes, &values[4 * c], 16);
+    std::memcpy(bytes + 16, &tails[2 * c], 8);
+    out += keep[c];
+  }
+  return out;
+}
+
 FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> payload, std::size_t step,
                                                  std::int32_t time_ns, std::span<core::Point> points) const {
   const std::uint8_t* const blocks = payload.data() + step * blocks_per_step_ * kBlockSize;
   const SinCos azimuth = (*azimuths_)[load_le16(blocks + kAzimuthOffset)];
   std::int32_t returns = 0;
+  std::array<bool, kBlocksPerPacket> copies{};
   core::Point* out = points.data();
   for (std::size_t b = 0; b < blocks_per_step_; ++b) {
     const BlockTable& table = tables_[b];
     if (table.content == BlockContent::kPadding || table.content == BlockContent::kConfidence) continue;
     const std::uint8_t* const block = blocks + b * kBlockSize;
+    const std::uint8_t* const other = blocks + table.partner * kBlockSize;
+    const bool is_one_of_two = table.partner != b;
+    // Most surfaces give one return, which both blocks hold: one of them is skipped as a whole.
+    if (is_one_of_two) {
+      copies[b] = table.partner < b ? copies[table.partner]
+                                    : std::memcmp(block + kEntriesOffset, other + kEntriesOffset,
+                                                  kEntriesPerBlock * kEntrySize) == 0;
+    }
+    const bool is_copy = copies[b];
+    const bool is_last = table.content == BlockContent::kLast;
+    if (is_copy && is_last == (returns_ == ReturnChoice::kStrongest)) continue;
     const Words words = load_entries(block);
     Mask keep;
     keep.fill(1);
-    if (table.partner != b)
-      choose_returns(table, words, load_entries(blocks + table.partner * kBlockSize), keep);
+    if (is_one_of_two && !is_copy) choose_returns(table, words, load_entries(other), keep);
+    std::int32_t kept = 0;
+    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
+      const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
+      returns += static_cast<std::int32_t>(raw != 0) & keep[c];
+      keep[c] &= static_cast<std::int32_t>(raw >= table.min_raw[c]) &
+                 static_cast<std::int32_t>(raw <= table.max_raw[c]);
+      kept |= keep[c];
+    }
+    if (kept == 0) continue;
     Points decoded;
     place(table, azimuth, words, decoded);
     if (near_corrected_) {
       correct_near_range(table, azimuth, words, decoded);
       correct_intensity(table, words, decoded);
     }
-    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-      const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
-      returns += static_cast<std::int32_t>(raw != 0) & keep[c];
-      keep[c] &= static_cast<std::int32_t>(raw >= table.min_raw[c]) &
-                 static_cast<std::int32_t>(raw <= table.max_raw[c]);
-    }
-    for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
-      // Always written, counted only if kept: no branch to mispredict. The span has room for one more point.
-      *out = {.x = decoded.x[c],
-              .y = decoded.y[c],
-              .z = decoded.z[c],
-              .intensity = decoded.intensity[c],
-              .time_offset_ns = time_ns + table.time_ns[c],
-              .ring = table.ring[c],
-              .return_kind = static_cast<std::uint16_t>(table.content)};
-      out += keep[c];
-    }
+    out = append(table, decoded, keep, time_ns, out);
   }
   Counts counts;
   counts.points = static_cast<std::size_t>(out - points.data());

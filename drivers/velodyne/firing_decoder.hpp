@@ -21,6 +21,8 @@ class AzimuthTable {
  public:
   AzimuthTable();
   [[nodiscard]] SinCos operator[](std::uint16_t azimuth) const { return values_[azimuth]; }
+  /// Loads a value into the cache: successive azimuths are in different lines.
+  void prefetch(std::uint16_t azimuth) const { __builtin_prefetch(&values_[azimuth]); }
 
  private:
   std::vector<SinCos> values_;
@@ -82,7 +84,7 @@ class FiringDecoder {
     Mask min_raw{};
     Mask max_raw{};
     std::array<std::int32_t, kEntriesPerBlock> time_ns{};
-    std::array<std::uint16_t, kEntriesPerBlock> ring{};
+    Mask ring{};
     /// Block of the step with the other return of the same lasers; this block itself without one.
     std::size_t partner = 0;
     BlockContent content = BlockContent::kSingle;
@@ -101,6 +103,8 @@ class FiringDecoder {
   void place(const BlockTable& table, SinCos azimuth, const Words& words, Points& points) const;
   void correct_near_range(const BlockTable& table, SinCos azimuth, const Words& words, Points& points) const;
   void correct_intensity(const BlockTable& table, const Words& words, Points& points) const;
+  static core::Point* append(const BlockTable& table, const Points& decoded, const Mask& keep,
+                             std::int32_t time_ns, core::Point* out);
 
   float resolution_;
   ReturnChoice returns_;

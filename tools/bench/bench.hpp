@@ -14,13 +14,15 @@ namespace nilio::tools::bench {
 // Each benchmark of `nilio bench` has a struct of options, with its defaults, and a function. The function
 // prints its tables. It returns false when a requirement failed and an error when something could not be run.
 
-/// `nilio bench decode`: time from packets to scans on one core, for every sensor model.
+/// `nilio bench decode`: CPU time from packets to scans on one core, for every sensor model or for a capture.
 struct DecodeOptions {
+  std::string capture;  ///< decode these packets instead of generated ones
+
   int rounds = 15;        ///< passes over the packets; the median counts
   double seconds = 1.0;   ///< of packets in a pass
   double missing = 0.13;  ///< share of firings without a return
 };
-void run_decode_bench(const DecodeOptions& options);
+core::Result<bool> run_decode_bench(const DecodeOptions& options);
 
 /// `nilio bench receive`: numbered packets over loopback, each of them accounted for.
 struct ReceiveOptions {

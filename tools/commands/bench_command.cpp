@@ -77,8 +77,10 @@ void on_command(CLI::App& command, std::shared_ptr<Options> options, Run run) {
 
 void add_decode(CLI::App& bench) {
   CLI::App& command = *bench.add_subcommand(
-      "decode", "time from packets to scans on one core: decoding, firing times, azimuths, cutting");
+      "decode", "CPU time from packets to scans on one core: decoding, firing times, azimuths, cutting");
   const auto options = std::make_shared<bench::DecodeOptions>();
+  command.add_option("capture", options->capture, "decode this capture instead of generated packets")
+      ->check(CLI::ExistingFile);
   command.add_option("--rounds", options->rounds, "passes over the packets; the median counts")
       ->capture_default_str()
       ->check(number_between(1, 1000));
@@ -88,7 +90,7 @@ void add_decode(CLI::App& bench) {
   command.add_option("--missing", options->missing, "share of firings without a return")
       ->capture_default_str()
       ->check(number_between(0.0, 1.0));
-  command.callback([options] { bench::run_decode_bench(*options); });
+  on_command(command, options, bench::run_decode_bench);
 }
 
 void add_receive(CLI::App& bench) {

@@ -90,7 +90,7 @@ TEST_CASE("uneven packets become even samples, and faults are counted", "[hdl32e
   receive(now_ns - 1);
   CHECK(samples.size() == 199);
   CHECK(imu.stats().out_of_order == 2);
-  // Nothing is interpolated over a gap.
+  // A gap is not bridged by interpolation.
   receive(now_ns + 100'000'000);
   CHECK(samples.size() == 200);
   CHECK((samples.back().stamp - start).ns == now_ns + 100'000'000);
