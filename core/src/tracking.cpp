@@ -46,6 +46,8 @@ const char* name_of(ClockSource source) {
       return "pps_locked";
     case ClockSource::kPtp:
       return "ptp";
+    case ClockSource::kHostAgreement:
+      return "host_agreement";
   }
   return "?";
 }

@@ -69,8 +69,9 @@ void add_lidar(Section s, LidarConfig& c) {
            "clock of the firing times; auto = sensor clock, mapped to host time if the two disagree");
   s.number("stamp_offset_us", &c.stamp_offset_us, "us", -100000, 100000,
            "offset added to all firing times; -553 for HDL-32E firmware that stamps the packet's end");
-  s.choice("return_mode", c.return_mode, {"auto", "single", "dual", "dual_confidence"},
-           "return mode of the sensor; auto = identified from the packets");
+  s.choice(
+      "return_mode", c.return_mode, {"auto", "single", "dual", "dual_confidence"},
+      "return mode of the sensor; auto = identified from the packets; another mode than theirs is an error");
   s.choice("returns", c.returns, {"all", "strongest", "last"}, "returns used as points in dual return mode");
   s.choice("azimuth_interpolation", c.azimuth_interpolation, {"auto", "on", "off"},
            "interpolate the azimuth between the firings of a block; auto = on, HDL-64E: off");
@@ -86,8 +87,10 @@ void add_first_lidar(Section s, LidarConfig& c) {
   add_lidar(s, c);
   s.number("cut_azimuth_deg", &c.cut_azimuth_deg, "deg", 0, 359.99,
            "azimuth at which scans are cut; 0 = forward, clockwise");
-  s.number("min_coverage", &c.min_coverage, "", 0.05, 1.0,
-           "minimum covered share of the field of view; other scans are dropped and counted");
+  s.number(
+      "min_coverage", &c.min_coverage, "", 0.05, 1.0,
+      "minimum share of the field of view that a scan surrounds, thinned out by lost packets or not; other "
+      "scans are dropped and counted");
 }
 
 /// Keys of a LiDAR whose points are merged into the scans of the first.

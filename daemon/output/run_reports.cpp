@@ -215,6 +215,7 @@ nlohmann::json pipeline_summary(const Pipeline& pipeline) {
       {"packets_bad_length", scans.bad_length},
       {"packets_dropped_ring", pipeline.packets_dropped()},
       {"foreign_packets", pipeline.foreign_packets()},
+      {"packets_damaged_stamp", scans.damaged_stamps},
       {"time_jumps", scans.time_jumps},
       {"host_clock_jumps", scans.host_clock_jumps},
       {"return_mode_changes", scans.mode_changes},

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <numeric>
 
 namespace nilio::drivers {
 namespace {
@@ -92,8 +93,13 @@ float AzimuthReader::advance_per_step(const PacketAzimuths& azimuths, std::int64
     advances[count++] = azimuth_advance(azimuths.steps[s - 1].azimuth, azimuths.steps[s].azimuth);
   }
   if (count == 0) return -1.0F;
+  const auto used = advances.begin() + static_cast<std::ptrdiff_t>(count);
+  const auto [least, most] = std::minmax_element(advances.begin(), used);
+  // Without outliers all are near the median.
+  if (*most - *least <= kAzimuthJitter)
+    return static_cast<float>(std::accumulate(advances.begin(), used, 0)) / static_cast<float>(count);
   const auto middle = advances.begin() + static_cast<std::ptrdiff_t>(count / 2);
-  std::nth_element(advances.begin(), middle, advances.begin() + static_cast<std::ptrdiff_t>(count));
+  std::nth_element(advances.begin(), middle, used);
   const int median = *middle;
   const int spread = std::max(median / 2, kAzimuthJitter);
   int sum = 0;
@@ -118,34 +124,37 @@ void AzimuthReader::update_rate(float advance) {
   rate_ = limited;
 }
 
-/// Marks steps that fit no other step of the packet as bad.
+/// Marks steps as bad that no other step confirms: of two steps each predicts the other's azimuth by the
+/// rate.
 void AzimuthReader::drop_outliers(PacketAzimuths& out, const BlindSector& blind) const {
   if (out.count == 1) {
     out.bad_steps = out.steps[0].usable ? 0 : 1;
     return;
   }
-  const int largest = largest_regular_advance(out.rate);
-  std::array<bool, kBlocksPerPacket> connected{};
+  const auto is_predicted = [&](std::uint16_t from, std::uint16_t to, std::size_t steps) {
+    const float predicted = out.rate * static_cast<float>(steps);
+    return std::abs(static_cast<float>(azimuth_advance(from, to)) - predicted) <= static_cast<float>(kJitter);
+  };
+  const auto agree = [&](std::size_t a, std::size_t b) {
+    return out.steps[a].usable && out.steps[b].usable &&
+           is_predicted(out.steps[a].azimuth, out.steps[b].azimuth, b - a);
+  };
+  std::array<bool, kBlocksPerPacket> confirmed{};
   // At a packet's ends the neighbour is in another packet, or beyond the blind sector.
   const AzimuthStep& first = out.steps[0];
-  connected[0] =
-      first.usable && has_last_azimuth_ && azimuth_advance(last_azimuth_, first.azimuth) <= largest;
+  confirmed[0] = first.usable && has_last_azimuth_ && is_predicted(last_azimuth_, first.azimuth, 1);
   const AzimuthStep& last = out.steps[out.count - 1];
-  connected[out.count - 1] = last.usable && blind.ends_at(last.azimuth);
+  confirmed[out.count - 1] = last.usable && blind.ends_at(last.azimuth);
   for (std::size_t s = 1; s < out.count; ++s) {
-    if (!out.steps[s].usable) continue;
-    // Nearly always the previous step connects; after a damaged one, the step before that.
-    for (std::size_t p = s; p-- > 0 && !connected[s];) {
-      const bool continues =
-          out.steps[p].usable &&
-          azimuth_advance(out.steps[p].azimuth, out.steps[s].azimuth) <= largest * static_cast<int>(s - p);
-      connected[p] = connected[p] || continues;
-      connected[s] = continues;
+    // Nearly always the previous step agrees; after a damaged one, a step before that.
+    for (std::size_t p = s; p-- > 0 && !confirmed[s];) {
+      if (agree(p, s)) confirmed[p] = confirmed[s] = true;
     }
+    if (confirmed[s] && !confirmed[s - 1]) confirmed[s - 1] = agree(s - 1, s);
   }
   for (std::size_t s = 0; s < out.count; ++s) {
-    out.steps[s].usable = connected[s];
-    if (!connected[s]) ++out.bad_steps;
+    out.steps[s].usable = confirmed[s];
+    if (!confirmed[s]) ++out.bad_steps;
   }
 }
 

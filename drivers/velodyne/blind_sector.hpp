@@ -28,6 +28,10 @@ class BlindSector {
   void on_firing(std::uint16_t azimuth);
   /// True when the blind sector ends near this azimuth.
   [[nodiscard]] bool ends_at(std::uint16_t azimuth) const;
+  [[nodiscard]] bool is_known() const { return known_; }
+  /// Last firing before the sector and first one after it, 0.01 degree; valid if known.
+  [[nodiscard]] std::uint16_t from() const { return sector_.from; }
+  [[nodiscard]] std::uint16_t to() const { return sector_.to; }
   /// Width of the sector, degrees; 0 = none.
   [[nodiscard]] double width_deg() const { return known_ ? sector_.width() / 100.0 : 0.0; }
 

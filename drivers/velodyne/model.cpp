@@ -144,6 +144,7 @@ VelodyneSensor make_velodyne_sensor(VelodyneModel model) {
   set_azimuth_interpolation(sensor, table.azimuth_interpolated);
   sensor.measured_period = table.measured_period;
   sensor.has_clock = table.has_clock;
+  sensor.has_ptp = table.has_ptp;
   sensor.product_byte = table.product_byte;
   finish_geometry(sensor);
   return sensor;

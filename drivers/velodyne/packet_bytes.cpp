@@ -70,6 +70,15 @@ std::optional<bool> azimuths_in_pairs(std::span<const std::uint8_t> payload, std
   return paired;
 }
 
+/// FNV-1a over words of four bytes; the two bytes left are the factory bytes.
+std::uint64_t payload_key(std::span<const std::uint8_t> payload) {
+  std::uint64_t key = 0xCBF29CE484222325ULL;
+  for (std::size_t i = 0; i + 4 <= kDataPacketSize; i += 4)
+    key = (key ^ load_le32(payload.data() + i)) * 0x100000001B3ULL;
+  key = (key ^ load_le16(payload.data() + kReturnModeOffset)) * 0x100000001B3ULL;
+  return key | 1U;
+}
+
 std::optional<ReturnMode> return_mode_of(std::span<const std::uint8_t> payload,
                                          const VelodyneSensor& sensor) {
   const std::size_t banks = (sensor.lasers.size() + kEntriesPerBlock - 1) / kEntriesPerBlock;

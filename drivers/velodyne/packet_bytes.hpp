@@ -34,6 +34,10 @@ PacketShape packet_shape(std::span<const std::uint8_t> payload);
 /// when all azimuths are equal, as with a stopped motor.
 std::optional<bool> azimuths_in_pairs(std::span<const std::uint8_t> payload, std::size_t blocks_per_return);
 
+/// Number that differs between packets and is equal for copies of one; never 0. `payload` has
+/// kDataPacketSize bytes.
+std::uint64_t payload_key(std::span<const std::uint8_t> payload);
+
 /// Return mode of a packet of this sensor: by its factory byte where that is reliable, otherwise by its
 /// shape; nothing when neither shows it.
 std::optional<ReturnMode> return_mode_of(std::span<const std::uint8_t> payload, const VelodyneSensor& sensor);

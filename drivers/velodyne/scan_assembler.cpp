@@ -19,6 +19,8 @@ constexpr std::size_t kUsualScansInCapacity = 3;
 /// Relative tolerance of the firing period between firmwares.
 constexpr double kPeriodTolerance = 0.3;
 constexpr std::uint32_t kPeriodsAveraged = 64;
+/// A gap of so many packets is counted right at the tolerance of the period.
+constexpr std::uint32_t kLargestGapMeasured = 1;
 constexpr int kPacketsToChangeMode = 3;
 
 int cut_azimuth(double degrees) {
@@ -39,7 +41,7 @@ std::size_t scan_capacity(const VelodyneSensor& sensor) {
 ScanAssembler::Impl::Impl(VelodyneSensor sensor, const ScanAssemblerConfig& config)
     : sensor_(std::move(sensor)),
       config_(config),
-      clock_(config.time_source, sensor_.has_clock),
+      clock_(config.time_source, sensor_.has_clock, sensor_.has_ptp),
       cutter_(cut_azimuth(config.cut_azimuth_deg), kLongestScanNs),
       has_status_stream_(sensor_.lasers.size() == kHdl64eLasers),
       capacity_(scan_capacity(sensor_)),
@@ -97,7 +99,8 @@ void ScanAssembler::Impl::on_position_packet(const Packet& packet) {
 
 /// An HDL-64E reports its clock's state in its data packets.
 void ScanAssembler::Impl::on_status_byte(const PacketArrival& arrival, const Packet& packet) {
-  if (arrival.gap_packets > 0 || arrival.order == PacketOrder::kJump) status_stream_.note_loss();
+  if (arrival.gap_packets > 0 || arrival.refutes || arrival.order == PacketOrder::kJump)
+    status_stream_.note_loss();
   status_stream_.add(packet.data[kReturnModeOffset], packet.data[kProductOffset]);
   const std::optional<Hdl64eReadings>& readings = status_stream_.readings();
   // Once per cycle is enough.
@@ -130,29 +133,58 @@ void ScanAssembler::Impl::follow_mode(std::span<const std::uint8_t> payload) {
 bool ScanAssembler::Impl::add(const Packet& packet) {
   has_completed_ = false;
   if (!admit(packet)) return false;
+  PacketArrival arrival = arrive(packet);
+  if (arrival.order == PacketOrder::kConfirmed) {
+    is_holding_ = false;
+    process(held_, clock_.confirm(pause_ns_));
+    arrival = arrive(packet);
+  }
+  if (arrival.refutes) discard_held();
+  if (arrival.order == PacketOrder::kUnconfirmed) {
+    held_ = packet;
+    is_holding_ = true;
+  } else {
+    process(packet, arrival);
+  }
+  return has_completed_;
+}
+
+PacketArrival ScanAssembler::Impl::arrive(const Packet& packet) {
+  const std::span<const std::uint8_t> payload = std::span(packet.data).first(kDataPacketSize);
+  return clock_.arrive(load_le32(payload.data() + kTimestampOffset),
+                       load_le16(payload.data() + kAzimuthOffset), packet.stamp, pause_ns_,
+                       sensor_.has_clock ? 0 : payload_key(payload));
+}
+
+/// Counts the held packet: no other packet agrees with its time stamp.
+void ScanAssembler::Impl::discard_held() {
+  if (!std::exchange(is_holding_, false)) return;
+  ++stats_.damaged_stamps;
+  stats_.firings += layout().firings_per_packet();
+  stats_.firings_bad += layout().firings_per_packet();
+  current_.missing_firings += layout().firings_per_packet();
+}
+
+void ScanAssembler::Impl::process(const Packet& packet, PacketArrival arrival) {
+  if (arrival.order == PacketOrder::kDuplicate) {
+    ++stats_.duplicate_packets;
+    return;
+  }
   Current current;
   current.payload = std::span(packet.data).first(kDataPacketSize);
   current.received_ns = packet.received_ns;
-  const std::uint32_t timestamp_us = load_le32(packet.data.data() + kTimestampOffset);
   const std::uint16_t first_azimuth = load_le16(packet.data.data() + kAzimuthOffset);
-  const PacketArrival arrival = clock_.arrive(timestamp_us, first_azimuth, packet.stamp, pause_ns_);
-  if (arrival.order == PacketOrder::kDuplicate) {
-    ++stats_.duplicate_packets;
-    return false;
-  }
   follow_mode(current.payload);
   stats_.firings += layout().firings_per_packet();
   current.line_ns = arrival.line_ns + config_.stamp_offset_ns;
-  if (arrival.order == PacketOrder::kLate) {
-    add_late(current);
-    return false;
-  }
+  if (arrival.order == PacketOrder::kLate) return add_late(current);
   if (arrival.order == PacketOrder::kJump) {
     ++stats_.time_jumps;
     close_scan();
     cutter_.restart();
     after_time_jump_ = true;
     pause_ns_ = 0;
+    const std::uint32_t timestamp_us = load_le32(packet.data.data() + kTimestampOffset);
     current.line_ns = clock_.restart(timestamp_us, first_azimuth, packet.stamp) + config_.stamp_offset_ns;
   } else {
     if (arrival.host_jump) ++stats_.host_clock_jumps;
@@ -161,15 +193,19 @@ bool ScanAssembler::Impl::add(const Packet& packet) {
   }
   if (has_status_stream_) on_status_byte(arrival, packet);
   current.azimuths = azimuths_.read(current.payload, arrival.since_previous_ns, blind_);
+  for (std::size_t step = 0; step < current.azimuths.count; ++step) {
+    if (current.azimuths.steps[step].usable) azimuth_table_.prefetch(current.azimuths.steps[step].azimuth);
+  }
   add_in_order(current);
-  return has_completed_;
 }
 
 /// Measures the firing period from the time between packets, which hold a fixed number of firings.
 void ScanAssembler::Impl::measure_period(const PacketArrival& arrival) {
-  if (!sensor_.measured_period || arrival.since_previous_ns == 0 || arrival.gap_packets > 0) return;
+  if (!sensor_.measured_period || arrival.since_previous_ns == 0) return;
+  if (arrival.gap_packets > kLargestGapMeasured || arrival.refutes) return;
   const auto nominal_ns = static_cast<double>(layout().packet_period_ns);
-  const double measured_ns = static_cast<double>(arrival.since_previous_ns - pause_ns_);
+  const double measured_ns = static_cast<double>(arrival.since_previous_ns - pause_ns_) /
+                             static_cast<double>(arrival.gap_packets + 1);
   if (std::abs(measured_ns - nominal_ns) > kPeriodTolerance * nominal_ns) return;
   periods_measured_ = std::min(periods_measured_ + 1, kPeriodsAveraged);
   packet_period_ns_ += (measured_ns - packet_period_ns_) / periods_measured_;
@@ -262,7 +298,7 @@ void ScanAssembler::Impl::add_step(const Current& current, std::size_t step) {
     end_ns_ = cutter_.start_ns();
     open_firings_ = 0;
   }
-  cutter_.append();
+  coverage_.add(current.azimuths.steps[step].azimuth, rate_);
   end_ns_ = std::max(end_ns_, step_ns + decoder().last_firing_ns());
   current_.received_ns = current.received_ns;
   decode_step(current, step, step_ns);
@@ -297,7 +333,7 @@ void ScanAssembler::Impl::add_late(Current& current) {
       stats_.firings_late += layout().firings_per_azimuth;
     } else {
       decode_step(current, step, step_ns);
-      cutter_.add_covered(rate_);
+      coverage_.add(current.azimuths.steps[step].azimuth, rate_);
       current_.missing_firings -=
           std::min<std::uint32_t>(current_.missing_firings, layout().firings_per_azimuth);
       belongs = true;
@@ -312,6 +348,7 @@ void ScanAssembler::Impl::prepare_scan() {
   points.reserve(buffer_capacity_);
   current_ = core::Scan{};
   current_.points = std::move(points);
+  coverage_.restart();
 }
 
 /// Ends the scan under assembly: it becomes the completed scan, or is dropped and counted for too little
@@ -319,13 +356,14 @@ void ScanAssembler::Impl::prepare_scan() {
 void ScanAssembler::Impl::close_scan() {
   const std::uint64_t firings = std::exchange(open_firings_, 0);
   if (firings == 0) return;
-  const double coverage_deg = std::clamp(cutter_.covered() / 100.0, 0.0, 360.0);
+  const double packet_deg = static_cast<double>(rate_) * static_cast<double>(layout().azimuth_steps()) * 0.01;
+  const double coverage_deg = coverage_.covered_deg(packet_deg, blind_);
   if (coverage_deg < config_.min_coverage * (360.0 - blind_.width_deg())) {
     ++stats_.partial_scans;
     stats_.firings_discarded += firings;
     return;
   }
-  clock_.update_shift(cutter_.start_ns(), end_ns_);
+  if (clock_.update_shift(cutter_.start_ns(), end_ns_)) after_time_jump_ = true;
   core::Scan& scan = current_;
   stats_.firings_in_scans += firings;
   scan.sequence = stats_.scans++;
@@ -341,6 +379,7 @@ void ScanAssembler::Impl::close_scan() {
 
 bool ScanAssembler::Impl::finish() {
   has_completed_ = false;
+  discard_held();
   close_scan();
   cutter_.restart();
   return has_completed_;
@@ -357,8 +396,7 @@ void ScanAssembler::Impl::take_scan(core::Scan& scan) {
 ScanAssemblerStatus ScanAssembler::Impl::status() const {
   ScanAssemblerStatus status;
   status.mode = layout().mode;
-  const double steps_per_minute = 60e9 / static_cast<double>(azimuth_period_ns_);
-  status.revolutions_per_minute = static_cast<double>(rate_) * steps_per_minute / kAzimuthModulus;
+  status.revolutions_per_minute = cutter_.revolutions_per_minute();
   status.packet_period_us = packet_period_ns_ * 1e-3;
   status.blind_sector_deg = blind_.width_deg();
   status.clock_source = clock_.source();

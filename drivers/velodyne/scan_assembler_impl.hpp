@@ -2,6 +2,7 @@
 
 #include "nilio/drivers/velodyne/decoder.hpp"
 
+#include "drivers/velodyne/azimuth_coverage.hpp"
 #include "drivers/velodyne/azimuth_steps.hpp"
 #include "drivers/velodyne/blind_sector.hpp"
 #include "drivers/velodyne/clock/sensor_clock.hpp"
@@ -44,6 +45,9 @@ class ScanAssembler::Impl {
   };
 
   bool admit(const Packet& packet);
+  PacketArrival arrive(const Packet& packet);
+  void process(const Packet& packet, PacketArrival arrival);
+  void discard_held();
   void follow_mode(std::span<const std::uint8_t> payload);
   void use_layout(std::size_t index);
   void on_position_packet(const Packet& packet);
@@ -72,6 +76,7 @@ class ScanAssembler::Impl {
   AzimuthReader azimuths_;
   ScanCutter cutter_;
   BlindSector blind_;
+  AzimuthCoverage coverage_;
   bool has_status_stream_;
   Hdl64eStatusReader status_stream_;
   std::size_t capacity_;  ///< points of this sensor alone
@@ -85,6 +90,11 @@ class ScanAssembler::Impl {
   /// Azimuth rate and pause of the last packet in order.
   float rate_ = 0.0F;
   std::int64_t pause_ns_ = 0;
+
+  /// Contradicts the time stamps before it; the next packet shows whether the clock was set or the stamp is
+  /// damaged.
+  Packet held_;
+  bool is_holding_ = false;
 
   /// Points of one azimuth step.
   std::array<core::Point, (kBlocksPerPacket + 1) * kEntriesPerBlock> scratch_;

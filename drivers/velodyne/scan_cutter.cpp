@@ -1,6 +1,6 @@
 #include "drivers/velodyne/scan_cutter.hpp"
 
-#include "drivers/velodyne/azimuth_steps.hpp"
+#include "nilio/drivers/velodyne/model.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +17,7 @@ ScanCutter::Action ScanCutter::evaluate(std::uint16_t azimuth, std::int64_t time
   track(azimuth, time_ns, rate, azimuth_period_ns);
   if (state_ != State::kFilling) return Action::kOpen;
   if (!may_cut) return Action::kAppend;
-  if (floor_divide(unwrapped_, kAzimuthModulus) > scan_revolution_) return Action::kCutAtAzimuth;
+  if (unwrapped_ >= next_cut()) return Action::kCutAtAzimuth;
   if (time_ns - start_ns_ > longest_ns_) return Action::kCutByTime;
   return room ? Action::kAppend : Action::kCutByRoom;
 }
@@ -28,19 +28,18 @@ void ScanCutter::open() {
   if (state_ == State::kBetween) revolution = std::max(revolution, scan_revolution_ + 1);
   state_ = State::kFilling;
   start_ns_ = last_step_ns_;
-  covered_ = 0.0;
   scan_revolution_ = revolution;
 }
 
 bool ScanCutter::next_step_cuts(float rate) const {
   if (state_ != State::kFilling) return false;
-  const std::int64_t next = unwrapped_ + std::llround(rate);
-  return floor_divide(next, kAzimuthModulus) > scan_revolution_;
+  return unwrapped_ + std::llround(rate) >= next_cut();
 }
 
 void ScanCutter::restart() {
   state_ = State::kEmpty;
   has_azimuth_ = false;
+  turning_.restart();
 }
 
 /// Unwraps the azimuth over all revolutions. Rate and time bridge missing packets.
@@ -49,17 +48,16 @@ void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate,
   if (!has_azimuth_) {
     has_azimuth_ = true;
     unwrapped_ = (static_cast<int>(azimuth) - cut_ + kAzimuthModulus) % kAzimuthModulus;
-    advance_ = rate;
   } else {
     const double periods =
         static_cast<double>(time_ns - last_step_ns_) / static_cast<double>(azimuth_period_ns);
     const int difference = static_cast<int>(azimuth) - static_cast<int>(last_azimuth_);
-    const double turns = std::round((periods * static_cast<double>(rate) - difference) / kAzimuthModulus);
-    const std::int64_t advance = difference + static_cast<std::int64_t>(turns) * kAzimuthModulus;
-    unwrapped_ += advance;
-    const bool regular = advance <= largest_regular_advance(rate);
-    advance_ = regular ? static_cast<double>(advance) : static_cast<double>(rate);
+    const double unexplained = periods * static_cast<double>(rate) - difference;
+    unwrapped_ += difference;
+    if (std::abs(unexplained) >= 0.5 * kAzimuthModulus)
+      unwrapped_ += static_cast<std::int64_t>(std::round(unexplained / kAzimuthModulus)) * kAzimuthModulus;
   }
+  turning_.add(time_ns, unwrapped_);
   last_azimuth_ = azimuth;
   last_step_ns_ = time_ns;
 }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "drivers/velodyne/turning_rate.hpp"
+
 #include <cstdint>
 
 namespace nilio::drivers {
@@ -25,7 +27,7 @@ class ScanCutter {
 
   /// Action for the azimuth step at `time_ns`. `rate` is the advance per `azimuth_period_ns` in 0.01 degree;
   /// `room`: the open scan has room for the step; `may_cut`: a complete scan can be delivered. Then call
-  /// open(), except for kAppend, and append().
+  /// open(), except for kAppend.
   Action evaluate(std::uint16_t azimuth, std::int64_t time_ns, float rate, std::int64_t azimuth_period_ns,
                   bool room, bool may_cut);
   /// The last evaluated step begins a scan.
@@ -34,21 +36,18 @@ class ScanCutter {
   [[nodiscard]] bool next_step_cuts(float rate) const;
   /// The open scan was ended because of next_step_cuts().
   void end_early() { state_ = State::kBetween; }
-  /// The last evaluated step belongs to the open scan.
-  void append() { covered_ += advance_; }
   /// Time jump or end of the input: the open scan ends, azimuth and time are reset.
   void restart();
   [[nodiscard]] State state() const { return state_; }
   [[nodiscard]] std::int64_t start_ns() const { return start_ns_; }
-  /// Azimuth covered by the open scan without gaps, 0.01 degree.
-  [[nodiscard]] double covered() const { return covered_; }
-  /// Adds a late step of the open scan.
-  void add_covered(float rate) { covered_ += static_cast<double>(rate); }
+  /// Mean over one to two seconds; 0 = unknown.
+  [[nodiscard]] double revolutions_per_minute() const { return turning_.revolutions_per_minute(); }
   [[nodiscard]] bool has_azimuth() const { return has_azimuth_; }
   [[nodiscard]] std::uint16_t last_azimuth() const { return last_azimuth_; }
 
  private:
   void track(std::uint16_t azimuth, std::int64_t time_ns, float rate, std::int64_t azimuth_period_ns);
+  [[nodiscard]] std::int64_t next_cut() const { return (scan_revolution_ + 1) * kAzimuthModulus; }
 
   int cut_;
   std::int64_t longest_ns_;
@@ -60,9 +59,7 @@ class ScanCutter {
   std::int64_t unwrapped_ = 0;
   std::int64_t scan_revolution_ = 0;
   std::int64_t start_ns_ = 0;
-  /// The last step's share of the coverage.
-  double advance_ = 0.0;
-  double covered_ = 0.0;
+  TurningRate turning_;
 };
 
 }  // namespace nilio::drivers

@@ -75,7 +75,8 @@ ModelTable vlp32(std::string_view name, std::span<const LaserRow> lasers, std::u
           .product_byte = product_byte};
 }
 
-/// The stamp is aligned with the fourth group, 7 us after the first.
+/// The stamp is aligned with the fourth group, 7 us after the first. PTP: Alpha Prime firmware; the manuals
+/// of all other models know GPS only.
 ModelTable vls128() {
   return {.name = "VLS-128",
           .lasers = vls128_lasers(),
@@ -86,6 +87,7 @@ ModelTable vls128() {
           .first_firing_ns = -7'000,
           .azimuth_interpolated = true,
           .measured_period = true,
+          .has_ptp = true,
           .flags = kBankFlags,
           .modes = kAllModes,
           .product_byte = 0xA1};

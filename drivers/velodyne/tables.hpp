@@ -54,6 +54,7 @@ struct ModelTable {
   bool azimuth_interpolated = false;
   bool measured_period = false;
   bool has_clock = true;
+  bool has_ptp = false;
   /// Block flags of the banks of 32 lasers; one for up to 32 lasers.
   std::span<const std::uint16_t> flags;
   /// Firings that share the azimuth of one block: 2 for 16 lasers, else 1.

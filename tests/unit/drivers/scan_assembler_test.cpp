@@ -3,6 +3,7 @@
 #include "tests/support/drivers_support.hpp"
 
 #include <map>
+#include <random>
 #include <set>
 
 #include <catch2/catch.hpp>
@@ -392,6 +393,49 @@ TEST_CASE("assembling reuses the buffers it is given", "[scan_assembler]") {
   }
   CHECK(assembler.stats().scans > 15);
   CHECK(buffers.size() <= 3);
+}
+
+TEST_CASE("evenly lost packets leave a scan for every revolution and are counted", "[scan_assembler]") {
+  for (const VelodyneModel model : {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS2}) {
+    for (const double revolutions_per_second : {5.0, 10.0, 20.0}) {
+      for (const double share : {0.2, 0.5}) {
+        const TurningSensor source{.sensor = make_velodyne_sensor(model),
+                                   .revolutions_per_second = revolutions_per_second,
+                                   .start_azimuth_deg = 180.0};
+        const auto count = static_cast<std::size_t>(40.5 / revolutions_per_second * 1e9 /
+                                                    static_cast<double>(source.layout().packet_period_ns));
+        std::mt19937 random(17);
+        std::uniform_real_distribution<double> uniform(0.0, 1.0);
+        std::vector<Packet> packets;
+        for (std::size_t i = 0; i < count; ++i) {
+          if (i < 5 || i + 1 == count || uniform(random) >= share) packets.push_back(source.packet(i));
+        }
+        ScanAssembler assembler(source.sensor, {});
+        const auto scans = assemble(assembler, packets);
+        INFO(source.sensor.name << ", " << revolutions_per_second << " Hz, " << share << " lost");
+        CHECK(scans.size() == 40);
+        CHECK(assembler.stats().partial_scans == 0);
+        CHECK(assembler.stats().firings_discarded == 0);
+        CHECK(assembler.stats().lost_packets == count - packets.size());
+        CHECK(assembler.status().revolutions_per_minute ==
+              Approx(60.0 * revolutions_per_second).epsilon(1e-3));
+      }
+    }
+  }
+}
+
+TEST_CASE("the speed in the status is a mean over time", "[scan_assembler]") {
+  TurningSensor source = vlp16();
+  ScanAssembler assembler(source.sensor, {});
+  for (std::size_t i = 0; i < 2000; ++i) {
+    // An encoder that is read in steps of half a degree: a packet shows 12 % more or less.
+    VelodyneDataPacket data = source.data(i);
+    for (auto& block : data.blocks) block.azimuth = static_cast<std::uint16_t>(block.azimuth / 50 * 50);
+    Packet packet = TurningSensor::wrap(data);
+    packet.stamp = source.packet(i).stamp;
+    assembler.add(packet);
+    if (i > 200) REQUIRE(assembler.status().revolutions_per_minute == Approx(600.0).margin(1.0));
+  }
 }
 
 TEST_CASE("every model is detected from its own packets only", "[scan_assembler]") {

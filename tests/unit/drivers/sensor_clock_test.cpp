@@ -113,8 +113,8 @@ TEST_CASE("the time source is reported according to the telemetry", "[sensor_clo
   const core::Time host{kEpochNs + 2'000'000};
   const auto timestamp_us = static_cast<std::uint32_t>(kEpochNs / 1000 % 3'600'000'000);
   const auto source_after = [&](TimeSource wanted, std::uint32_t stamp_us,
-                                const std::optional<GpsReport>& report) {
-    SensorClock clock(wanted, true);
+                                const std::optional<GpsReport>& report, bool has_ptp = false) {
+    SensorClock clock(wanted, true, has_ptp);
     clock.set_packet_period(1'327'104);
     if (report) clock.on_gps_report(*report, host);
     clock.arrive(stamp_us, 0, host, 0);
@@ -125,10 +125,12 @@ TEST_CASE("the time source is reported according to the telemetry", "[sensor_clo
   const GpsReport nothing{};
   CHECK(source_after(TimeSource::kAuto, timestamp_us, locked) == core::ClockSource::kPpsLocked);
   CHECK(source_after(TimeSource::kAuto, timestamp_us, nmea) == core::ClockSource::kNmeaOnly);
-  CHECK(source_after(TimeSource::kAuto, timestamp_us, nothing) == core::ClockSource::kPtp);
+  // Agreement with the host is no proof of PTP, which most models do not have.
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, nothing) == core::ClockSource::kHostAgreement);
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, nothing, true) == core::ClockSource::kPtp);
   CHECK(source_after(TimeSource::kAuto, timestamp_us + 500'000'000, nothing) ==
         core::ClockSource::kFreeRunning);
-  CHECK(source_after(TimeSource::kAuto, timestamp_us, std::nullopt) == core::ClockSource::kPtp);
+  CHECK(source_after(TimeSource::kAuto, timestamp_us, std::nullopt) == core::ClockSource::kHostAgreement);
   CHECK(source_after(TimeSource::kHost, timestamp_us, locked) == core::ClockSource::kHost);
 }
 
@@ -157,4 +159,137 @@ TEST_CASE("a sensor without a clock gets even times from jittering receive times
   CHECK(scans >= 20);
   CHECK(assembler.stats().time_jumps + assembler.stats().lost_packets + assembler.stats().duplicate_packets ==
         0);
+}
+
+TEST_CASE("only a VLS-128 can report PTP", "[sensor_clock]") {
+  for (const VelodyneModel model : velodyne_models()) {
+    const TurningSensor source{.sensor = make_velodyne_sensor(model)};
+    ScanAssembler assembler(source.sensor, {});
+    for (std::size_t i = 0; i < 20; ++i) assembler.add(source.packet(i));
+    const core::ClockSource expected = model == VelodyneModel::kVls128 ? core::ClockSource::kPtp
+                                       : source.sensor.has_clock       ? core::ClockSource::kHostAgreement
+                                                                       : core::ClockSource::kHost;
+    INFO(source.sensor.name);
+    CHECK(assembler.status().clock_source == expected);
+  }
+}
+
+namespace {
+
+/// Clock that is set after three seconds, and by how much.
+struct ClockStep {
+  std::int64_t sensor_ns = 0;
+  std::int64_t host_ns = 0;
+};
+
+struct SteppedRun {
+  ScanAssemblerStats stats;
+  /// Published minus true time of the scans that end a second after the step or later.
+  double least_error_s = 1e9;
+  double most_error_s = -1e9;
+};
+
+/// A VLP-16 of which every 50th packet is lost, with network jitter; the published times never go back.
+SteppedRun run_with_step(std::int64_t ahead_ns, TimeSource time_source, const ClockStep& step) {
+  TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp16), .sensor_ahead_ns = ahead_ns};
+  std::mt19937 random(11);
+  std::exponential_distribution<double> delay_us(1.0 / 300.0);
+  ScanAssembler assembler(source.sensor, {.time_source = time_source});
+  SteppedRun result;
+  core::Scan scan;
+  core::Time last_end{0};
+  constexpr std::size_t kPackets = 6000;
+  constexpr std::size_t kStepAt = 2260;
+  for (std::size_t i = 0; i < kPackets; ++i) {
+    if (i == kStepAt) source.sensor_ahead_ns += step.sensor_ns;
+    if (i % 50 == 7) continue;
+    Packet packet = source.packet(i, std::llround(1e3 * delay_us(random)));
+    if (i >= kStepAt) packet.stamp.ns += step.host_ns;
+    if (!assembler.add(packet)) continue;
+    assembler.take_scan(scan);
+    CHECK(scan.start > last_end);
+    last_end = scan.end;
+    if (i < kStepAt + 754) continue;
+    // The last firing of the packet that completed the scan is the scan's end to within a packet.
+    const double error_s = static_cast<double>(scan.end.ns - source.packet_time_ns(i)) * 1e-9;
+    result.least_error_s = std::min(result.least_error_s, error_s);
+    result.most_error_s = std::max(result.most_error_s, error_s);
+  }
+  result.stats = assembler.stats();
+  return result;
+}
+
+void check_error(const SteppedRun& run, double expected_s) {
+  CHECK(run.least_error_s == Approx(expected_s).margin(4e-3));
+  CHECK(run.most_error_s == Approx(expected_s).margin(4e-3));
+}
+
+}  // namespace
+
+TEST_CASE("a sensor's clock that is set is no packet loss, and stamps are right after a second",
+          "[sensor_clock]") {
+  for (const std::int64_t ahead_ns : {std::int64_t{0}, std::int64_t{1'234'000'000'000}}) {
+    for (const std::int64_t step_ms : {-1000, -300, -100, 100, 150, 300, 600, 1000, 2500}) {
+      INFO("ahead " << ahead_ns << " ns, step " << step_ms << " ms");
+      const SteppedRun run = run_with_step(ahead_ns, TimeSource::kAuto, {.sensor_ns = step_ms * 1'000'000});
+      CHECK(run.stats.time_jumps == 1);
+      CHECK(run.stats.host_clock_jumps == 0);
+      CHECK(run.stats.damaged_stamps == 0);
+      CHECK(run.stats.lost_packets == 120);
+      check_error(run, 0.0);
+    }
+  }
+}
+
+TEST_CASE("a host's clock that is set forward is followed within a second, one set back is not",
+          "[sensor_clock]") {
+  for (const std::int64_t ahead_ns : {std::int64_t{0}, std::int64_t{1'234'000'000'000}}) {
+    for (const std::int64_t step_ms : {-1000, -300, -100, 100, 300, 600, 1000, 2500, 60'000}) {
+      INFO("ahead " << ahead_ns << " ns, step " << step_ms << " ms");
+      const SteppedRun run = run_with_step(ahead_ns, TimeSource::kAuto, {.host_ns = step_ms * 1'000'000});
+      CHECK(run.stats.host_clock_jumps == 1);
+      CHECK(run.stats.time_jumps == 0);
+      CHECK(run.stats.lost_packets == 120);
+      // In step with the host before, the sensor's time is used unchanged.
+      const bool follows = ahead_ns != 0 && step_ms > 0;
+      check_error(run, follows ? static_cast<double>(step_ms) * 1e-3 : 0.0);
+    }
+  }
+}
+
+TEST_CASE("sensor time that is configured follows the sensor forward at once", "[sensor_clock]") {
+  const SteppedRun run = run_with_step(0, TimeSource::kSensor, {.sensor_ns = 700'000'000});
+  CHECK(run.stats.time_jumps == 1);
+  check_error(run, 0.7);
+}
+
+TEST_CASE("a queue that drains within a second is no clock that was set", "[sensor_clock]") {
+  const TurningSensor source{.sensor = make_velodyne_sensor(VelodyneModel::kVlp16)};
+  for (const std::int64_t queue_ms : {60, 400, 900}) {
+    ScanAssembler assembler(source.sensor, {});
+    for (std::size_t i = 0; i < 6000; ++i) {
+      Packet packet = source.packet(i, 50'000);
+      // For a while nothing arrives, then everything at once.
+      const std::int64_t held_until_ns = source.packet_time_ns(1500) + queue_ms * 1'000'000;
+      if (i >= 1500) packet.stamp.ns = std::max(packet.stamp.ns, held_until_ns);
+      assembler.add(packet);
+    }
+    INFO(queue_ms << " ms");
+    CHECK(assembler.stats().host_clock_jumps + assembler.stats().time_jumps == 0);
+    CHECK(assembler.stats().lost_packets + assembler.stats().damaged_stamps == 0);
+  }
+}
+
+TEST_CASE("copies of packets without a time stamp are recognised", "[sensor_clock]") {
+  const VelodyneSensor sensor = make_velodyne_sensor(VelodyneModel::kHdl64eS1);
+  const TurningSensor source{.sensor = sensor};
+  ScanAssembler assembler(sensor, {});
+  for (std::size_t i = 0; i < 2000; ++i) {
+    Packet packet = source.packet(i);
+    std::fill_n(packet.data.begin() + 1200, 4, std::uint8_t{0});
+    assembler.add(packet);
+    assembler.add(packet);
+  }
+  CHECK(assembler.stats().duplicate_packets == 2000);
+  CHECK(assembler.stats().firings == 2000U * sensor.single().firings_per_packet());
 }

@@ -205,9 +205,11 @@ const char* clock_source_name(core::ClockSource source) {
     case core::ClockSource::kPpsLocked:
       return "PPS locked";
     case core::ClockSource::kPtp:
+      return "in step with the recorder (PTP)";
+    case core::ClockSource::kHostAgreement:
       break;
   }
-  return "in step with the recorder (PTP)";
+  return "agrees with the recorder's clock, source unknown";
 }
 
 std::string return_mode_text(const SensorFindings& sensor) {

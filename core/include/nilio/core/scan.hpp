@@ -38,7 +38,8 @@ struct Scan {
   bool motion_compensated = false;
   /// Vertical angle between neighbouring beams (median), rad; decides the plane voxel size.
   float beam_spacing_rad = 0.0F;
-  /// Azimuth covered, degrees, 0..360.
+  /// Azimuth that the firings surround, degrees, 0..360: the field of view without missing sectors. Gaps as
+  /// short as evenly lost packets leave them count as covered; see `missing_firings`.
   float coverage_deg = 0.0F;
   /// Packets missing inside the scan, by the sensor's time stamps.
   std::uint32_t lost_packets = 0;

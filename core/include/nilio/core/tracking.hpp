@@ -24,11 +24,12 @@ enum class StopReason : std::uint8_t {
 
 /// Source of the time of a scan.
 enum class ClockSource : std::uint8_t {
-  kHost,         ///< receive times: the sensor has no clock, or the configuration says so
-  kFreeRunning,  ///< the sensor's own oscillator, fitted onto the host's clock
-  kNmeaOnly,     ///< the sensor receives GPS time but no pulse
-  kPpsLocked,    ///< locked to the pulse of a GPS receiver
-  kPtp,          ///< no pulse, but synchronous with the host's clock, as with PTP
+  kHost,           ///< receive times: the sensor has no clock, or the configuration says so
+  kFreeRunning,    ///< the sensor's own oscillator, fitted onto the host's clock
+  kNmeaOnly,       ///< the sensor receives GPS time but no pulse
+  kPpsLocked,      ///< locked to the pulse of a GPS receiver
+  kPtp,            ///< no pulse, but synchronous with the host's clock, and the model has PTP
+  kHostAgreement,  ///< agrees with the host's clock for an unknown reason
 };
 
 /// "initialising", "converged", ... as logs and tables print them.

@@ -32,8 +32,8 @@ struct ScanAssemblerConfig {
   double cut_azimuth_deg = 180.0;
   double min_range_m = 1.0;
   double max_range_m = 120.0;
-  /// Smallest share of the field of view that a scan must cover; other scans are dropped and counted (start,
-  /// end, long loss).
+  /// Smallest share of the field of view that a scan must surround (core::Scan::coverage_deg); other scans
+  /// are dropped and counted (start, end, long loss).
   double min_coverage = 0.8;
   /// Additional room in the scans' buffers for points of other sources.
   std::size_t more_points = 0;
@@ -50,15 +50,18 @@ struct ScanAssemblerStats {
   std::uint64_t position_packets = 0;  ///< telemetry
   std::uint64_t bad_length = 0;        ///< neither a data nor a position packet
   std::uint64_t duplicate_packets = 0;
-  std::uint64_t late_packets = 0;  ///< out of order; their firings are in the open scan, or in firings_late
-  std::uint64_t lost_packets = 0;  ///< gaps in the sensor's time stamps that no late packet filled
-  std::uint64_t time_jumps = 0;    ///< the sensor's clock was set
+  std::uint64_t late_packets = 0;    ///< out of order; their firings are in the open scan, or in firings_late
+  std::uint64_t lost_packets = 0;    ///< gaps in the sensor's time stamps that no late packet filled
+  std::uint64_t damaged_stamps = 0;  ///< packets whose time stamp no other packet agrees with
+  std::uint64_t time_jumps = 0;      ///< the sensor's clock was set
   std::uint64_t host_clock_jumps = 0;
   std::uint64_t mode_changes = 0;  ///< the return mode changed
   std::uint64_t firings = 0;       ///< in all packets except duplicates
   std::uint64_t firings_in_scans = 0;
   std::uint64_t firings_discarded = 0;  ///< in scans that were dropped for too little coverage
-  std::uint64_t firings_bad = 0;   ///< in blocks with a wrong flag, or an azimuth out of range or out of line
+  /// In blocks with a wrong flag, an azimuth out of range or out of line, and in packets with a damaged
+  /// stamp.
+  std::uint64_t firings_bad = 0;
   std::uint64_t firings_late = 0;  ///< of late packets whose scan was complete
   std::uint64_t scans = 0;
   std::uint64_t partial_scans = 0;  ///< dropped for too little coverage
@@ -69,6 +72,7 @@ struct ScanAssemblerStats {
 /// State of the packet stream, for the user.
 struct ScanAssemblerStatus {
   ReturnMode mode = ReturnMode::kSingle;
+  /// Mean over one to two seconds.
   double revolutions_per_minute = 0.0;
   /// Current estimate of the time between packets.
   double packet_period_us = 0.0;

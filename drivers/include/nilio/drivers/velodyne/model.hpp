@@ -126,6 +126,8 @@ struct VelodyneSensor {
   bool measured_period = false;
   /// False for sensors whose packets carry no time (HDL-64E S1): host time is used.
   bool has_clock = true;
+  /// Some firmware of the model synchronises its clock by PTP.
+  bool has_ptp = false;
   /// Byte 1205, for encoders; 0 for the HDL-64E, which has a status stream in both bytes.
   std::uint8_t product_byte = 0;
   /// Median vertical angle between neighbouring beams.
