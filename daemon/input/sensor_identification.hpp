@@ -7,6 +7,7 @@
 #include "nilio/drivers/velodyne/model.hpp"
 
 #include "daemon/config/config.hpp"
+#include "daemon/input/status_stream_order.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -16,9 +17,12 @@
 
 namespace nilio::daemon {
 
+/// Data packets needed to identify a sensor.
+inline constexpr std::size_t kDetectionPackets = 64;
+
 /// Identifies the sensor from a LiDAR's first packets and selects its calibration: the configured file, the
-/// one transmitted by an HDL-64E, or the built-in one. Used for recordings before playback and for live
-/// sensors. One thread; allocates.
+/// one transmitted by an HDL-64E, or the built-in one. A configured model is used whatever the packets show.
+/// Used for recordings before playback and for live sensors. One thread; allocates.
 class SensorIdentification {
  public:
   enum class State {
@@ -44,7 +48,8 @@ class SensorIdentification {
 
  private:
   State decide_model();
-  State read_status(const drivers::Packet& packet);
+  State read_stream();
+  State read_status(const StatusByte& byte, bool after_loss);
   State use_stream(const drivers::Hdl64eCalibration& calibration);
   State use_built_in(const std::string& reason);
   State reject(const std::string& problem);
@@ -53,22 +58,25 @@ class SensorIdentification {
   LidarConfig config_;
   std::string section_;
   std::vector<drivers::Packet> sample_;
+  drivers::VelodyneDetection detection_;
   std::optional<drivers::VelodyneSensor> sensor_;
+  std::optional<StatusStreamOrder> order_;
   drivers::Hdl64eStatusReader stream_;
+  /// Packets received, copies included, and different ones.
+  std::size_t packets_received_ = 0;
   std::size_t stream_packets_ = 0;
-  std::size_t packets_since_gap_ = 0;
-  std::uint64_t gaps_ = 0;
+  std::size_t stream_losses_ = 0;
   bool carries_table_ = false;
   std::vector<std::string> notes_;
   std::vector<std::string> warnings_;
   std::string problem_;
 };
 
-/// Validates the configured model and calibration file before any packet arrives.
-core::Result<std::monostate> check_lidar(const LidarConfig& config, const std::string& section);
-
-/// The configured sensor, where its packets need not be read for it: empty for `model: auto`, and for
-/// an HDL-64E without a calibration file, which may transmit one. Call after check_lidar().
+/// The configured sensor if it needs nothing from the packets: its model is configured, and an HDL-64E's
+/// calibration, too.
 std::optional<drivers::VelodyneSensor> configured_sensor(const LidarConfig& config);
+
+/// Validates the configured model, return mode and calibration file before any packet arrives.
+core::Result<std::monostate> check_lidar(const LidarConfig& config, const std::string& section);
 
 }  // namespace nilio::daemon

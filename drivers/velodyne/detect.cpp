@@ -1,7 +1,7 @@
 #include "nilio/drivers/velodyne/detect.hpp"
 
-#include "drivers/common/byte_order.hpp"
 #include "drivers/velodyne/packet_bytes.hpp"
+#include "drivers/velodyne/packet_sample.hpp"
 
 #include <algorithm>
 #include <array>
@@ -12,18 +12,17 @@
 namespace nilio::drivers {
 namespace {
 
+/// Between the nearest periods of two models, 48.0 and 57.6 us an azimuth step, lie 20 per cent.
 constexpr double kPeriodTolerance = 0.05;
-/// Share of equal time steps from which on the sensor has a clock.
-constexpr double kRegularShare = 0.8;
+/// Of a sensor without a clock no stamp agrees with another; fewer packets may be a coincidence.
+constexpr std::size_t kPacketsWithoutClock = 8;
 
 struct Evidence {
   std::map<PacketShape, std::size_t> shapes;
   std::map<std::uint8_t, std::size_t> products;
   std::map<std::uint8_t, std::size_t> modes;
-  std::size_t packets = 0;
   std::size_t paired = 0;
   std::size_t unpaired = 0;
-  std::vector<std::uint32_t> steps_us;
 };
 
 template <class Key>
@@ -33,13 +32,10 @@ Key most_frequent(const std::map<Key, std::size_t>& counts) {
       ->first;
 }
 
-Evidence gather(std::span<const Packet> packets) {
+Evidence gather(const PacketSample& sample) {
   Evidence evidence;
-  std::optional<std::uint32_t> previous_us;
-  for (const Packet& packet : packets) {
-    if (packet.size != kDataPacketSize || packet.truncated) continue;
-    const std::span<const std::uint8_t> payload = std::span(packet.data).first(kDataPacketSize);
-    ++evidence.packets;
+  for (std::size_t i = 0; i < sample.packets.size(); ++i) {
+    const std::span<const std::uint8_t> payload = sample.payload(i);
     const PacketShape shape = packet_shape(payload);
     ++evidence.shapes[shape];
     ++evidence.products[payload[kProductOffset]];
@@ -47,26 +43,21 @@ Evidence gather(std::span<const Packet> packets) {
     const std::optional<bool> pairs = azimuths_in_pairs(payload, shape == PacketShape::kAlternating ? 2 : 1);
     evidence.paired += static_cast<std::size_t>(pairs == true);
     evidence.unpaired += static_cast<std::size_t>(pairs == false);
-    const std::uint32_t now_us = load_le32(payload.data() + kTimestampOffset);
-    if (previous_us && now_us > *previous_us) evidence.steps_us.push_back(now_us - *previous_us);
-    previous_us = now_us;
   }
   return evidence;
 }
 
-/// Median step of the sensor's clock; 0 for uneven steps.
-double period_of(Evidence& evidence) {
-  std::vector<std::uint32_t>& steps = evidence.steps_us;
-  if (steps.size() < 3) return 0.0;
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  const double median = *middle;
-  const auto alike = std::count_if(steps.begin(), steps.end(), [&](std::uint32_t step) {
-    return std::abs(step - median) <= 2.0 + 0.1 * median;
-  });
-  const bool regular =
-      static_cast<double>(alike) >= kRegularShare * static_cast<double>(evidence.packets - 1);
-  return regular ? median : 0.0;
+void set_mode_by_pairs(const Evidence& evidence, VelodyneDetection& result) {
+  result.mode = evidence.paired > evidence.unpaired ? ReturnMode::kDual : ReturnMode::kSingle;
+  result.mode_known = evidence.paired != evidence.unpaired;
+}
+
+/// By the azimuth steps, otherwise (motor stopped) by the packets alone; 0 when neither is even.
+double packet_period_us(const PacketSample& sample, std::size_t blocks_per_step) {
+  const double step_us = azimuth_step_us(sample, blocks_per_step);
+  const std::size_t steps = kBlocksPerPacket / blocks_per_step;
+  if (step_us > 0.0) return step_us * static_cast<double>(steps);
+  return regular_packet_period_us(sample);
 }
 
 bool has_period(VelodyneModel model, ReturnMode mode, double period_us) {
@@ -105,36 +96,57 @@ std::vector<VelodyneModel> models_of_period(ReturnMode mode, double period_us) {
   return models;
 }
 
-void detect_one_bank(const Evidence& evidence, VelodyneDetection& result) {
-  const std::uint8_t product = most_frequent(evidence.products);
-  const std::vector<VelodyneModel> named = models_of_product(product);
-  result.mode = evidence.paired > evidence.unpaired ? ReturnMode::kDual : ReturnMode::kSingle;
+void detect_one_bank(const PacketSample& sample, const Evidence& evidence, VelodyneDetection& result) {
+  const std::vector<VelodyneModel> named = models_of_product(most_frequent(evidence.products));
+  set_mode_by_pairs(evidence, result);
+  result.packet_period_us = packet_period_us(sample, result.mode == ReturnMode::kDual ? 2 : 1);
   if (result.packet_period_us == 0.0) {
     result.candidates = named;
+    result.uncertainty = "the product byte alone is not reliable";
   } else {
     for (const VelodyneModel model : named) {
       if (has_period(model, result.mode, result.packet_period_us)) result.candidates.push_back(model);
     }
-    if (result.candidates.empty()) result.candidates = models_of_period(result.mode, result.packet_period_us);
+    if (result.candidates.empty()) {
+      result.candidates = models_of_period(result.mode, result.packet_period_us);
+      result.uncertainty = "the product byte is of another model or of none";
+    }
   }
   const bool ambiguous = !result.candidates.empty() && result.candidates.front() == VelodyneModel::kVlp32a;
   if (!result.candidates.empty() && !ambiguous) result.model = result.candidates.front();
 }
 
-void detect_hdl64e(const Evidence& evidence, VelodyneDetection& result) {
+void detect_hdl64e(const PacketSample& sample, const Evidence& evidence, VelodyneDetection& result) {
   using enum VelodyneModel;
-  if (evidence.paired > evidence.unpaired) {
-    result.mode = ReturnMode::kDual;
+  set_mode_by_pairs(evidence, result);
+  result.packet_period_us = packet_period_us(sample, result.mode == ReturnMode::kDual ? 4 : 2);
+  // Only the S3 has two returns, or another period.
+  const bool is_s3 =
+      result.mode == ReturnMode::kDual ||
+      (result.packet_period_us > 0.0 && !has_period(kHdl64eS2, ReturnMode::kSingle, result.packet_period_us));
+  if (is_s3) {
     result.candidates = {kHdl64eS3};
-  } else if (result.packet_period_us == 0.0) {
+  } else if (!sample.ticks || (!*sample.ticks && sample.packets.size() < kPacketsWithoutClock)) {
     result.candidates = {kHdl64eS1, kHdl64eS2, kHdl64eS21, kHdl64eS3};
-    // Too few packets to detect whether the sensor has a clock.
-    if (evidence.packets < 8) return;
+    return;
+  } else if (!*sample.ticks) {
+    result.candidates = {kHdl64eS1};
   } else {
     result.candidates = {kHdl64eS2, kHdl64eS21, kHdl64eS3};
-    if (!has_period(kHdl64eS2, ReturnMode::kSingle, result.packet_period_us)) result.candidates = {kHdl64eS3};
+    result.uncertainty = "they send the same packets and differ in their calibration only";
   }
   result.model = result.candidates.front();
+}
+
+void detect_vls128(const PacketSample& sample, PacketShape shape, VelodyneDetection& result) {
+  const bool single = shape == PacketShape::kFourBanks;
+  result.mode = single                                  ? ReturnMode::kSingle
+                : shape == PacketShape::kFourBanksTwice ? ReturnMode::kDual
+                                                        : ReturnMode::kDualConfidence;
+  result.mode_known = true;
+  result.packet_period_us = packet_period_us(sample, single ? 4 : kBlocksPerPacket);
+  result.candidates = {VelodyneModel::kVls128};
+  result.model = VelodyneModel::kVls128;
 }
 
 std::string describe(const Evidence& evidence, const VelodyneDetection& result, PacketShape shape) {
@@ -163,28 +175,24 @@ bool VelodyneDetection::agrees_with(VelodyneModel wanted) const {
 
 VelodyneDetection detect_velodyne(std::span<const Packet> packets) {
   VelodyneDetection result;
-  Evidence evidence = gather(packets);
-  if (evidence.packets == 0) {
+  const PacketSample sample = make_sample(packets);
+  if (sample.packets.empty()) {
     result.evidence = "no data packets of " + std::to_string(kDataPacketSize) + " bytes";
     return result;
   }
-  result.packet_period_us = period_of(evidence);
+  const Evidence evidence = gather(sample);
   const PacketShape shape = most_frequent(evidence.shapes);
   switch (shape) {
     case PacketShape::kUpperOnly:
-      detect_one_bank(evidence, result);
+      detect_one_bank(sample, evidence, result);
       break;
     case PacketShape::kAlternating:
-      detect_hdl64e(evidence, result);
+      detect_hdl64e(sample, evidence, result);
       break;
     case PacketShape::kFourBanks:
     case PacketShape::kFourBanksTwice:
     case PacketShape::kFourBanksThrice:
-      result.mode = shape == PacketShape::kFourBanks        ? ReturnMode::kSingle
-                    : shape == PacketShape::kFourBanksTwice ? ReturnMode::kDual
-                                                            : ReturnMode::kDualConfidence;
-      result.candidates = {VelodyneModel::kVls128};
-      result.model = VelodyneModel::kVls128;
+      detect_vls128(sample, shape, result);
       break;
     case PacketShape::kOther:
       break;

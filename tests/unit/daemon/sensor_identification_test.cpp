@@ -1,5 +1,6 @@
 #include "daemon/input/sensor_identification.hpp"
 
+#include "tests/support/disturbed_packets.hpp"
 #include "tests/support/hdl64e_packets.hpp"
 
 #include <catch2/catch.hpp>
@@ -55,17 +56,86 @@ TEST_CASE("packets of other lengths are not used for identification", "[sensor_i
   CHECK(packets_needed(identification, vlp16_packets(100), State::kIdentified) == 64);
 }
 
-TEST_CASE("a model that contradicts the packets is rejected with both names until packets fit",
+TEST_CASE("a configured model is used although the packets contradict it, with a warning that names both",
           "[sensor_identification]") {
   SensorIdentification identification(with_model("HDL-32E"), "lidar2");
-  CHECK(packets_needed(identification, vlp16_packets(100), State::kRejected) == 64);
-  CHECK_THAT(identification.problem(), Contains("lidar2.model is HDL-32E") && Contains("VLP-16"));
-  TurningSensor turning;
-  turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl32e);
-  std::vector<drivers::Packet> packets;
-  for (std::size_t i = 0; i < 64; ++i) packets.push_back(turning.packet(i));
-  CHECK(packets_needed(identification, packets, State::kIdentified) == 64);
+  CHECK(packets_needed(identification, vlp16_packets(100), State::kIdentified) == 64);
   CHECK(identification.take().model == drivers::VelodyneModel::kHdl32e);
+  REQUIRE(identification.warnings().size() == 1);
+  CHECK_THAT(identification.warnings()[0], Contains("lidar2.model is HDL-32E") && Contains("VLP-16"));
+}
+
+TEST_CASE("an early VLP-16 is never refused, and uncertain without the configuration",
+          "[sensor_identification]") {
+  std::vector<drivers::Packet> packets = vlp16_packets(200);
+  for (drivers::Packet& packet : packets) packet.data[1205] = 0x21;
+  for (const Disturbance& how : disturbances()) {
+    for (const std::uint32_t seed : {1U, 2U, 3U}) {
+      INFO(how.name << " seed " << seed);
+      const auto disturbed = disturb(packets, how, seed);
+      SensorIdentification set(with_model("VLP-16"), "lidar");
+      packets_needed(set, disturbed, State::kIdentified);
+      CHECK(set.take().model == drivers::VelodyneModel::kVlp16);
+      CHECK(set.warnings().empty());
+      SensorIdentification open(LidarConfig{}, "lidar");
+      packets_needed(open, disturbed, State::kIdentified);
+      CHECK(open.take().model == drivers::VelodyneModel::kVlp16);
+      REQUIRE(open.warnings().size() == 1);
+      CHECK_THAT(open.warnings()[0], Contains("uncertain") && Contains("Puck-Hi-Res") &&
+                                         Contains("decoded as VLP-16") && Contains("set lidar.model"));
+    }
+  }
+}
+
+TEST_CASE("a return mode that the packets do not have is an error that names both",
+          "[sensor_identification]") {
+  LidarConfig config;
+  config.return_mode = "dual";
+  for (const char* model : {"auto", "VLP-16"}) {
+    config.model = model;
+    SensorIdentification identification(config, "lidar");
+    CHECK(packets_needed(identification, vlp16_packets(100), State::kRejected) == 64);
+    CHECK_THAT(identification.problem(),
+               Contains("lidar.return_mode is dual") && Contains("single returns") && Contains("auto"));
+  }
+  config.model = "HDL-64E-S2";
+  const auto checked = check_lidar(config, "lidar");
+  REQUIRE_FALSE(checked.ok());
+  CHECK_THAT(checked.error().message, Contains("return_mode is dual") && Contains("HDL-64E-S2"));
+}
+
+TEST_CASE("a configured sensor needs no packets, an HDL-64E only with its calibration",
+          "[sensor_identification]") {
+  CHECK_FALSE(configured_sensor(LidarConfig{}).has_value());
+  REQUIRE(configured_sensor(with_model("VLP-16")).has_value());
+  CHECK(configured_sensor(with_model("VLP-16"))->model == drivers::VelodyneModel::kVlp16);
+  LidarConfig hdl64e = with_model("HDL-64E-S2");
+  CHECK_FALSE(configured_sensor(hdl64e).has_value());
+  hdl64e.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
+  CHECK(configured_sensor(hdl64e).has_value());
+}
+
+TEST_CASE("an HDL-64E S2 is no S1, and its stream is read from duplicated and reordered packets",
+          "[sensor_identification]") {
+  const drivers::Hdl64eCalibration sent = make_writer().calibration();
+  const auto packets = hdl64e_packets(3 * kHdl64eStatusPackets, StatusStream::kWhole, 100);
+  for (const Disturbance& how : disturbances()) {
+    INFO(how.name);
+    SensorIdentification identification(LidarConfig{}, "lidar");
+    State state = State::kUndecided;
+    for (const drivers::Packet& packet : disturb(packets, how, 3)) {
+      state = identification.add(packet);
+      if (state != State::kUndecided) break;
+    }
+    if (state == State::kUndecided) state = identification.finish();
+    REQUIRE(state == State::kIdentified);
+    const drivers::VelodyneSensor sensor = identification.take();
+    CHECK(sensor.model == drivers::VelodyneModel::kHdl64eS2);
+    // Lost packets are missing from every pass.
+    const bool is_whole = how.lost == 0.0;
+    CHECK((sensor.lasers[7].elevation_rad == sent.lasers[7].elevation_rad) == is_whole);
+    CHECK(identification.warnings().size() == (is_whole ? 0 : 1));
+  }
 }
 
 TEST_CASE("an ambiguous model requires the configuration", "[sensor_identification]") {
