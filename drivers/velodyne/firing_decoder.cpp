@@ -159,9 +159,8 @@ void FiringDecoder::set_rate(float rate) {
 void FiringDecoder::choose_returns(const BlockTable& table, const Words& words, const Words& others,
                                    Mask& keep) const {
   if (returns_ == ReturnChoice::kAll) {
-    // The last return, and the other one where it differs.
-    const bool is_every = table.content == BlockContent::kLast;
-    for (std::size_t c = 0; c < kEntriesPerBlock && !is_every; ++c)
+    // Of the block without the last returns: those that differ.
+    for (std::size_t c = 0; c < kEntriesPerBlock; ++c)
       keep[c] = static_cast<std::int32_t>(distance_of(words[c]) != distance_of(others[c]));
     return;
   }
@@ -280,7 +279,8 @@ FiringDecoder::Counts FiringDecoder::decode_step(std::span<const std::uint8_t> p
     const Words words = load_entries(block);
     Mask keep;
     keep.fill(1);
-    if (is_one_of_two && !is_copy) choose_returns(table, words, load_entries(other), keep);
+    const bool is_chosen = is_copy || (is_last && returns_ == ReturnChoice::kAll);
+    if (is_one_of_two && !is_chosen) choose_returns(table, words, load_entries(other), keep);
     std::int32_t kept = 0;
     for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
       const auto raw = static_cast<std::int32_t>(distance_of(words[c]));
