@@ -42,13 +42,25 @@ void count(const Packet& packet, drivers::ScanAssemblerStats& stats) {
 
 void add_to(drivers::ScanAssemblerStats& sum, const drivers::ScanAssemblerStats& other) {
   using Stats = drivers::ScanAssemblerStats;
-  constexpr std::array kCounts{
-      &Stats::packets,           &Stats::position_packets, &Stats::bad_length,
-      &Stats::duplicate_packets, &Stats::late_packets,     &Stats::lost_packets,
-      &Stats::time_jumps,        &Stats::host_clock_jumps, &Stats::mode_changes,
-      &Stats::firings,           &Stats::firings_in_scans, &Stats::firings_discarded,
-      &Stats::firings_bad,       &Stats::firings_late,     &Stats::scans,
-      &Stats::partial_scans,     &Stats::points,           &Stats::points_out_of_range};
+  constexpr std::array kCounts{&Stats::packets,
+                               &Stats::position_packets,
+                               &Stats::bad_length,
+                               &Stats::duplicate_packets,
+                               &Stats::late_packets,
+                               &Stats::lost_packets,
+                               &Stats::damaged_stamps,
+                               &Stats::time_jumps,
+                               &Stats::host_clock_jumps,
+                               &Stats::mode_changes,
+                               &Stats::firings,
+                               &Stats::firings_in_scans,
+                               &Stats::firings_discarded,
+                               &Stats::firings_bad,
+                               &Stats::firings_late,
+                               &Stats::scans,
+                               &Stats::partial_scans,
+                               &Stats::points,
+                               &Stats::points_out_of_range};
   static_assert(sizeof(Stats) == kCounts.size() * sizeof(std::uint64_t), "every counter is summed up");
   for (const auto member : kCounts) sum.*member += other.*member;
 }
