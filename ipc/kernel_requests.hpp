@@ -22,6 +22,12 @@ inline std::string request_fifo(int priority) {
          "): grant CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
 }
 
+/// Returns the calling thread to normal scheduling, which needs no privilege; its nice value is kept.
+inline void leave_fifo() {
+  const sched_param normal{};
+  pthread_setschedparam(pthread_self(), SCHED_OTHER, &normal);
+}
+
 /// Locks all present and future memory of the process, which avoids page faults.
 inline std::string request_memory_lock() {
   if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return {};

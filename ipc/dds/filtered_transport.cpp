@@ -5,6 +5,7 @@
 
 #include <fastdds/rtps/network/SenderResource.h>
 #include <fastdds/rtps/transport/TransportReceiverInterface.h>
+#include <fastrtps/utils/IPLocator.h>
 
 namespace nilio::dds {
 namespace {
@@ -16,8 +17,45 @@ namespace rtps = eprosima::fastrtps::rtps;
 constexpr std::size_t kMessageHeaderBytes = 20;
 constexpr std::size_t kSubmessageHeaderBytes = 4;
 constexpr std::uint8_t kPad = 0x01;
+constexpr std::uint8_t kHeartbeat = 0x07;
+constexpr std::uint8_t kGap = 0x08;
 constexpr std::uint8_t kInfoTimestamp = 0x09;
+constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
+// Heartbeat and gap: ids of reader and writer, then two sequence numbers.
+constexpr std::size_t kFirstNumber = kSubmessageHeaderBytes + 8;
+constexpr std::size_t kSecondNumber = kFirstNumber + 8;
+// Fast DDS visits every number up to the announced one. A writer with 10 samples per second needs 19 days.
+constexpr std::uint64_t kMaxSequenceNumber = std::uint64_t{1} << 24U;
+// It remembers every number of a gap. A longer one only says what the heartbeat says, too.
+constexpr std::uint64_t kMaxGap = std::uint64_t{1} << 16U;
+// Fragment: size of the sample, which Fast DDS allocates and touches. The messages read here have kilobytes.
+constexpr std::size_t kSampleSize = kSubmessageHeaderBytes + 28;
+constexpr std::uint64_t kMaxSampleBytes = std::uint64_t{16} << 20U;
+
+std::uint64_t read_word(const std::uint8_t* data, bool little_endian) {
+  std::uint64_t word = 0;
+  for (std::size_t i = 0; i < 4; ++i) word = 256 * word + data[little_endian ? 3 - i : i];
+  return word;
+}
+
+// The high word comes first.
+std::uint64_t read_sequence_number(const std::uint8_t* data, bool little_endian) {
+  return (read_word(data, little_endian) << 32U) + read_word(data + 4, little_endian);
+}
+
+// True if Fast DDS would abort at this submessage, be busy with it for minutes, or run out of memory.
+bool is_harmful(const std::uint8_t* submessage, std::size_t bytes_left, bool little_endian) {
+  const std::uint8_t kind = submessage[0];
+  if (kind == kStatistics) return true;
+  if (kind == kDataFragment && bytes_left >= kSampleSize + 4)
+    return read_word(submessage + kSampleSize, little_endian) > kMaxSampleBytes;
+  if ((kind != kHeartbeat && kind != kGap) || bytes_left < kSecondNumber + 8) return false;
+  const std::uint64_t first = read_sequence_number(submessage + kFirstNumber, little_endian);
+  const std::uint64_t second = read_sequence_number(submessage + kSecondNumber, little_endian);
+  if (first > kMaxSequenceNumber || second > kMaxSequenceNumber) return true;
+  return kind == kGap && second > first + kMaxGap;
+}
 
 class FilteredTransport : public fastdds_rtps::ChainingTransport {
  public:
@@ -25,6 +63,17 @@ class FilteredTransport : public fastdds_rtps::ChainingTransport {
       : ChainingTransport(descriptor), descriptor_(descriptor), gate_(descriptor.gate()) {}
 
   fastdds_rtps::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
+
+  // Replaces "any address" by the addresses to announce.
+  // NOLINTNEXTLINE(readability-identifier-naming): Fast DDS's name
+  rtps::LocatorList_t NormalizeLocator(const rtps::Locator_t& locator) override {
+    rtps::LocatorList_t addresses = ChainingTransport::NormalizeLocator(locator);
+    if (!rtps::IPLocator::isAny(locator)) return addresses;
+    rtps::Locator_t loopback = locator;
+    rtps::IPLocator::setIPv4(loopback, "127.0.0.1");
+    addresses.push_back(loopback);  // ignored if it is there
+    return addresses;
+  }
 
   bool send(rtps::SenderResource* sender, const rtps::octet* data, std::uint32_t bytes,
             rtps::LocatorsIterator* destinations_begin, rtps::LocatorsIterator* destinations_end,
@@ -35,8 +84,7 @@ class FilteredTransport : public fastdds_rtps::ChainingTransport {
 
   void receive(fastdds_rtps::TransportReceiverInterface* receiver, const rtps::octet* data,
                std::uint32_t bytes, const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
-    receiver->OnDataReceived(data, static_cast<std::uint32_t>(bytes_before_statistics(data, bytes)), local,
-                             remote);
+    receiver->OnDataReceived(data, static_cast<std::uint32_t>(harmless_bytes(data, bytes)), local, remote);
   }
 
  private:
@@ -46,12 +94,12 @@ class FilteredTransport : public fastdds_rtps::ChainingTransport {
 
 }  // namespace
 
-std::size_t bytes_before_statistics(const std::uint8_t* data, std::size_t bytes) {
+std::size_t harmless_bytes(const std::uint8_t* data, std::size_t bytes) {
   std::size_t position = kMessageHeaderBytes;
   while (position + kSubmessageHeaderBytes <= bytes) {
     const std::uint8_t kind = data[position];
-    if (kind == kStatistics) return position;
     const bool little_endian = (data[position + 1] & 1U) != 0;
+    if (is_harmful(data + position, bytes - position, little_endian)) return position;
     const std::size_t first = data[position + 2];
     const std::size_t second = data[position + 3];
     const std::size_t length = little_endian ? first + 256 * second : 256 * first + second;

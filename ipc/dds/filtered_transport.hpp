@@ -10,17 +10,22 @@
 
 namespace nilio::dds {
 
-/// Number of bytes of an RTPS datagram before its first statistics submessage (0x80, vendor-specific); all
-/// bytes if there is none.
-std::size_t bytes_before_statistics(const std::uint8_t* data, std::size_t bytes);
+/// Number of bytes of an RTPS datagram before its first submessage that Fast DDS 2.9.1 does not survive; all
+/// bytes if there is none. These are statistics (0x80, vendor-specific), on which it aborts, and heartbeats
+/// and gaps with sequence numbers that no writer reaches, which it counts through one by one, and fragments
+/// of samples beyond 16 MiB, which it allocates.
+std::size_t harmless_bytes(const std::uint8_t* data, std::size_t bytes);
 
-/// UDP transport with workarounds for two defects of Fast DDS 2.9.1.
+/// UDP transport with workarounds for three defects of Fast DDS 2.9.1.
 ///
-/// It aborts on malformed statistics submessages, which anybody on the network can send. They are not used
-/// here, so datagrams are truncated before them.
+/// A single datagram of anybody on the network can abort or occupy it. Datagrams are truncated to their
+/// harmless_bytes().
 ///
 /// A participant announces itself before it listens. It misses the immediate answers of the others and finds
 /// them only at their next periodic announcement, up to 3 s later. Therefore nothing is sent before open().
+///
+/// It listens on loopback but announces loopback only on a machine without a network. Nodes that are bound to
+/// localhost then cannot answer. Therefore loopback is announced, too; nodes of other machines ignore it.
 class FilteredTransportDescriptor : public eprosima::fastdds::rtps::ChainingTransportDescriptor {
  public:
   using Gate = std::shared_ptr<std::atomic<bool>>;

@@ -43,10 +43,10 @@ core::Result<std::unique_ptr<ImuPosePublisher>> ImuPosePublisher::create(
   fastdds::Publisher* const own = participant.create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
   if (own == nullptr) return core::Error{"Fast DDS cannot create a second publisher (out of memory?)"};
   auto entities = std::make_unique<Entities>();
-  entities->pose_writer = create_writer(participant, *own, names->imu_odometry, new OdometryType,
-                                        {kHistoryDepth, false, kOdometryHash});
-  entities->status_writer = create_writer(participant, *own, names->imu_status, new ImuPoseStatusType,
-                                          {OdometryPublisher::kHistoryDepth, true, {}});
+  entities->pose_writer = create_writer<Odometry>(
+      participant, *own, names->imu_odometry, {.depth = kHistoryDepth, .reliable = false, .user_data = ""});
+  entities->status_writer = create_writer<ImuPoseStatus>(
+      participant, *own, names->imu_status, {.depth = OdometryPublisher::kHistoryDepth, .user_data = ""});
   if (entities->pose_writer == nullptr || entities->status_writer == nullptr)
     return core::Error{"Fast DDS cannot create the writers for " + names->imu_odometry + ", " +
                        names->imu_status + " (out of memory or sockets?)"};

@@ -1,9 +1,11 @@
 #include "ipc/dds/odometry_publisher.hpp"
 
+#include "ipc/dds/topic_conflicts.hpp"
 #include "ipc/dds/types.hpp"
 #include "ipc/dds/writers.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 namespace nilio::dds {
@@ -12,6 +14,8 @@ namespace {
 namespace fastdds = eprosima::fastdds::dds;
 
 constexpr int kTransformDepth = 100;  // ROS's QoS for /tf
+// Twice the period of the reports.
+constexpr core::Duration kReportDeadline{2'000'000'000};
 
 }  // namespace
 
@@ -48,7 +52,9 @@ core::Result<std::unique_ptr<OdometryPublisher>> OdometryPublisher::create(
     return core::Error{"the frame names of the odometry must not be empty (usual: odom, base_link)"};
   auto names = topic_names(config.topic_prefix);
   if (!names) return names.error();
-  auto participant = Participant::create(config.participant);
+  auto participant = Participant::create(
+      config.participant,
+      std::make_unique<TopicConflicts>(names->odometry, names->transform, config.base_frame));
   if (!participant) return participant.error();
 
   auto entities = std::make_unique<Entities>();
@@ -57,15 +63,19 @@ core::Result<std::unique_ptr<OdometryPublisher>> OdometryPublisher::create(
   fastdds::Publisher* const publisher = domain_participant.create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
   if (publisher == nullptr) return core::Error{"Fast DDS cannot create a publisher (out of memory?)"};
   entities->publisher = publisher;
-  const auto create = [&](const std::string& topic, fastdds::TopicDataType* type, int depth,
-                          std::string_view type_hash = {}) {
-    return create_writer(domain_participant, *publisher, topic, type, {depth, true, type_hash});
+  const auto create = [&]<class Message>(const Message&, const std::string& topic,
+                                         const WriterOptions& options) {
+    return create_writer<Message>(domain_participant, *publisher, topic, options);
   };
-  entities->odometry_writer = create(names->odometry, new OdometryType, kHistoryDepth, kOdometryHash);
-  entities->transform_writer = create(names->transform, new TransformType, kTransformDepth, kTransformHash);
-  entities->latency_writer = create(names->latency, new LatencyReportType, kHistoryDepth);
-  entities->scan_report_writer = create(names->scan_report, new ScanReportType, kHistoryDepth);
-  entities->diagnostics_writer = create(names->diagnostics, new DiagnosticArrayType, kHistoryDepth);
+  const WriterOptions once_per_scan{.depth = kHistoryDepth, .user_data = ""};
+  const WriterOptions once_per_second{.depth = kHistoryDepth, .deadline = kReportDeadline, .user_data = ""};
+  entities->odometry_writer = create(Odometry{}, names->odometry, once_per_scan);
+  entities->transform_writer =
+      create(TransformMessage{}, names->transform,
+             {.depth = kTransformDepth, .user_data = TopicConflicts::user_data(config.base_frame)});
+  entities->scan_report_writer = create(ScanReport{}, names->scan_report, once_per_scan);
+  entities->latency_writer = create(LatencyReport{}, names->latency, once_per_second);
+  entities->diagnostics_writer = create(DiagnosticArray{}, names->diagnostics, once_per_second);
   if (entities->odometry_writer == nullptr || entities->transform_writer == nullptr ||
       entities->latency_writer == nullptr || entities->scan_report_writer == nullptr ||
       entities->diagnostics_writer == nullptr)
@@ -112,10 +122,18 @@ int OdometryPublisher::subscribers() const {
                   matched_subscribers(*entities_->transform_writer));
 }
 
+bool OdometryPublisher::wait_for_pose_acknowledgments(core::Duration timeout) {
+  const auto limit = std::chrono::steady_clock::now() + std::chrono::nanoseconds(timeout.ns);
+  for (fastdds::DataWriter* writer :
+       {entities_->odometry_writer, entities_->transform_writer, entities_->scan_report_writer}) {
+    const core::Duration left{std::chrono::nanoseconds(limit - std::chrono::steady_clock::now()).count()};
+    if (writer->wait_for_acknowledgments(dds_duration(left)) != ReturnCode_t::RETCODE_OK) return false;
+  }
+  return true;
+}
+
 bool OdometryPublisher::wait_for_acknowledgments(core::Duration timeout) {
-  const eprosima::fastrtps::Duration_t limit(static_cast<std::int32_t>(timeout.ns / 1'000'000'000),
-                                             static_cast<std::uint32_t>(timeout.ns % 1'000'000'000));
-  return entities_->publisher->wait_for_acknowledgments(limit) == ReturnCode_t::RETCODE_OK;
+  return entities_->publisher->wait_for_acknowledgments(dds_duration(timeout)) == ReturnCode_t::RETCODE_OK;
 }
 
 }  // namespace nilio::dds

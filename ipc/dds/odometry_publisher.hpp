@@ -24,7 +24,8 @@ void fill_odometry(const ipc::PoseRecord& record, Odometry& odometry);
 
 /// DDS writers of nilio: odometry, transform, reports and diagnostics. Reliable and volatile, so that both
 /// reliable (rviz2) and best-effort subscribers match. A subscriber that does not read never blocks a write:
-/// the oldest of the last ten samples is overwritten. One thread.
+/// the oldest of the last ten samples is overwritten. One thread publishes poses, transforms and scan
+/// reports, one may publish the rest.
 class OdometryPublisher {
  public:
   static constexpr int kHistoryDepth = 10;
@@ -44,7 +45,10 @@ class OdometryPublisher {
 
   /// Number of matched subscribers: the larger of odometry and transform.
   [[nodiscard]] int subscribers() const;
-  /// Waits until all reliable subscribers have received everything; false after `timeout`.
+  /// Waits until all reliable subscribers have received the poses, transforms and scan reports; false after
+  /// `timeout`. For the thread that publishes them.
+  bool wait_for_pose_acknowledgments(core::Duration timeout);
+  /// The same for everything; no thread may publish meanwhile.
   bool wait_for_acknowledgments(core::Duration timeout);
   [[nodiscard]] Participant& participant();
 

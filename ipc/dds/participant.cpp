@@ -1,6 +1,8 @@
 #include "ipc/dds/participant.hpp"
 
 #include "ipc/dds/filtered_transport.hpp"
+#include "ipc/dds/topic_conflicts.hpp"
+#include "ipc/kernel_requests.hpp"
 
 #include <algorithm>
 #include <arpa/inet.h>
@@ -27,8 +29,12 @@ constexpr std::uint32_t kMaxDomain = 232;  // higher domains have port numbers b
 constexpr std::uint32_t kMaxMessageBytes = 65'500;
 constexpr std::uint32_t kParticipantsPerPeer =
     32;  // as ROS 2; with the default of 4, further participants on a host are not found
+constexpr std::size_t kMaxAddresses = 16;
 constexpr std::uint32_t kInitialAnnouncements = 25;
 const eprosima::fastrtps::Duration_t kInitialAnnouncementPeriod(0, 20'000'000);
+// A participant that disappears without a word is forgotten after this time, whatever its readers requested.
+const eprosima::fastrtps::Duration_t kParticipantLease(5, 0);
+const eprosima::fastrtps::Duration_t kParticipantAnnouncements(1, 0);
 constexpr std::array<char, 11> kEnclave{"enclave=/;"};
 constexpr const char* kLoopback = "127.0.0.1";
 constexpr const char* kDiscoveryMulticast = "239.255.0.1";
@@ -98,8 +104,12 @@ fastdds::DomainParticipantQos participant_qos(const ParticipantConfig& config,
   builtin.initialPeersList.push_back(peer(kLoopback, 0));
   const std::uint32_t discovery_port = qos.wire_protocol().port.getMulticastPort(config.domain);
   builtin.initialPeersList.push_back(peer(kDiscoveryMulticast, discovery_port));
+  // The default of 4 would cut the addresses of a machine with container networks.
+  qos.allocation().locators.max_unicast_locators = kMaxAddresses;
   // The first announcements are dropped by the closed transport.
   builtin.discovery_config.initial_announcements = {kInitialAnnouncements, kInitialAnnouncementPeriod};
+  builtin.discovery_config.leaseDuration = kParticipantLease;
+  builtin.discovery_config.leaseDuration_announcementperiod = kParticipantAnnouncements;
   builtin.readerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   builtin.writerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   return qos;
@@ -113,6 +123,8 @@ class ThrottledConsumer : public fastdds::LogConsumer {
 
   void Consume(
       const fastdds::Log::Entry& entry) override {  // NOLINT(readability-identifier-naming): Fast DDS's name
+    // Fast DDS starts this thread from the first thread that logs, which may be FIFO.
+    if (!std::exchange(is_normal_, true)) ipc::leave_fifo();
     const auto now = std::chrono::steady_clock::now();
     if (now - window_start_ > std::chrono::seconds(1)) {
       if (suppressed_ > 0) handler_("Fast DDS: " + std::to_string(suppressed_) + " more messages not shown");
@@ -132,6 +144,7 @@ class ThrottledConsumer : public fastdds::LogConsumer {
   static constexpr int kPerSecond = 10;
 
   std::function<void(const std::string&)> handler_;
+  bool is_normal_ = false;
   std::chrono::steady_clock::time_point window_start_;
   int passed_ = 0;
   std::uint64_t suppressed_ = 0;
@@ -167,11 +180,19 @@ core::Result<TopicNames> topic_names(const std::string& prefix) {
                     "rt/diagnostics"};
 }
 
+Participant::Participant() = default;
+
 core::Result<std::unique_ptr<Participant>> Participant::create(const ParticipantConfig& config) {
+  return create(config, nullptr);
+}
+
+core::Result<std::unique_ptr<Participant>> Participant::create(const ParticipantConfig& config,
+                                                               std::unique_ptr<TopicConflicts> conflicts) {
   if (config.domain > kMaxDomain)
     return core::Error{"DDS domain " + std::to_string(config.domain) + " is out of range: use 0 to " +
                        std::to_string(kMaxDomain)};
   std::unique_ptr<Participant> result(new Participant);
+  result->conflicts_ = std::move(conflicts);
   result->addresses_ = local_ipv4_addresses();
   for (const std::string& address : config.interface_whitelist) {
     in_addr parsed{};
@@ -190,7 +211,8 @@ core::Result<std::unique_ptr<Participant>> Participant::create(const Participant
 
   const auto transport = make_transport(config, result->whitelist_);
   result->participant_ = fastdds::DomainParticipantFactory::get_instance()->create_participant(
-      config.domain, participant_qos(config, transport));
+      config.domain, participant_qos(config, transport), result->conflicts_.get(),
+      fastdds::StatusMask::none());
   if (result->participant_ == nullptr)
     return core::Error{"cannot join DDS domain " + std::to_string(config.domain) +
                        ": no free UDP port or no usable interface (this machine has " +
@@ -201,8 +223,13 @@ core::Result<std::unique_ptr<Participant>> Participant::create(const Participant
 
 Participant::~Participant() {
   if (participant_ == nullptr) return;
+  participant_->set_listener(nullptr);
   participant_->delete_contained_entities();
   fastdds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+}
+
+std::vector<std::string> Participant::take_conflicts() {
+  return conflicts_ ? conflicts_->take() : std::vector<std::string>();
 }
 
 Participant::Refresh Participant::refresh_interfaces() {

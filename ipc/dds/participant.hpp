@@ -14,6 +14,8 @@ class DomainParticipant;
 
 namespace nilio::dds {
 
+class TopicConflicts;
+
 /// DDS topic names ("rt/" before the ROS name).
 struct TopicNames {
   std::string odometry;      ///< rt/<prefix>/odom
@@ -44,6 +46,9 @@ class Participant {
  public:
   /// Fails if the domain is out of range or no listed address is on this machine.
   static core::Result<std::unique_ptr<Participant>> create(const ParticipantConfig& config);
+  /// `conflicts` is told of the others' participants and writers; may be null.
+  static core::Result<std::unique_ptr<Participant>> create(const ParticipantConfig& config,
+                                                           std::unique_ptr<TopicConflicts> conflicts);
   ~Participant();
   Participant(const Participant&) = delete;
   Participant& operator=(const Participant&) = delete;
@@ -51,6 +56,9 @@ class Participant {
   [[nodiscard]] eprosima::fastdds::dds::DomainParticipant& get() { return *participant_; }
   /// Listed addresses that were not on this machine at the start; they are not used.
   [[nodiscard]] const std::vector<std::string>& missing_interfaces() const { return missing_; }
+
+  /// Lines for the log about other programs that publish the same; each once.
+  std::vector<std::string> take_conflicts();
 
   enum class Refresh : std::uint8_t {
     kUnchanged,
@@ -61,8 +69,9 @@ class Participant {
   Refresh refresh_interfaces();
 
  private:
-  Participant() = default;
+  Participant();
 
+  std::unique_ptr<TopicConflicts> conflicts_;  ///< outlives the participant that calls it
   eprosima::fastdds::dds::DomainParticipant* participant_ = nullptr;
   std::vector<std::string> whitelist_;
   std::vector<std::string> missing_;

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <string_view>
 
 #include <fastdds/dds/topic/TopicDataType.hpp>
 
@@ -19,6 +20,8 @@ class MessageType : public eprosima::fastdds::dds::TopicDataType {
 
   /// Registers under the DDS name of the ROS 2 type.
   MessageType();
+  /// Hash by which ROS 2 (Iron and later) compares message definitions (REP 2011).
+  static std::string_view type_hash();
 
   bool serialize(void* data, Payload* payload) override;
   bool deserialize(Payload* payload, void* data) override;

@@ -1,5 +1,8 @@
 #include "ipc/dds/writers.hpp"
 
+#include <algorithm>
+#include <cstdint>
+
 #include <fastdds/dds/topic/TypeSupport.hpp>
 
 namespace nilio::dds {
@@ -7,7 +10,7 @@ namespace {
 
 namespace fastdds = eprosima::fastdds::dds;
 
-fastdds::DataWriterQos writer_qos(const WriterOptions& options) {
+fastdds::DataWriterQos writer_qos(std::string_view type_hash, const WriterOptions& options) {
   fastdds::DataWriterQos qos;
   qos.reliability().kind =
       options.reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
@@ -21,18 +24,25 @@ fastdds::DataWriterQos writer_qos(const WriterOptions& options) {
   qos.data_sharing().off();
   // A lost pose is requested again within one scan period; the default is 3 s.
   qos.reliable_writer_qos().times.heartbeatPeriod = eprosima::fastrtps::Duration_t(0, 100'000'000);
-  if (!options.type_hash.empty()) {
-    const std::string user_data = "typehash=" + std::string(options.type_hash) + ";";
-    qos.user_data().data_vec({user_data.begin(), user_data.end()});
-  }
+  qos.deadline().period = dds_duration(options.deadline);
+  qos.liveliness().kind = fastdds::AUTOMATIC_LIVELINESS_QOS;
+  qos.liveliness().lease_duration = dds_duration(kLivelinessLease);
+  qos.liveliness().announcement_period = dds_duration(core::Duration{kLivelinessLease.ns / 4});
+  const std::string user_data = "typehash=" + std::string(type_hash) + ";" + options.user_data;
+  qos.user_data().data_vec({user_data.begin(), user_data.end()});
   return qos;
 }
 
 }  // namespace
 
+eprosima::fastrtps::Duration_t dds_duration(core::Duration duration) {
+  const std::int64_t ns = std::max<std::int64_t>(duration.ns, 0);
+  return {static_cast<std::int32_t>(ns / 1'000'000'000), static_cast<std::uint32_t>(ns % 1'000'000'000)};
+}
+
 fastdds::DataWriter* create_writer(fastdds::DomainParticipant& participant, fastdds::Publisher& publisher,
                                    const std::string& topic_name, fastdds::TopicDataType* type,
-                                   const WriterOptions& options) {
+                                   std::string_view type_hash, const WriterOptions& options) {
   const fastdds::TypeSupport own(type);
   // Several topics may have the same type.
   const fastdds::TypeSupport known = participant.find_type(own.get_type_name());
@@ -41,7 +51,7 @@ fastdds::DataWriter* create_writer(fastdds::DomainParticipant& participant, fast
   fastdds::Topic* const topic =
       participant.create_topic(topic_name, support.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
   if (topic == nullptr) return nullptr;
-  return publisher.create_datawriter(topic, writer_qos(options));
+  return publisher.create_datawriter(topic, writer_qos(type_hash, options));
 }
 
 int matched_subscribers(const fastdds::DataWriter& writer) {

@@ -1,34 +1,51 @@
 #pragma once
 
+#include "nilio/core/time.hpp"
+
+#include "ipc/dds/types.hpp"
+
 #include <string>
 #include <string_view>
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
-#include <fastdds/dds/topic/TopicDataType.hpp>
 
 namespace nilio::dds {
-
-// Type hashes that ROS 2 (Iron and later) publishes for these message definitions (REP 2011).
-inline constexpr std::string_view kOdometryHash =
-    "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
-inline constexpr std::string_view kTransformHash =
-    "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
 
 struct WriterOptions {
   int depth = 10;
   bool reliable = true;
-  std::string_view type_hash;  ///< empty: no ROS type
+  /// Promised maximum time between two samples; a reader that requests no shorter one is told when it is
+  /// exceeded.
+  core::Duration deadline{500'000'000};
+  /// `key=value;` pairs of the writer's user data, beside the type hash.
+  std::string user_data;
 };
 
-/// Creates a volatile writer that keeps the last `depth` samples and sends from the writing thread. Takes
-/// ownership of `type`. Null if Fast DDS refuses.
+/// Time after which readers are told that a writer's process has ended or hangs.
+inline constexpr core::Duration kLivelinessLease{2'000'000'000};
+
+/// Creates a volatile writer that keeps the last `depth` samples and sends from the writing thread. Deadline
+/// and liveliness are finite, which matches readers with ROS 2's defaults and readers that request as much.
+/// Takes ownership of `type`. Null if Fast DDS refuses.
 eprosima::fastdds::dds::DataWriter* create_writer(eprosima::fastdds::dds::DomainParticipant& participant,
                                                   eprosima::fastdds::dds::Publisher& publisher,
                                                   const std::string& topic_name,
                                                   eprosima::fastdds::dds::TopicDataType* type,
-                                                  const WriterOptions& options);
+                                                  std::string_view type_hash, const WriterOptions& options);
+
+template <class Message>
+eprosima::fastdds::dds::DataWriter* create_writer(eprosima::fastdds::dds::DomainParticipant& participant,
+                                                  eprosima::fastdds::dds::Publisher& publisher,
+                                                  const std::string& topic_name,
+                                                  const WriterOptions& options) {
+  return create_writer(participant, publisher, topic_name, new MessageType<Message>,
+                       MessageType<Message>::type_hash(), options);
+}
+
+/// Negative durations become 0.
+eprosima::fastrtps::Duration_t dds_duration(core::Duration duration);
 
 /// Number of matched subscribers of the writer.
 int matched_subscribers(const eprosima::fastdds::dds::DataWriter& writer);

@@ -2,19 +2,33 @@
 // and prints each field of what it receives on one line, floating-point numbers in hexadecimal so that
 // nothing is lost.
 //
-//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu]
+//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu|arrivals|promises]
 //
 // Ends after COUNT poses and transforms and one array of diagnostics (status 0) or after TIMEOUT_S (status
 // 1). With "imu": after COUNT poses at IMU rate, one status of them and one report of a scan.
+//
+// With "arrivals": prints CLOCK_MONOTONIC, in ns, of every odometry message and of every change of the
+// publisher's state as soon as they arrive, and ends after COUNT messages:
+//
+//   waiting NOW                    the reader is there
+//   arrival NOW SEC NANOSEC        odometry with this stamp
+//   report NOW SEC NANOSEC [NAME=NS]...  scan report of this stamp with the times of its stages
+//   matched NOW COUNT              number of publishers
+//   alive NOW COUNT NOT_ALIVE      number of publishers that keep their liveliness, and that do not
+//   deadline NOW TOTAL             a message is overdue
+//
+// "promises" requests the deadline and liveliness that nilio offers, instead of the defaults.
 
-#include "dds/dds.h"
-#include "nilio.h"
-
+#define _POSIX_C_SOURCE 200809L  // NOLINT: clock_gettime
 #include <inttypes.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+
+#include "dds/dds.h"
+#include "nilio.h"
 
 static void print_numbers(const double* numbers, size_t count) {
   for (size_t i = 0; i < count; ++i) printf(" %a", numbers[i]);
@@ -123,6 +137,103 @@ static bool is_matched(dds_entity_t reader) {
   return dds_get_subscription_matched_status(reader, &status) == DDS_RETCODE_OK && status.current_count > 0;
 }
 
+static int64_t monotonic_ns(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+// Called by CycloneDDS's receive thread.
+static void on_odometry(dds_entity_t reader, void* count) {
+  const int64_t now = monotonic_ns();
+  void* samples[1] = {NULL};
+  dds_sample_info_t info;
+  while (dds_take(reader, samples, &info, 1, 1) > 0) {
+    const nav_msgs_msg_dds__Odometry_* odometry = samples[0];
+    if (info.valid_data) {
+      printf("arrival %" PRId64 " %" PRId32 " %" PRIu32 "\n", now, odometry->header.stamp.sec,
+             odometry->header.stamp.nanosec);
+      ++*(volatile int*)count;
+    }
+    dds_return_loan(reader, samples, 1);
+  }
+  fflush(stdout);
+}
+
+static void on_report(dds_entity_t reader, void* unused) {
+  (void)unused;
+  const int64_t now = monotonic_ns();
+  void* samples[1] = {NULL};
+  dds_sample_info_t info;
+  while (dds_take(reader, samples, &info, 1, 1) > 0) {
+    const nilio_msg_dds__ScanReport_* report = samples[0];
+    if (info.valid_data) {
+      printf("report %" PRId64 " %" PRId32 " %" PRIu32, now, report->stamp.sec, report->stamp.nanosec);
+      for (uint32_t i = 0; i < report->stages._length; ++i)
+        printf(" %s=%" PRId64, report->stages._buffer[i].name, report->stages._buffer[i].monotonic_ns);
+      printf("\n");
+    }
+    dds_return_loan(reader, samples, 1);
+  }
+  fflush(stdout);
+}
+
+static void on_matched(dds_entity_t reader, const dds_subscription_matched_status_t status, void* unused) {
+  (void)reader, (void)unused;
+  printf("matched %" PRId64 " %" PRIu32 "\n", monotonic_ns(), status.current_count);
+  fflush(stdout);
+}
+
+static void on_liveliness(dds_entity_t reader, const dds_liveliness_changed_status_t status, void* unused) {
+  (void)reader, (void)unused;
+  printf("alive %" PRId64 " %" PRIu32 " %" PRIu32 "\n", monotonic_ns(), status.alive_count,
+         status.not_alive_count);
+  fflush(stdout);
+}
+
+static void on_deadline(dds_entity_t reader, const dds_requested_deadline_missed_status_t status,
+                        void* unused) {
+  (void)reader, (void)unused;
+  printf("deadline %" PRId64 " %" PRIu32 "\n", monotonic_ns(), status.total_count);
+  fflush(stdout);
+}
+
+static int print_arrivals(dds_domainid_t domain, int wanted, dds_time_t deadline, bool promises) {
+  int received = 0;
+  dds_qos_t* qos = dds_create_qos();
+  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 10);
+  if (promises) {
+    dds_qset_deadline(qos, DDS_MSECS(500));
+    dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
+  }
+  dds_listener_t* listener = dds_create_listener(&received);
+  dds_lset_data_available(listener, on_odometry);
+  dds_lset_subscription_matched(listener, on_matched);
+  dds_lset_liveliness_changed(listener, on_liveliness);
+  dds_lset_requested_deadline_missed(listener, on_deadline);
+  const dds_entity_t participant = dds_create_participant(domain, NULL, NULL);
+  const dds_entity_t topic =
+      dds_create_topic(participant, &nav_msgs_msg_dds__Odometry__desc, "rt/odom", NULL, NULL);
+  const dds_entity_t reader = dds_create_reader(participant, topic, qos, listener);
+  dds_reset_listener(listener);
+  dds_lset_data_available(listener, on_report);
+  const dds_entity_t report_topic =
+      dds_create_topic(participant, &nilio_msg_dds__ScanReport__desc, "rt/nilio/scan_report", NULL, NULL);
+  dds_create_reader(participant, report_topic, qos, listener);
+  dds_delete_qos(qos);
+  dds_delete_listener(listener);
+  if (reader < 0) {
+    fprintf(stderr, "CycloneDDS cannot create a reader on domain %d\n", (int)domain);
+    return 2;
+  }
+  printf("waiting %" PRId64 "\n", monotonic_ns());
+  fflush(stdout);
+  while (*(volatile int*)&received < wanted && dds_time() < deadline) dds_sleepfor(DDS_MSECS(5));
+  dds_delete(participant);
+  return received < wanted ? 1 : 0;
+}
+
 // A topic to read: how many of its messages are wanted, and how they are printed.
 typedef struct {
   const char* name;
@@ -149,13 +260,17 @@ static bool all_received(const topic_t* topics, size_t count) {
 }
 
 int main(int argc, char** argv) {
-  const bool imu = argc == 5 && strcmp(argv[4], "imu") == 0;
-  if (argc != 4 && !imu) {
-    fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S [imu]\n", argv[0]);
+  const char* const mode = argc == 5 ? argv[4] : "";
+  const bool imu = strcmp(mode, "imu") == 0;
+  const bool promises = strcmp(mode, "promises") == 0;
+  const bool arrivals = promises || strcmp(mode, "arrivals") == 0;
+  if (argc != 4 && !imu && !arrivals) {
+    fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S [imu|arrivals|promises]\n", argv[0]);
     return 2;
   }
   const int wanted = atoi(argv[2]);
   const dds_time_t deadline = dds_time() + DDS_SECS(atoi(argv[3]));
+  if (arrivals) return print_arrivals((dds_domainid_t)atoi(argv[1]), wanted, deadline, promises);
   const dds_reliability_kind_t reliable = DDS_RELIABILITY_RELIABLE;
   topic_t scans[] = {{"rt/odom", &nav_msgs_msg_dds__Odometry__desc, reliable, print_odometry, wanted, 0, 0},
                      {"rt/tf", &tf2_msgs_msg_dds__TFMessage__desc, reliable, print_transforms, wanted, 0, 0},

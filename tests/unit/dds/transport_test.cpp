@@ -281,8 +281,7 @@ TEST_CASE("a publisher process publishes the ring's content before it ends, howe
   CHECK(report->stages.back().count >= pose_count);
 }
 
-TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a second and loses no pose",
-          "[transport]") {
+TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a second and loses no pose", "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
@@ -305,8 +304,7 @@ TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a secon
   while (outages < 3 && Clock::now() < limit) {
     REQUIRE((*process)->publish(sample_record(sequence++)));
     const auto event = (*process)->poll();
-    if (event && event->kind == PublisherEvent::Kind::kDied)
-      pauses_ms.push_back(event->back_off.milliseconds());
+    if (event && event->kind == PublisherEvent::Kind::kDied) pauses_ms.push_back(event->back_off.milliseconds());
     const auto next_pose = Clock::now() + std::chrono::milliseconds(20);
     while (const auto received = subscriber->next(Duration{(next_pose - Clock::now()).count()})) {
       const auto stamp = received->message.stamp.ns;
@@ -357,8 +355,8 @@ TEST_CASE("a statistics datagram that aborts Fast DDS 2.9.1 is filtered out", "[
   std::vector<std::uint8_t> unaligned(datagram.begin(), datagram.begin() + 20);
   unaligned.insert(unaligned.end(), {0x0F, 0x01, 5, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   unaligned.insert(unaligned.end(), datagram.begin() + 20, datagram.end());
-  CHECK(bytes_before_statistics(datagram.data(), datagram.size()) == 20);
-  CHECK(bytes_before_statistics(unaligned.data(), unaligned.size()) == 32);
+  CHECK(harmless_bytes(datagram.data(), datagram.size()) == 20);
+  CHECK(harmless_bytes(unaligned.data(), unaligned.size()) == 32);
   const int sender = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in to{};
   to.sin_family = AF_INET;
@@ -377,6 +375,39 @@ TEST_CASE("a statistics datagram that aborts Fast DDS 2.9.1 is filtered out", "[
   const auto received = subscriber->next(kPatience);
   REQUIRE(received.has_value());
   CHECK(received->message == expected_odometry(1));
+}
+
+TEST_CASE("heartbeats and gaps that would occupy Fast DDS for minutes are filtered out", "[transport]") {
+  const auto bytes_of = [](std::uint8_t kind, bool little_endian, std::uint64_t first, std::uint64_t second) {
+    std::vector<std::uint8_t> datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
+    datagram.insert(datagram.end(), 12, 0x42);
+    datagram.insert(datagram.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});  // time stamp
+    datagram.insert(datagram.end(), {kind, static_cast<std::uint8_t>(little_endian ? 1 : 0),
+                                     static_cast<std::uint8_t>(little_endian ? 28 : 0),
+                                     static_cast<std::uint8_t>(little_endian ? 0 : 28)});
+    datagram.insert(datagram.end(), 8, 0x42);
+    for (const std::uint64_t number : {first, second}) {
+      for (const std::uint64_t word : {number >> 32U, number & 0xFFFF'FFFFU}) {
+        for (unsigned i = 0; i < 4; ++i)
+          datagram.push_back(static_cast<std::uint8_t>(word >> 8 * (little_endian ? i : 3 - i)));
+      }
+    }
+    datagram.insert(datagram.end(), 4, 0);
+    return datagram.size() - harmless_bytes(datagram.data(), datagram.size());
+  };
+  constexpr std::uint8_t heartbeat = 0x07;
+  constexpr std::uint8_t gap = 0x08;
+  for (const bool little_endian : {true, false}) {
+    INFO("little endian " << little_endian);
+    CHECK(bytes_of(heartbeat, little_endian, 1, 0) == 0);
+    CHECK(bytes_of(heartbeat, little_endian, 900'000, 1'000'000) == 0);
+    CHECK(bytes_of(gap, little_endian, 100, 60'000) == 0);
+    CHECK(bytes_of(heartbeat, little_endian, 1, 0x7FFF'FFFF) == 32);
+    CHECK(bytes_of(heartbeat, little_endian, std::uint64_t{1} << 40U, 5) == 32);
+    CHECK(bytes_of(heartbeat, little_endian, 1, ~std::uint64_t{0}) == 32);
+    CHECK(bytes_of(gap, little_endian, 1, 1'000'000) == 32);
+    CHECK(bytes_of(gap, little_endian, std::uint64_t{1} << 62U, (std::uint64_t{1} << 62U) + 1) == 32);
+  }
 }
 
 TEST_CASE("a participant announces itself on the discovery multicast port of its domain", "[transport]") {
