@@ -34,7 +34,7 @@ core::Result<MemoryBlock> MemoryBlock::in_shared_memory(std::size_t bytes) {
   const std::string where = "shared memory of " + std::to_string(bytes) + " bytes";
   if (bytes == 0 || bytes > static_cast<std::size_t>(std::numeric_limits<off_t>::max()))
     return core::Error{where + " cannot be created - choose a smaller capacity"};
-  const int file_descriptor = memfd_create("nilio-ring", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+  const int file_descriptor = memfd_create("nilio-shared", MFD_CLOEXEC | MFD_ALLOW_SEALING);
   if (file_descriptor < 0) return system_error("memfd_create for " + where);
   if (ftruncate(file_descriptor, static_cast<off_t>(bytes)) != 0 ||
       fcntl(file_descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) != 0) {

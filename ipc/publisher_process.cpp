@@ -8,8 +8,6 @@
 #include <fcntl.h>
 #include <sched.h>
 #include <spawn.h>
-#include <sys/wait.h>
-#include <thread>
 #include <unistd.h>
 #include <utility>
 
@@ -18,8 +16,8 @@ namespace {
 
 // First inherited descriptor of the child: after standard input, output and error, and no gaps.
 constexpr int kFirstDescriptor = 3;
-constexpr std::array<const char*, 5> kDescriptorOptions{
-    "--ring-fd=", "--wake-fd=", "--imu-pose-ring-fd=", "--imu-ring-fd=", "--imu-wake-fd="};
+constexpr std::array<const char*, 6> kDescriptorOptions{
+    "--ring-fd=", "--wake-fd=", "--imu-pose-ring-fd=", "--imu-ring-fd=", "--imu-wake-fd=", "--state-fd="};
 // Scan poses for the IMU-rate thread, which reads them at once; they queue up only during a restart.
 constexpr std::size_t kImuPoseSlots = 64;
 // After a restart, queued poses wait this long until subscribers have found the new process.
@@ -119,12 +117,14 @@ core::Result<PublisherRings> PublisherRings::create(std::size_t pose_slots, std:
   if (!imu_poses) return core::Error{"second pose ring for the publisher: " + imu_poses.error().message};
   auto samples = Ring<ImuRecord>::in_shared_memory(sample_slots);
   if (!samples) return core::Error{"IMU ring for the publisher: " + samples.error().message};
+  auto state = SharedObject<PublisherState>::create();
+  if (!state) return core::Error{"state of the publisher: " + state.error().message};
   auto wake = WakeEvent::create();
   auto imu_wake = WakeEvent::create();
   if (!wake || !imu_wake)
     return core::Error{"wake event for the publisher: " + (wake ? imu_wake : wake).error().message};
-  return PublisherRings{std::move(poses).value(), std::move(wake).value(), std::move(imu_poses).value(),
-                        std::move(samples).value(), std::move(imu_wake).value()};
+  return PublisherRings{std::move(poses).value(),   std::move(wake).value(),     std::move(imu_poses).value(),
+                        std::move(samples).value(), std::move(imu_wake).value(), std::move(state).value()};
 }
 
 core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(PublisherProcessConfig config) {
@@ -134,13 +134,12 @@ core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(Publish
 }
 
 PublisherProcess::PublisherProcess(PublisherProcessConfig config, PublisherRings rings)
-    : config_(std::move(config)), rings_(std::move(rings)), back_off_(config_.initial_back_off) {}
-
-PublisherProcess::~PublisherProcess() {
-  if (!running()) return;
-  kill(pid_, SIGKILL);
-  waitpid(pid_, nullptr, 0);
-}
+    : config_(std::move(config)),
+      rings_(std::move(rings)),
+      process_("publisher", config_.start_interval, [this](bool again) {
+        return spawn(again ? std::max(config_.wait_for_subscribers, kRediscovery)
+                           : config_.wait_for_subscribers);
+      }) {}
 
 bool PublisherProcess::publish(const PoseRecord& record) noexcept {
   const bool pushed = rings_.poses.try_push(record);
@@ -174,6 +173,7 @@ std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_sub
     arguments.push_back("--interface=" + address);
   int descriptor = kFirstDescriptor;
   for (const char* option : kDescriptorOptions) arguments.push_back(option + std::to_string(descriptor++));
+  if (config_.priority > 0) arguments.push_back("--priority=" + std::to_string(config_.priority));
   if (!config_.imu_poses) return arguments;
   add_imu_arguments(*config_.imu_poses, arguments);
   if (config_.imu_pose_priority > 0)
@@ -186,7 +186,7 @@ core::Result<pid_t> PublisherProcess::spawn(core::Duration wait_for_subscribers)
   std::vector<DescriptorCopy> descriptors;
   for (const int descriptor :
        {rings_.poses.file_descriptor(), rings_.wake.file_descriptor(), rings_.imu_poses.file_descriptor(),
-        rings_.samples.file_descriptor(), rings_.imu_wake.file_descriptor()})
+        rings_.samples.file_descriptor(), rings_.imu_wake.file_descriptor(), rings_.state.file_descriptor()})
     descriptors.emplace_back(descriptor);
   std::vector<std::string> strings = arguments(wait_for_subscribers);
   std::vector<char*> argv;
@@ -197,63 +197,27 @@ core::Result<pid_t> PublisherProcess::spawn(core::Duration wait_for_subscribers)
   const int failure = spawn_with_descriptors(strings.front(), argv.data(), descriptors, pid);
   if (failure != 0)
     return core::Error{"cannot start the publisher " + strings.front() + ": " + std::strerror(failure)};
-  pid_ = pid;
-  started_at_ = Clock::now();
-  reset_progress(started_at_ + chrono(wait_for_subscribers));
+  reset_progress(Clock::now() + chrono(wait_for_subscribers));
   return pid;
 }
 
-core::Result<pid_t> PublisherProcess::start() {
-  if (running()) return pid_;
-  wanted_ = true;
-  auto started = spawn(config_.wait_for_subscribers);
-  if (!started) restart_at_ = Clock::now() + chrono(back_off_);
-  return started;
-}
-
 std::optional<PublisherEvent> PublisherProcess::poll() {
-  if (running()) return poll_running();
-  return wanted_ ? poll_stopped() : std::nullopt;
-}
-
-std::optional<PublisherEvent> PublisherProcess::poll_running() {
-  int wait_status = 0;
-  const pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
-  if (waited == 0) {
-    if (!is_hung()) return std::nullopt;
-    kill(pid_, SIGKILL);
+  if (running() && is_hung()) {
     reset_progress(Clock::now());
-    PublisherEvent event;
-    event.kind = PublisherEvent::Kind::kHung;
-    event.pid = pid_;
-    event.restarts = restarts_;
-    event.message = "publisher " + std::to_string(pid_) + " has read no waiting data for " +
-                    describe(config_.hang_timeout) + ": killing it";
-    return event;
+    return PublisherEvent{
+        process_.kill_hung("has read no waiting data for " + describe(config_.hang_timeout))};
   }
-  if (waited < 0) wait_status = 0;  // reaped by other code: exit status unknown
-  PublisherEvent event = ended(PublisherEvent::Kind::kDied, wait_status);
-  if (Clock::now() - started_at_ >= chrono(config_.healthy_after)) back_off_ = config_.initial_back_off;
-  schedule_restart(event);
-  return event;
+  auto event = process_.poll();
+  if (!event) return std::nullopt;
+  return PublisherEvent{std::move(*event)};
 }
 
-std::optional<PublisherEvent> PublisherProcess::poll_stopped() {
-  if (Clock::now() < restart_at_) return std::nullopt;
-  ++restarts_;
-  const auto started = spawn(std::max(config_.wait_for_subscribers, kRediscovery));
-  PublisherEvent event;
-  event.restarts = restarts_;
-  if (!started) {
-    event.kind = PublisherEvent::Kind::kStartFailed;
-    event.message = started.error().message;
-    schedule_restart(event);
-    return event;
-  }
-  event.kind = PublisherEvent::Kind::kStarted;
-  event.pid = *started;
-  event.message = "publisher started again as process " + std::to_string(event.pid) + " (restart " +
-                  std::to_string(restarts_) + ")";
+std::optional<PublisherEvent> PublisherProcess::stop(core::Duration timeout) {
+  auto stopped = process_.stop(timeout);
+  if (!stopped) return std::nullopt;
+  PublisherEvent event{std::move(*stopped), rings_.poses.size()};
+  if (event.unpublished > 0)
+    event.message += ", " + std::to_string(event.unpublished) + " poses not published";
   return event;
 }
 
@@ -272,53 +236,6 @@ bool PublisherProcess::is_hung() {
   const bool poses = stands_still(rings_.poses, pose_progress_);
   const bool samples = stands_still(rings_.samples, sample_progress_);
   return poses || samples;
-}
-
-PublisherEvent PublisherProcess::ended(PublisherEvent::Kind kind, int wait_status) {
-  PublisherEvent event;
-  event.kind = kind;
-  event.pid = pid_;
-  event.restarts = restarts_;
-  event.message = "publisher " + std::to_string(pid_);
-  if (WIFSIGNALED(wait_status)) {
-    event.signal = WTERMSIG(wait_status);
-    event.message +=
-        " was killed by signal " + std::to_string(event.signal) + " (" + strsignal(event.signal) + ")";
-  } else {
-    event.exit_status = WEXITSTATUS(wait_status);
-    event.message += " ended with status " + std::to_string(event.exit_status);
-  }
-  pid_ = -1;
-  return event;
-}
-
-void PublisherProcess::schedule_restart(PublisherEvent& event) {
-  event.back_off = back_off_;
-  event.message += ", next start in " + describe(back_off_);
-  restart_at_ = Clock::now() + chrono(back_off_);
-  back_off_ = std::min(back_off_ * 2, config_.max_back_off);
-}
-
-std::optional<PublisherEvent> PublisherProcess::stop(core::Duration timeout) {
-  wanted_ = false;
-  if (!running()) return std::nullopt;
-  kill(pid_, SIGTERM);
-  const auto deadline = Clock::now() + chrono(timeout);
-  int wait_status = 0;
-  pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
-  while (waited == 0 && Clock::now() < deadline) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    waited = waitpid(pid_, &wait_status, WNOHANG);
-  }
-  if (waited == 0) {
-    kill(pid_, SIGKILL);
-    waitpid(pid_, &wait_status, 0);
-  }
-  PublisherEvent event = ended(PublisherEvent::Kind::kStopped, wait_status);
-  event.unpublished = rings_.poses.size();
-  if (event.unpublished > 0)
-    event.message += ", " + std::to_string(event.unpublished) + " poses not published";
-  return event;
 }
 
 }  // namespace nilio::ipc

@@ -4,8 +4,11 @@
 #include "nilio/core/time.hpp"
 
 #include "ipc/imu_pose_stream.hpp"
+#include "ipc/publisher_state.hpp"
 #include "ipc/records.hpp"
+#include "ipc/restarted_process.hpp"
 #include "ipc/ring.hpp"
+#include "ipc/shared_object.hpp"
 #include "ipc/wake_event.hpp"
 
 #include <chrono>
@@ -32,37 +35,23 @@ struct PublisherProcessConfig {
   std::optional<ImuPoseConfig> imu_poses;
   std::size_t sample_ring_capacity = 4096;  ///< IMU samples kept while the publisher restarts
   int nice = -5;  ///< nice value of the process; without the privilege it stays 0 with a warning
+  /// SCHED_FIFO priority of its scan pose thread; 0: none of its threads is FIFO.
+  int priority = 0;
   /// SCHED_FIFO priority of its IMU-rate pose thread; 0: only a lower nice value than its other threads.
   int imu_pose_priority = 0;
   bool lock_memory = false;  ///< lock all memory of the process
   core::Duration wait_for_subscribers{
       0};  ///< maximum wait of the first start for a subscriber before it reads the ring
-  core::Duration initial_back_off = core::Duration::from_milliseconds(100.0);  ///< doubles with every exit,
-  core::Duration max_back_off = core::Duration::from_seconds(5.0);             ///< up to this value,
-  core::Duration healthy_after = core::Duration::from_seconds(10.0);  ///< and is reset after this run time
+  core::Duration start_interval = core::Duration::from_seconds(1.0);  ///< minimum time between two starts
   core::Duration hang_timeout =
       core::Duration::from_seconds(5.0);  ///< killed if it reads nothing for this time
 };
 
-struct PublisherEvent {
-  enum class Kind : std::uint8_t {
-    kStarted,      ///< restarted after an exit
-    kStartFailed,  ///< start failed; repeated after `back_off`
-    kDied,         ///< exited or was killed; restarted after `back_off`
-    kHung,         ///< poses or samples wait but none is read: killed, kDied follows
-    kStopped       ///< ended after stop()
-  };
-  Kind kind = Kind::kDied;
-  pid_t pid = -1;
-  int exit_status = -1;  ///< of a process that exited, else -1
-  int signal = 0;        ///< signal that killed it, else 0
-  std::uint64_t restarts = 0;
-  core::Duration back_off{0};
+struct PublisherEvent : ProcessEvent {
   std::size_t unpublished = 0;  ///< kStopped: poses left in the ring
-  std::string message;          ///< one line for the log
 };
 
-/// Shared-memory rings to `nilio-publisher`, each with one producer here and one consumer there.
+/// Shared memory with `nilio-publisher`: rings with the producer here and the consumer there, and its state.
 struct PublisherRings {
   Ring<PoseRecord> poses;
   WakeEvent wake;
@@ -71,26 +60,24 @@ struct PublisherRings {
   Ring<PoseRecord> imu_poses;
   Ring<ImuRecord> samples;
   WakeEvent imu_wake;
+  SharedObject<PublisherState> state;
 
   static core::Result<PublisherRings> create(std::size_t poses, std::size_t samples);
 };
 
-/// Starts, supervises and restarts `nilio-publisher`, and owns the shared-memory rings to it.
+/// Starts, supervises and restarts `nilio-publisher`, and owns the shared memory with it.
 ///
-/// publish() belongs to the odometry thread, publish_sample() to the IMU receive thread, everything else to
-/// the supervisor thread. That thread must live as long as the process, because the kernel ends the publisher
-/// together with the thread that started it.
+/// publish() belongs to the odometry thread, publish_sample() to the IMU receive thread, start(), poll() and
+/// stop() to one supervising thread (see RestartedProcess), the getters to any thread.
 class PublisherProcess {
  public:
   /// Creates the rings and wake events; starts nothing.
   static core::Result<std::unique_ptr<PublisherProcess>> create(PublisherProcessConfig config);
-  /// Kills the process unless stop() was called.
-  ~PublisherProcess();
   PublisherProcess(const PublisherProcess&) = delete;
   PublisherProcess& operator=(const PublisherProcess&) = delete;
 
   /// Starts the process and returns its id. On failure poll() tries again, unless stop() is called.
-  core::Result<pid_t> start();
+  core::Result<pid_t> start() { return process_.start(); }
   /// Call about every 50 ms; does not block. At most one event per call.
   std::optional<PublisherEvent> poll();
   /// Lets the process publish the content of the ring (no more pushes allowed) and end; kills it after
@@ -107,9 +94,11 @@ class PublisherProcess {
   [[nodiscard]] Ring<PoseRecord>& ring() { return rings_.poses; }
   [[nodiscard]] const Ring<ImuRecord>& samples() const { return rings_.samples; }
   [[nodiscard]] WakeEvent& wake_event() { return rings_.wake; }
-  [[nodiscard]] bool running() const { return pid_ > 0; }
-  [[nodiscard]] pid_t pid() const { return pid_; }
-  [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
+  /// Counters of the poses written to DDS, over all restarts of the publisher.
+  [[nodiscard]] const PublisherState& state() const { return *rings_.state; }
+  [[nodiscard]] bool running() const { return process_.running(); }
+  [[nodiscard]] pid_t pid() const { return process_.pid(); }
+  [[nodiscard]] std::uint64_t restarts() const { return process_.restarts(); }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -117,10 +106,6 @@ class PublisherProcess {
   PublisherProcess(PublisherProcessConfig config, PublisherRings rings);
   core::Result<pid_t> spawn(core::Duration wait_for_subscribers);
   [[nodiscard]] std::vector<std::string> arguments(core::Duration wait_for_subscribers) const;
-  std::optional<PublisherEvent> poll_running();
-  std::optional<PublisherEvent> poll_stopped();
-  [[nodiscard]] PublisherEvent ended(PublisherEvent::Kind kind, int wait_status);
-  void schedule_restart(PublisherEvent& event);
   // Last progress of a ring's consumer, to detect a hang.
   struct Progress {
     std::uint64_t consumed = 0;
@@ -131,12 +116,7 @@ class PublisherProcess {
 
   PublisherProcessConfig config_;
   PublisherRings rings_;
-  pid_t pid_ = -1;
-  bool wanted_ = false;
-  std::uint64_t restarts_ = 0;
-  core::Duration back_off_;
-  Clock::time_point started_at_;
-  Clock::time_point restart_at_;
+  RestartedProcess process_;
   Progress pose_progress_;
   Progress sample_progress_;
 };

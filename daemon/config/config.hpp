@@ -140,6 +140,7 @@ struct RealtimeSection {
   int lidar_priority = 60;
   int imu_priority = 55;
   int odometry_priority = 40;
+  int publisher_priority = 30;
   int imu_pose_priority = 20;
   /// Processors of the threads in the format of parse_cpu_list(); empty = any.
   std::string lidar_cpus;

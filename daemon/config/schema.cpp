@@ -215,6 +215,8 @@ void add_realtime(Section s, RealtimeSection& c) {
   s.number("lidar_priority", &c.lidar_priority, "", 1, 99, "FIFO priority of the LiDAR receive threads");
   s.number("imu_priority", &c.imu_priority, "", 1, 99, "FIFO priority of the IMU receive thread");
   s.number("odometry_priority", &c.odometry_priority, "", 1, 99, "FIFO priority of the odometry thread");
+  s.number("publisher_priority", &c.publisher_priority, "", 1, 99,
+           "FIFO priority of nilio-publisher's scan pose thread");
   s.number("imu_pose_priority", &c.imu_pose_priority, "", 1, 99,
            "FIFO priority of nilio-publisher's IMU-rate pose thread");
   s.add("lidar_cpus", &c.lidar_cpus, "CPUs of the LiDAR receive threads, such as 0 or 1-2,4; empty = any");

@@ -99,7 +99,10 @@ Result<std::monostate> Supervisor::open_publisher() {
   if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
   const Result<ThreadPlan> plan = make_thread_plan(config_, options_.rules);
   if (!plan) return plan.error();
-  if (plan->fifo) config.imu_pose_priority = config_.realtime.imu_pose_priority;
+  if (plan->fifo) {
+    config.priority = config_.realtime.publisher_priority;
+    config.imu_pose_priority = config_.realtime.imu_pose_priority;
+  }
   config.lock_memory = plan->lock_memory;
   config.wait_for_subscribers = Duration::from_seconds(config_.publisher.wait_for_subscribers_s);
   auto publisher = ipc::PublisherProcess::create(std::move(config));
@@ -300,6 +303,12 @@ nlohmann::json Supervisor::summary() const {
       {"watchdog_hangs", watchdog_.hangs()},
   });
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
+  if (publisher_) {
+    json["published"] = ipc::publisher_json(publisher_->state());
+    // A pose is late if DDS has written it late.
+    if (pipeline_->budget().mode == core::BudgetMode::kWall)
+      json["budget"]["late_poses"] = publisher_->state().late_poses();
+  }
   const FileWriter::Counters files = files_->counters();
   json["counters"].update({
       {"files_poses_dropped", files.poses_dropped},

@@ -8,10 +8,13 @@
 #include "daemon/command_line.hpp"
 #include "daemon/publisher/imu_pose_loop.hpp"
 #include "daemon/publisher/publisher_loop.hpp"
+#include "daemon/publisher/scan_pose_loop.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/kernel_requests.hpp"
+#include "ipc/publisher_state.hpp"
 #include "ipc/records.hpp"
 #include "ipc/ring.hpp"
+#include "ipc/shared_object.hpp"
 #include "ipc/wake_event.hpp"
 
 #include <algorithm>
@@ -43,8 +46,10 @@ using core::Duration;
 struct PublisherOptions {
   int ring_descriptor = -1;
   int wake_descriptor = -1;
+  int state_descriptor = -1;
   pid_t parent = 0;
   int nice = 0;
+  int priority = 0;
   bool lock_memory = false;
   double wait_for_subscribers_s = 0.0;
   dds::OdometryPublisherConfig publisher;
@@ -67,6 +72,8 @@ void add_publisher_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--ring-fd", options.ring_descriptor, "Inherited memfd of the pose ring")->required();
   app.add_option("--wake-fd", options.wake_descriptor, "Inherited eventfd, signalled when there are poses")
       ->required();
+  app.add_option("--state-fd", options.state_descriptor, "Inherited memfd of this process's counters")
+      ->required();
   app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
   app.add_option("--domain", publisher.participant.domain, "DDS domain id")->check(CLI::Range(0, 232));
   app.add_option("--interface", publisher.participant.interface_whitelist,
@@ -75,6 +82,9 @@ void add_publisher_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--base-frame", publisher.base_frame, "Frame of the vehicle");
   app.add_option("--topic-prefix", publisher.topic_prefix, "Prefix of the topic names");
   app.add_option("--nice", options.nice, "Nice value of this process")->check(CLI::Range(-20, 19));
+  app.add_option("--priority", options.priority,
+                 "SCHED_FIFO priority of the scan pose thread; 0: no thread is FIFO")
+      ->check(CLI::Range(0, 99));
   app.add_flag("--lock-memory", options.lock_memory, "Keep all memory of this process resident");
   app.add_option("--wait-for-subscribers", options.wait_for_subscribers_s,
                  "Maximum wait for a first subscriber before reading the ring, s")
@@ -113,9 +123,14 @@ void add_imu_options(CLI::App& app, PublisherOptions& options) {
 }
 
 constexpr int kExitFailed = 1;
-// Nice offset of the IMU-rate pose thread relative to the rest of the process.
-constexpr int kImuNice = -5;
+// Nice offset of the pose threads relative to the rest of the process, where FIFO is not granted.
+constexpr int kPoseNice = -5;
 constexpr int kMinNice = -20;
+// FIFO priority of the main thread and of Fast DDS's threads. They share Fast DDS's locks with the pose
+// threads, which must not wait for a thread that a normal process keeps from running; a flood of datagrams
+// must not keep the pose threads from running either. Therefore above every normal thread and below every
+// other FIFO thread.
+constexpr int kDdsPriority = 1;
 
 // Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them.
 int take_signals() {
@@ -148,24 +163,35 @@ void lock_memory() {
     spdlog::warn("memory: {}", refused);
 }
 
-/// Raises the priority of the calling thread (IMU-rate poses) above the rest of the process.
-void take_precedence(int fifo_priority, int process_nice) {
+/// Raises the priority of the calling pose thread above the rest of the process.
+void take_precedence(const char* thread, int fifo_priority, int process_nice) {
   if (fifo_priority > 0) {
     const std::string refused = ipc::request_fifo(fifo_priority);
     if (refused.empty()) {
-      spdlog::info("imu-poses: FIFO {}", fifo_priority);
+      spdlog::info("{}: FIFO {}", thread, fifo_priority);
       return;
     }
-    spdlog::warn("imu-poses: {}", refused);
+    spdlog::warn("{}: {}", thread, refused);
   }
   // On Linux this affects only the calling thread. Without the privilege the process has logged a warning
   // already.
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kImuNice, kMinNice));
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kPoseNice, kMinNice));
 }
 
-/// Starts the IMU-rate pose thread; fails if an inherited descriptor is missing.
-core::Result<std::unique_ptr<dds::ImuPoseLoop>> start_imu_poses(const PublisherOptions& options,
-                                                                dds::OdometryPublisher& publisher) {
+core::Result<dds::ScanPoseInputs> attach_scan_poses(const PublisherOptions& options) {
+  auto poses = ipc::Ring<ipc::PoseRecord>::attach(options.ring_descriptor);
+  if (!poses) return poses.error();
+  auto wake = ipc::WakeEvent::adopt(options.wake_descriptor);
+  if (!wake) return wake.error();
+  auto state = ipc::SharedObject<ipc::PublisherState>::attach(options.state_descriptor);
+  if (!state) return state.error();
+  return dds::ScanPoseInputs{std::move(poses).value(), std::move(wake).value(), std::move(state).value()};
+}
+
+/// Null without IMU-rate poses; fails if an inherited descriptor is missing.
+core::Result<std::unique_ptr<dds::ImuPoseLoop>> make_imu_poses(const PublisherOptions& options,
+                                                               dds::OdometryPublisher& publisher) {
+  if (!options.imu_rate) return std::unique_ptr<dds::ImuPoseLoop>();
   auto poses = ipc::Ring<ipc::PoseRecord>::attach(options.imu_pose_ring_descriptor);
   if (!poses) return poses.error();
   auto samples = ipc::Ring<ipc::ImuRecord>::attach(options.imu_ring_descriptor);
@@ -181,11 +207,28 @@ core::Result<std::unique_ptr<dds::ImuPoseLoop>> start_imu_poses(const PublisherO
   config.propagation.max_gap = Duration::from_seconds(options.imu_max_gap_s);
   config.propagation.max_age = Duration::from_seconds(options.imu_max_age_s);
   config.slew.settle = Duration::from_seconds(options.imu_settle_s);
-  auto loop = std::make_unique<dds::ImuPoseLoop>(
+  return std::make_unique<dds::ImuPoseLoop>(
       dds::ImuPoseInputs{std::move(poses).value(), std::move(samples).value(), std::move(wake).value()},
       config, std::move(writers).value());
-  loop->start([fifo = options.imu_priority, nice = options.nice] { take_precedence(fifo, nice); });
-  return loop;
+}
+
+/// The DDS entities and the loops that use them.
+struct Publishing {
+  std::unique_ptr<dds::OdometryPublisher> publisher;
+  std::unique_ptr<dds::ScanPoseLoop> scan_poses;
+  std::unique_ptr<dds::ImuPoseLoop> imu_poses;
+};
+
+/// Creates everything, starts nothing of its own. Fast DDS's threads inherit the calling thread's scheduling.
+core::Result<Publishing> create_publishing(const PublisherOptions& options) {
+  auto inputs = attach_scan_poses(options);
+  if (!inputs) return core::Error{"inherited descriptors: " + inputs.error().message};
+  auto publisher = dds::OdometryPublisher::create(options.publisher);
+  if (!publisher) return publisher.error();
+  auto imu_poses = make_imu_poses(options, **publisher);
+  if (!imu_poses) return core::Error{"IMU-rate poses: " + imu_poses.error().message};
+  auto scan_poses = std::make_unique<dds::ScanPoseLoop>(std::move(inputs).value(), **publisher);
+  return Publishing{std::move(publisher).value(), std::move(scan_poses), std::move(imu_poses).value()};
 }
 
 int run(const PublisherOptions& options) {
@@ -204,33 +247,27 @@ int run(const PublisherOptions& options) {
     spdlog::warn("no privilege for nice {} (CAP_SYS_NICE or LimitNICE= in the unit): running at 0",
                  options.nice);
 
-  auto ring = ipc::Ring<ipc::PoseRecord>::attach(options.ring_descriptor);
-  auto wake_event = ipc::WakeEvent::adopt(options.wake_descriptor);
-  if (!ring || !wake_event) {
-    spdlog::critical("inherited descriptors: {}", ring ? wake_event.error().message : ring.error().message);
-    return kExitFailed;
-  }
   dds::set_fastdds_log_handler([](const std::string& line) { spdlog::warn("{}", line); });
-  auto publisher = dds::OdometryPublisher::create(options.publisher);
-  if (!publisher) {
-    spdlog::critical("{}", publisher.error().message);
+  if (options.priority > 0) {
+    if (const std::string refused = ipc::request_fifo(kDdsPriority); !refused.empty())
+      spdlog::warn("reports and DDS: {}", refused);
+  }
+  auto publishing = create_publishing(options);
+  if (!publishing) {
+    spdlog::critical("{}", publishing.error().message);
     return kExitFailed;
   }
-  for (const std::string& address : (*publisher)->participant().missing_interfaces())
+  for (const std::string& address : publishing->publisher->participant().missing_interfaces())
     spdlog::warn("DDS interface {}: not on this machine yet; not used", address);
-  std::unique_ptr<dds::ImuPoseLoop> imu_poses;
-  if (options.imu_rate) {
-    auto started = start_imu_poses(options, **publisher);
-    if (!started) {
-      spdlog::critical("IMU-rate poses: {}", started.error().message);
-      return kExitFailed;
-    }
-    imu_poses = std::move(started).value();
-  }
+  publishing->scan_poses->start([&options] { take_precedence("scan-poses", options.priority, options.nice); },
+                                Duration::from_seconds(options.wait_for_subscribers_s));
+  if (publishing->imu_poses)
+    publishing->imu_poses->start(
+        [&options] { take_precedence("imu-poses", options.imu_priority, options.nice); });
   spdlog::info("publishing on DDS domain {}", options.publisher.participant.domain);
-  PublisherLoop loop(options.parent, std::move(ring).value(), std::move(wake_event).value(), signals,
-                     std::move(publisher).value(), std::move(imu_poses));
-  return loop.run(Duration::from_seconds(options.wait_for_subscribers_s));
+  return PublisherLoop(options.parent, signals, std::move(publishing->publisher),
+                       std::move(publishing->scan_poses), std::move(publishing->imu_poses))
+      .run();
 }
 
 }  // namespace

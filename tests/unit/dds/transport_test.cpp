@@ -281,15 +281,13 @@ TEST_CASE("a publisher process publishes the ring's content before it ends, howe
   CHECK(report->stages.back().count >= pose_count);
 }
 
-TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a second and loses no pose", "[transport]") {
+TEST_CASE("a publisher killed with SIGKILL is restarted within a second and loses no pose", "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();
   const auto subscriber = make_subscriber(domain);
   PublisherProcessConfig config = process_config(*executable, domain);
   config.wait_for_subscribers = kPatience;
-  // Each pause is twice the previous one, however long the process runs on a busy computer.
-  config.healthy_after = kPatience;
   auto process = PublisherProcess::create(config);
   REQUIRE(process.ok());
   REQUIRE((*process)->start().ok());
@@ -304,7 +302,7 @@ TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a secon
   while (outages < 3 && Clock::now() < limit) {
     REQUIRE((*process)->publish(sample_record(sequence++)));
     const auto event = (*process)->poll();
-    if (event && event->kind == PublisherEvent::Kind::kDied) pauses_ms.push_back(event->back_off.milliseconds());
+    if (event && event->kind == PublisherEvent::Kind::kDied) pauses_ms.push_back(event->pause.milliseconds());
     const auto next_pose = Clock::now() + std::chrono::milliseconds(20);
     while (const auto received = subscriber->next(Duration{(next_pose - Clock::now()).count()})) {
       const auto stamp = received->message.stamp.ns;
@@ -323,7 +321,8 @@ TEST_CASE("a publisher killed with SIGKILL is restarted after a tenth of a secon
     }
   }
   REQUIRE(outages == 3);
-  CHECK(pauses_ms == std::vector<double>{100.0, 200.0, 400.0});
+  REQUIRE(pauses_ms.size() == 3);
+  for (const double pause_ms : pauses_ms) CHECK(pause_ms <= 1000.0);
   CHECK(repeated <= 3);
   CHECK((*process)->restarts() == 3);
   CHECK(subscriber->counts().writers_seen == 4);
@@ -473,7 +472,7 @@ TEST_CASE("a publisher ends with its parent process", "[transport]") {
 TEST_CASE("a publisher without a ring fails with a message", "[transport]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
-  Program program(executable->string() + " --ring-fd=1 --wake-fd=1 2>&1");
+  Program program(executable->string() + " --ring-fd=1 --wake-fd=1 --state-fd=1 2>&1");
   CHECK_THAT(program.line().value_or(""), Catch::Matchers::Contains("file descriptor 1 is not a ring"));
   CHECK(program.exit_status() == 1);
 }
