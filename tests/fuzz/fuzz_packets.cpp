@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kFiringsPerPacket = drivers::kBlocksPerPacket * drivers::kEntriesPerBlock;
 /// Limits the run time of one input.
-constexpr std::uint64_t kMostPackets = 600;
+constexpr std::uint64_t kMostPackets = 80;
 
 class PacketFuzz {
  public:
@@ -69,7 +69,7 @@ class PacketFuzz {
     const std::size_t count = input_.u8();
     const std::uint16_t advance = input_.u16();
     const auto clock_error = static_cast<std::int16_t>(input_.u16());
-    for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t i = 0; i < count && fed_ < kMostPackets; ++i) {
       drivers::VelodyneDataPacket data;
       for (std::size_t b = 0; b < drivers::kBlocksPerPacket; ++b) {
         data.blocks[b].flag = layout_->block_flags[b];

@@ -7,6 +7,7 @@
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
 
+#include "drivers/velodyne/calibration/calibration_fields.hpp"
 #include "tests/fuzz/fuzz_support.hpp"
 #include "tests/support/capture_bytes.hpp"
 
@@ -104,6 +105,42 @@ void write_packet_seeds(const SeedFolder& folder) {
       folder.add("raw_" + name, head + raw(data_packet(sensor, layout, 100)) + raw(std::string(512, '\0')) +
                                     raw(data_packet(sensor, layout, 35700)) + raw("short"));
     }
+  }
+}
+
+/// A db.xml of the sensor's lasers.
+std::string db_xml(const drivers::VelodyneSensor& sensor) {
+  const auto tag = [](const std::string& name, const std::string& content) {
+    return "<" + name + ">" + content + "</" + name + ">\n";
+  };
+  std::string points;
+  for (std::size_t id = 0; id < sensor.lasers.size(); ++id) {
+    std::string fields = tag("id_", std::to_string(id));
+    for (const drivers::CalibrationField& field : drivers::kCalibrationFields) {
+      const double unit = field.quantity == drivers::Quantity::kAngle    ? drivers::kXmlUnits.angle
+                          : field.quantity == drivers::Quantity::kLength ? drivers::kXmlUnits.length
+                                                                         : 1.0;
+      fields += tag(field.xml_key, drivers::format_number(sensor.lasers[id].*field.target / unit));
+    }
+    points += tag("item", tag("px", fields));
+  }
+  return tag("boost_serialization", tag("DB", tag("points_", points)));
+}
+
+/// Input of fuzz_calibration: model, then a file. Small models, because the length decides the speed.
+void write_calibration_seeds(const SeedFolder& folder) {
+  for (const drivers::VelodyneModel model :
+       {drivers::VelodyneModel::kVlp16, drivers::VelodyneModel::kPuckHiRes,
+        drivers::VelodyneModel::kHdl32e}) {
+    const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(model);
+    const std::string head{static_cast<char>(model)};
+    folder.add(sensor.name + ".xml", head + db_xml(sensor));
+    const std::string file = folder.path("file").string();
+    if (const auto written = drivers::write_calibration_yaml(sensor, file); !written)
+      throw std::runtime_error(written.error().message);
+    std::ifstream yaml(file, std::ios::binary);
+    folder.add(sensor.name + ".yaml", head + std::string{std::istreambuf_iterator<char>(yaml), {}});
+    fs::remove(file);
   }
 }
 
@@ -251,8 +288,7 @@ void write_seeds(const fs::path& root, const fs::path& sources) {
     write_can_capture_seeds(folder);
   });
   write_seed_folder(root, "imu", write_imu_seeds);
-  write_seed_folder(root, "calibration",
-                    [&](const SeedFolder& folder) { folder.add_files(sources / "config/calibration"); });
+  write_seed_folder(root, "calibration", write_calibration_seeds);
   write_seed_folder(root, "telemetry", write_telemetry_seeds);
   write_seed_folder(root, "status", write_status_seeds);
   write_seed_folder(root, "dbc", [&](const SeedFolder& folder) { folder.add_files(sources / "config/dbc"); });

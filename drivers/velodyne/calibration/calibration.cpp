@@ -1,5 +1,6 @@
 #include "drivers/velodyne/calibration/calibration_fields.hpp"
 
+#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -19,10 +20,13 @@ core::Result<std::string> read_text(const std::string& path) {
   const Error unreadable{path + ": cannot be read; check that the file exists and its permissions"};
   std::ifstream file(path, std::ios::binary);
   if (!file) return unreadable;
-  std::string text(kLargestFile + 1, '\0');
-  file.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (file.bad() || (file.fail() && !file.eof())) return unreadable;
-  text.resize(static_cast<std::size_t>(file.gcount()));
+  std::string text;
+  std::array<char, 16384> part{};
+  do {
+    file.read(part.data(), static_cast<std::streamsize>(part.size()));
+    if (file.bad() || (file.fail() && !file.eof())) return unreadable;
+    text.append(part.data(), static_cast<std::size_t>(file.gcount()));
+  } while (!file.eof() && text.size() <= kLargestFile);
   if (text.size() > kLargestFile) {
     return Error{path + ": larger than 4 MB, hence no calibration; check that it is the right file"};
   }
