@@ -42,6 +42,14 @@ void ScanCutter::restart() {
   turning_.restart();
 }
 
+/// Whole turns that time and rate explain beyond the difference of the azimuths.
+std::int64_t ScanCutter::turns_between(int difference, std::int64_t time_ns, float rate,
+                                       std::int64_t azimuth_period_ns) const {
+  const double periods =
+      static_cast<double>(time_ns - last_step_ns_) / static_cast<double>(azimuth_period_ns);
+  return std::llround((periods * static_cast<double>(rate) - difference) / kAzimuthModulus);
+}
+
 /// Unwraps the azimuth over all revolutions. Rate and time bridge missing packets.
 void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate,
                        std::int64_t azimuth_period_ns) {
@@ -49,13 +57,13 @@ void ScanCutter::track(std::uint16_t azimuth, std::int64_t time_ns, float rate,
     has_azimuth_ = true;
     unwrapped_ = (static_cast<int>(azimuth) - cut_ + kAzimuthModulus) % kAzimuthModulus;
   } else {
-    const double periods =
-        static_cast<double>(time_ns - last_step_ns_) / static_cast<double>(azimuth_period_ns);
     const int difference = static_cast<int>(azimuth) - static_cast<int>(last_azimuth_);
-    const double unexplained = periods * static_cast<double>(rate) - difference;
     unwrapped_ += difference;
-    if (std::abs(unexplained) >= 0.5 * kAzimuthModulus)
-      unwrapped_ += static_cast<std::int64_t>(std::round(unexplained / kAzimuthModulus)) * kAzimuthModulus;
+    // Neighbouring steps: no turn is between them.
+    const std::int64_t since_ns = time_ns - last_step_ns_;
+    const bool is_next =
+        std::abs(difference) < kAzimuthModulus / 4 && since_ns >= 0 && since_ns < 2 * azimuth_period_ns;
+    if (!is_next) unwrapped_ += turns_between(difference, time_ns, rate, azimuth_period_ns) * kAzimuthModulus;
   }
   turning_.add(time_ns, unwrapped_);
   last_azimuth_ = azimuth;

@@ -47,6 +47,8 @@ class ScanCutter {
 
  private:
   void track(std::uint16_t azimuth, std::int64_t time_ns, float rate, std::int64_t azimuth_period_ns);
+  [[nodiscard]] std::int64_t turns_between(int difference, std::int64_t time_ns, float rate,
+                                           std::int64_t azimuth_period_ns) const;
   [[nodiscard]] std::int64_t next_cut() const { return (scan_revolution_ + 1) * kAzimuthModulus; }
 
   int cut_;
