@@ -2,6 +2,8 @@
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 
 #include "tests/support/capture_bytes.hpp"
+#include "tests/support/disturbed_packets.hpp"
+#include "tests/support/drivers_support.hpp"
 #include "tests/support/pcap_support.hpp"
 #include "tests/support/udp_support.hpp"
 
@@ -75,6 +77,36 @@ TEST_CASE("a capture is read without allocation after the first packet", "[alloc
     while (const std::size_t count = (*source)->read(slots, {}).count) received += count;
     const std::size_t allocated = allocations - before;
     CHECK(received == 50);
+    CHECK(allocated == 0);
+  }
+}
+
+TEST_CASE("lost, copied, reordered and damaged packets are assembled without allocation", "[allocation]") {
+  for (const VelodyneModel model :
+       {VelodyneModel::kVlp16, VelodyneModel::kHdl64eS1, VelodyneModel::kVls128}) {
+    TurningSensor source{.sensor = make_velodyne_sensor(model)};
+    std::vector<Packet> packets;
+    for (std::size_t i = 0; i < 8000; ++i) {
+      // The sensor's clock is set, and single stamps and azimuths are damaged.
+      if (i == 5000) source.sensor_ahead_ns += 700'000'000;
+      packets.push_back(source.packet(i));
+      if (i % 97 == 3) packets.back().data[1203] ^= 0x10U;
+      if (i % 89 == 5) packets.back().data[503] ^= 0x20U;
+    }
+    packets = disturb(packets, {"", 0.2, true, 5}, 1);
+    ScanAssembler assembler(source.sensor, {});
+    core::Scan scan;
+    std::size_t scans = 0;
+    std::size_t before = 0;
+    for (const Packet& packet : packets) {
+      if (!assembler.add(packet)) continue;
+      assembler.take_scan(scan);
+      // The first scans swap the buffers in.
+      if (++scans == 3) before = allocations;
+    }
+    const std::size_t allocated = allocations - before;
+    INFO(source.sensor.name);
+    CHECK(scans > 4);
     CHECK(allocated == 0);
   }
 }
