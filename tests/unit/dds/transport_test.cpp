@@ -409,6 +409,34 @@ TEST_CASE("heartbeats and gaps that would occupy Fast DDS for minutes are filter
   }
 }
 
+TEST_CASE("data whose inline QoS is longer than the submessage is filtered out", "[transport]") {
+  const auto filtered = [](std::vector<std::uint8_t> submessage) {
+    std::vector<std::uint8_t> datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
+    datagram.insert(datagram.end(), 12, 0x42);
+    datagram.insert(datagram.end(), submessage.begin(), submessage.end());
+    return harmless_bytes(datagram.data(), datagram.size()) == 20;
+  };
+  // Ids and sequence number, one parameter of 4 bytes, end of the list, payload of 4 bytes.
+  const std::vector<std::uint8_t> data{0x15, 0x07, 40, 0, 0, 0, 16, 0, 0, 0,    0, 0, 0, 0, 0x0D,
+                                       3,    0,    0,  0, 0, 5, 0,  0, 0, 0x70, 0, 4, 0, 1, 2,
+                                       3,    4,    1,  0, 0, 0, 0,  1, 0, 0,    9, 9, 9, 9};
+  CHECK_FALSE(filtered(data));
+  std::vector<std::uint8_t> whole_datagram = data;
+  whole_datagram[2] = 0;
+  CHECK_FALSE(filtered(whole_datagram));
+  std::vector<std::uint8_t> too_short = data;
+  too_short[2] = 24;  // ends within the list
+  CHECK(filtered(too_short));
+  std::vector<std::uint8_t> long_parameter = data;
+  long_parameter[27] = 0x40;
+  CHECK(filtered(long_parameter));
+  std::vector<std::uint8_t> far_away = data;
+  far_away[6] = 200;
+  CHECK(filtered(far_away));
+  const std::vector<std::uint8_t> cut(data.begin(), data.begin() + 12);
+  CHECK(filtered(cut));
+}
+
 TEST_CASE("a participant announces itself on the discovery multicast port of its domain", "[transport]") {
   const std::uint32_t domain = test_domain();
   // DDSI-RTPS 2.3, section 9.6.1.1: PB + DG * domain + d0.
