@@ -59,6 +59,7 @@ class Supervisor {
   Result<std::monostate> open_pipeline(Input input);
   Result<std::monostate> open_files(const std::optional<core::SE3>& T_camera_lidar);
   void take_results();
+  void watch_threads();
   void watch();
   void watch_publisher();
   void watch_can();
@@ -224,6 +225,18 @@ void Supervisor::watch_files() {
   if (const std::optional<std::string> line = files_->poll(monotonic_ns())) spdlog::warn("{}", *line);
 }
 
+void Supervisor::watch_threads() {
+  pipeline_->watch_with(watchdog_);
+  if (!publisher_) return;
+  // DDS takes seconds to start: a process is watched from its first beat on.
+  watchdog_.watch("nilio-publisher", [this, pid = pid_t{-1}, first = std::uint64_t{0}]() mutable {
+    const std::uint64_t beats = publisher_->state().heartbeat();
+    if (std::exchange(pid, publisher_->pid()) != publisher_->pid()) first = beats;
+    const bool runs = publisher_->running() && beats != first;
+    return runs ? std::optional(beats) : std::nullopt;
+  });
+}
+
 void Supervisor::watch() {
   for (const Watchdog::Event& event : watchdog_.poll(monotonic_ns()))
     spdlog::log(event.hangs ? spdlog::level::err : spdlog::level::warn, "{}", event.text);
@@ -255,7 +268,7 @@ Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
   startup_.reset();
   if (!granted) return granted.error();
   log_.add(*granted, options_.rules.has_sensors());
-  if (options_.rules.are_live()) pipeline_->watch_with(watchdog_);
+  if (options_.rules.are_live()) watch_threads();
   while (!pipeline_->finished() && !stop.load()) {
     pipeline_->output_event().wait(kPollPeriod);
     take_results();
