@@ -259,11 +259,6 @@ void Pipeline::start_thread(ThreadRole role, RealtimeWork work, std::vector<Plan
   for (PlanOutcome& outcome : threads_.back().await_start()) outcomes.push_back(std::move(outcome));
 }
 
-void Pipeline::watch_with(Watchdog& watchdog) const {
-  for (const RealtimeThread& thread : threads_)
-    watchdog.watch(name_of(thread.role()), [&thread] { return thread.heartbeat(); });
-}
-
 Result<std::vector<PlanOutcome>> Pipeline::start() {
   prepare_heap(plan_);
   std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), check_throttling(plan_)};

@@ -10,7 +10,6 @@
 #include "daemon/odometry/odometry_loop.hpp"
 #include "daemon/output/event_log.hpp"
 #include "daemon/realtime/realtime_thread.hpp"
-#include "daemon/realtime/watchdog.hpp"
 #include "ipc/publisher_process.hpp"
 
 #include <atomic>
@@ -65,8 +64,8 @@ class Pipeline {
   core::Result<std::vector<PlanOutcome>> start();
   void request_stop();
   void join();
-  /// Has the threads watched. Call after start().
-  void watch_with(Watchdog& watchdog) const;
+  /// Real-time threads from start() to join().
+  [[nodiscard]] const std::vector<RealtimeThread>& threads() const { return threads_; }
   /// The odometry thread has ended: all input is processed, or stop was requested.
   [[nodiscard]] bool finished() const { return finished_.load(std::memory_order_acquire); }
 

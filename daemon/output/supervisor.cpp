@@ -226,7 +226,8 @@ void Supervisor::watch_files() {
 }
 
 void Supervisor::watch_threads() {
-  pipeline_->watch_with(watchdog_);
+  for (const RealtimeThread& thread : pipeline_->threads())
+    watchdog_.watch(name_of(thread.role()), [&thread] { return thread.heartbeat(); });
   if (!publisher_) return;
   // DDS takes seconds to start: a process is watched from its first beat on.
   watchdog_.watch("nilio-publisher", [this, pid = pid_t{-1}, first = std::uint64_t{0}]() mutable {

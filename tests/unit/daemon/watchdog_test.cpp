@@ -78,7 +78,8 @@ TEST_CASE("a hang of the odometry thread alone is named, and the other threads a
   REQUIRE(pipeline.ok());
   REQUIRE((*pipeline)->start().ok());
   Watchdog watchdog;
-  (*pipeline)->watch_with(watchdog);
+  for (const RealtimeThread& thread : (*pipeline)->threads())
+    watchdog.watch(name_of(thread.role()), [&thread] { return thread.heartbeat(); });
   std::vector<Watchdog::Event> events;
   const auto poll_until = [&](std::size_t count) {
     return tests::eventually([&] {
