@@ -22,7 +22,7 @@ if [[ ${1:-} != --quick ]]; then
     tools/build.sh asan
     ctest --preset asan
   else
-    tools/build.sh asan test_core test_drivers test_ipc test_dds test_daemon
+    tools/build.sh asan test_core test_drivers test_ipc test_dds test_daemon fuzz_rtps
     ctest --preset asan --exclude-regex '^tools$'
   fi
   tools/build.sh tsan test_ipc test_daemon
