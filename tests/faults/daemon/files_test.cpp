@@ -113,7 +113,8 @@ TEST_CASE("a recorded run that was killed under load is repeated to the bit by i
   NiliodProcess repeated(folder, {"--decisions", box.string(), "--output", again.string()});
   const auto finished = repeated.wait();
   INFO(finished.output);
-  REQUIRE(finished.status == 0);
+  // With that budget tracking may be lost, which is repeated, too.
+  REQUIRE((finished.status == 0 || finished.status == 3));
   CHECK_THAT(finished.output, !Contains("do not match the decision log"));
   const std::string first = read_file(run / "trajectory.tum");
   const std::string second = read_file(again / "trajectory.tum");

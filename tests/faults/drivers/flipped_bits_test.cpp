@@ -118,7 +118,7 @@ TEST_CASE("one flipped bit of an azimuth costs its step at most", "[flipped_bits
       // Around the cut, and in the middle of a scan.
       for (const double turns : {1.02, 1.027, 1.035, 1.5}) {
         const auto damaged = static_cast<std::size_t>(turns / 2.1 * static_cast<double>(packets.size()));
-        for (std::size_t block = 0; block < kBlocksPerPacket; ++block) {
+        for (std::size_t block = 0; block < kBlocksPerPacket; block += 5) {
           if (source.layout().contents[block] == BlockContent::kPadding) continue;
           for (std::size_t bit = 0; bit < 16; ++bit) {
             const Packet original = packets[damaged];
