@@ -197,7 +197,7 @@ void Supervisor::take_results() {
   while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop()) log_.add(*health);
 }
 
-/// Logs the events of the odometry and identification threads.
+/// Logs the events of the odometry thread.
 void Supervisor::report_events() {
   while (const std::optional<EventLog::Line> line = pipeline_->event_log().take())
     spdlog::log(level_of(line->level), "{}", line->text);
