@@ -41,8 +41,8 @@ class ImuReport {
 class BudgetReport {
  public:
   void record(const ipc::PoseRecord& record);
-  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "recovery_budget", "late_poses", "initialising", "stops",
-  /// "degradation_levels", "overshoot_us", "iteration_us"}. Overshoots exclude initialisation, whose
+  /// {"mode", "budget_ms", "poses", "predicted_by_guard", "recovery_budget", "late_poses", "initialising",
+  /// "stops", "degradation_levels", "overshoot_us", "iteration_us"}. Overshoots exclude initialisation, whose
   /// registration has no limit; early poses count as 0.
   [[nodiscard]] nlohmann::json json(const core::BudgetConfig& budget) const;
   /// One-line summary; empty if no pose had a deadline.

@@ -72,7 +72,8 @@ int write_files(const RecordingFindings& findings, const Options& options) {
   }
   if (options.config_path.empty()) return 0;
   const DriveFindings* const drive = findings.drive ? &*findings.drive : nullptr;
-  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? kDone : kFailed;
+  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? kDone
+                                                                                              : kFailed;
 }
 
 /// Files that niliod would replay; unset without a LiDAR and an IMU, for which there is no drive.

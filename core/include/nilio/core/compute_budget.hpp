@@ -63,8 +63,8 @@ class ComputeBudget {
   ComputeBudget(const BudgetConfig& config, ClockFunction clock);
 
   /// Begins a scan whose last packet arrived at `released_ns` by the clock, 0 = now, and that has to be done
-  /// after `recovery` if that is longer than the configured budget. An exempt scan is not limited and does not
-  /// update the cost estimates.
+  /// after `recovery` if that is longer than the configured budget. An exempt scan is not limited and does
+  /// not update the cost estimates.
   void begin_scan(std::int64_t released_ns, bool exempt, Duration recovery = {});
   /// Begins a scan that repeats recorded decisions.
   void begin_scan(const BudgetDecisions& decisions, bool exempt);

@@ -35,9 +35,9 @@ struct UdpSourceConfig {
 /// Velodyne's sizes to other addresses and ports.
 core::Result<std::unique_ptr<PacketSource>> open_udp(const UdpSourceConfig& config);
 
-/// As open_udp() for one port (`position_port` 0). If another program, such as niliod, has the port, the source
-/// delivers copies of the datagrams that this program receives, with the same kernel time stamps; this needs
-/// CAP_NET_RAW.
+/// As open_udp() for one port (`position_port` 0). If another program, such as niliod, has the port, the
+/// source delivers copies of the datagrams that this program receives, with the same kernel time stamps; this
+/// needs CAP_NET_RAW.
 core::Result<std::unique_ptr<PacketSource>> open_udp_or_tap(const UdpSourceConfig& config);
 
 }  // namespace nilio::drivers
