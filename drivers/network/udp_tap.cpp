@@ -1,7 +1,7 @@
 #include "nilio/core/clock.hpp"
+#include "nilio/drivers/capture/capture_reader.hpp"
 #include "nilio/drivers/network/udp.hpp"
 
-#include "drivers/common/byte_order.hpp"
 #include "drivers/common/counters.hpp"
 #include "drivers/common/socket.hpp"
 #include "drivers/network/interfaces.hpp"
@@ -16,8 +16,11 @@
 #include <linux/if_packet.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <span>
 #include <sys/socket.h>
 #include <utility>
+
+#include <pcap/dlt.h>
 
 namespace nilio::drivers {
 namespace {
@@ -122,21 +125,16 @@ UdpTap::Received UdpTap::receive(Packet& slot) {
   return Received::kPacket;
 }
 
-/// False for headers that contradict the size.
+/// False where the bytes are no complete UDP header.
 bool UdpTap::parse(std::size_t size, Packet& slot) {
-  const std::size_t header = std::size_t{4} * (bytes_[0] & 0x0FU);
-  if (size < header + kUdpHeader) return false;
-  const std::uint8_t* const udp = bytes_.data() + header;
-  const std::size_t length = load_be16(udp + 4);
-  if (length < kUdpHeader) return false;
-  const std::size_t payload = length - kUdpHeader;
-  const std::size_t captured = std::min(size - header - kUdpHeader, payload);
-  slot.sender_address = load_be32(bytes_.data() + 12);
-  slot.sender_port = load_be16(udp);
-  slot.destination_port = load_be16(udp + 2);
-  slot.size = static_cast<std::uint16_t>(std::min(captured, slot.data.size()));
-  slot.truncated = payload > slot.size;
-  std::copy_n(udp + kUdpHeader, slot.size, slot.data.begin());
+  const CapturedDatagram datagram = find_datagram(DLT_RAW, std::span(bytes_).first(size));
+  if (datagram.kind != CapturedDatagram::Kind::kUdp) return false;
+  slot.sender_address = datagram.source_address;
+  slot.sender_port = datagram.source_port;
+  slot.destination_port = datagram.destination_port;
+  slot.size = static_cast<std::uint16_t>(std::min(datagram.payload.size(), slot.data.size()));
+  slot.truncated = datagram.payload_size > slot.size;
+  std::copy_n(datagram.payload.begin(), slot.size, slot.data.begin());
   return true;
 }
 
