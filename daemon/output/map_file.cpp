@@ -14,7 +14,6 @@ namespace nilio::daemon {
 namespace {
 
 constexpr std::size_t kFirstBuckets = 4096;
-constexpr std::size_t kHeldBytes = std::size_t{4} << 20U;
 constexpr std::size_t kPointBytes = 12;
 constexpr std::size_t kHeaderBytes = 160;
 
@@ -99,11 +98,7 @@ void MapFile::add(const CloudRecord& cloud) {
   for (std::size_t i = 0; i < cloud.count; ++i) {
     const std::array<float, 3>& point = cloud.points[i];
     if (!voxels_.insert(voxel_key(point, voxel_m_))) continue;
-    if (file_.pending_bytes() > kHeldBytes) {
-      ++lost_;
-    } else {
-      file_.append({reinterpret_cast<const std::uint8_t*>(point.data()), kPointBytes});
-    }
+    if (!file_.append({reinterpret_cast<const std::uint8_t*>(point.data()), kPointBytes})) ++lost_;
   }
 }
 

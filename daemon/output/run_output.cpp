@@ -16,9 +16,6 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-// Waiting bytes of a file while the disk does not accept data; hours of poses.
-constexpr std::size_t kHeldBytes = std::size_t{4} << 20U;
-
 Error cannot_write(const fs::path& path) {
   return Error{path.string() +
                ": cannot be written: check that the folder exists, is writable and the disk is not full"};
@@ -94,17 +91,13 @@ Result<std::unique_ptr<RunOutput>> RunOutput::create(const Options& options,
 void RunOutput::add(const ipc::PoseRecord& record) {
   const core::SE3 T_odom_base = pose_of(record);
   if (!T_base_odom_) T_base_odom_ = T_odom_base.inverse();
-  if (kitti_.pending_bytes() > kHeldBytes) {
-    ++lost_.poses;
-    return;
-  }
   core::SE3 T_first_now = *T_base_odom_ * T_odom_base;
   if (options_.T_camera_lidar) {
     const core::SE3 T_camera_base = *options_.T_camera_lidar * options_.T_base_lidar.inverse();
     T_first_now = T_camera_base * T_first_now * T_camera_base.inverse();
   }
-  kitti_.append(bytes_of(kitti_line(T_first_now)));
-  tum_.append(bytes_of(tum_line(record)));
+  if (!kitti_.append(bytes_of(kitti_line(T_first_now))) || !tum_.append(bytes_of(tum_line(record))))
+    ++lost_.poses;
 }
 
 void RunOutput::open_decisions(const std::string& header) {
@@ -113,11 +106,7 @@ void RunOutput::open_decisions(const std::string& header) {
 }
 
 void RunOutput::add(const ScanDecision& decision) {
-  if (decisions_.pending_bytes() > kHeldBytes) {
-    ++lost_.decisions;
-  } else {
-    decisions_.append(bytes_of(decision_line(decision) + '\n'));
-  }
+  if (!decisions_.append(bytes_of(decision_line(decision) + '\n'))) ++lost_.decisions;
 }
 
 void RunOutput::add(const CloudRecord& cloud) {

@@ -16,9 +16,6 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-// Hours of decisions.
-constexpr std::size_t kHeldBytes = std::size_t{4} << 20U;
-
 }  // namespace
 
 Result<std::unique_ptr<RunRecorder>> RunRecorder::create(const fs::path& folder,
@@ -62,12 +59,9 @@ void RunRecorder::add(const drivers::CanFrame& frame, const std::string& interfa
 }
 
 void RunRecorder::add(const ScanDecision& decision) {
-  if (decisions_.pending_bytes() > kHeldBytes) {
-    ++lost_decisions_;
-    return;
-  }
   const std::string line = decision_line(decision) + '\n';
-  decisions_.append({reinterpret_cast<const std::uint8_t*>(line.data()), line.size()});
+  if (!decisions_.append({reinterpret_cast<const std::uint8_t*>(line.data()), line.size()}))
+    ++lost_decisions_;
 }
 
 void RunRecorder::flush(std::int64_t now_ns) {

@@ -45,9 +45,11 @@ std::uint64_t RecordFile::bytes_with_pending() const {
   return bytes_ + pending_.size() + (bytes_ == 0 ? header_.size() : 0);
 }
 
-void RecordFile::append(std::span<const std::uint8_t> record) {
+bool RecordFile::append(std::span<const std::uint8_t> record) {
+  if (pending_.size() + record.size() > kMaxPendingBytes) return false;
   pending_.insert(pending_.end(), record.begin(), record.end());
   pending_sizes_.push_back(static_cast<std::uint32_t>(record.size()));
+  return true;
 }
 
 int RecordFile::open() {

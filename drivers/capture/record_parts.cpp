@@ -21,8 +21,6 @@ using core::Error;
 
 /// Pending bytes that start a write.
 constexpr std::size_t kWriteBytes = std::size_t{1} << 20;
-/// Pending bytes buffered while the disk is blocked.
-constexpr std::size_t kHeldBytes = std::size_t{4} << 20;
 /// Files with larger numbers are not from this program.
 constexpr std::uint64_t kLargestNumber = 999'999'999;
 
@@ -116,11 +114,10 @@ void RecordParts::append(RecordStream stream, std::span<const std::uint8_t> reco
     if (!counters_->blocked.load()) next_part(now_ns);
   }
   if (part_bytes() == 0) part_begin_ns_ = now_ns;
-  if (files_[index].pending_bytes() + record.size() > kHeldBytes) {
+  if (!files_[index].append(record)) {
     counters_->lost[index].fetch_add(1);
     return;
   }
-  files_[index].append(record);
   if (files_[index].pending_bytes() >= kWriteBytes) flush(now_ns);
 }
 

@@ -24,8 +24,12 @@ class RecordFile {
   RecordFile& operator=(const RecordFile&) = delete;
   ~RecordFile();
 
-  /// Buffers the record for the next write_pending().
-  void append(std::span<const std::uint8_t> record);
+  /// Bytes that wait in memory at most while the disk does not accept data; hours of poses, a second of
+  /// packets.
+  static constexpr std::size_t kMaxPendingBytes = std::size_t{4} << 20U;
+
+  /// Buffers the record for the next write_pending(). False, and the record is dropped, if too much waits.
+  [[nodiscard]] bool append(std::span<const std::uint8_t> record);
   /// 0, or the errno of an incomplete write; unwritten records stay pending.
   int write_pending();
   /// Replaces bytes that are in the file already, such as a count in the header. 0 or errno.
