@@ -5,6 +5,7 @@
 #include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/network/udp.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include "daemon/config/schema.hpp"
 #include "daemon/input/imu_input.hpp"
@@ -60,7 +61,7 @@ std::optional<std::uint32_t> find_sender(drivers::PacketSource& source) {
 }
 
 bool has_motion(const drivers::Packet& packet) {
-  if (packet.size != drivers::kPositionPacketSize || packet.truncated) return false;
+  if (!drivers::is_position_packet(packet)) return false;
   const auto position = drivers::parse_position_packet(std::span(packet.data).first(packet.size));
   return position && position->motion;
 }

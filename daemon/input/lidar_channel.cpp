@@ -1,6 +1,7 @@
 #include "daemon/input/lidar_channel.hpp"
 
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include <algorithm>
 #include <array>
@@ -11,6 +12,8 @@ namespace nilio::daemon {
 
 namespace {
 
+using drivers::is_data_packet;
+using drivers::is_position_packet;
 using drivers::Packet;
 
 // Senders of which none is steady fill no more than this.
@@ -24,16 +27,10 @@ constexpr std::int64_t kStartBacklogNs = 50'000'000;
 // Rotation rate, clock and blind sector are estimated by then.
 constexpr std::uint64_t kScansToStatus = 10;
 
-bool is_data(const Packet& packet) { return packet.size == drivers::kDataPacketSize && !packet.truncated; }
-
-bool is_position(const Packet& packet) {
-  return packet.size == drivers::kPositionPacketSize && !packet.truncated;
-}
-
 void count(const Packet& packet, drivers::ScanAssemblerStats& stats) {
-  if (is_data(packet)) {
+  if (is_data_packet(packet)) {
     ++stats.packets;
-  } else if (is_position(packet)) {
+  } else if (is_position_packet(packet)) {
     ++stats.position_packets;
   } else {
     ++stats.bad_length;
@@ -120,7 +117,7 @@ void LidarChannel::consume_front() {
 
 /// True if the ring's first packet is to be decoded now; otherwise it was buffered or counted.
 bool LidarChannel::admit(const Packet& packet) {
-  if (!is_data(packet) && !is_position(packet)) {
+  if (!is_data_packet(packet) && !is_position_packet(packet)) {
     if (is_identified()) return true;
     count(packet, past_);
     ++packets_skipped_;
@@ -132,7 +129,7 @@ bool LidarChannel::admit(const Packet& packet) {
     return false;
   }
   if (verdict == SenderSelection::Verdict::kOwn && is_identified()) {
-    if (identification_ && is_data(packet)) handle(identification_->add(packet));
+    if (identification_ && is_data_packet(packet)) handle(identification_->add(packet));
     return true;
   }
   const std::size_t limit = verdict == SenderSelection::Verdict::kUndecided ? kMaxUndecided : kMaxBuffered;
@@ -182,7 +179,7 @@ void LidarChannel::discard_foreign() {
 void LidarChannel::note_foreign(const Packet& packet) {
   foreign_packets_.fetch_add(1, std::memory_order_relaxed);
   ++packets_skipped_;
-  if (!is_data(packet) || !selection_.is_first_of(packet.sender_address)) return;
+  if (!is_data_packet(packet) || !selection_.is_first_of(packet.sender_address)) return;
   LidarEvent event;
   event.kind = LidarEvent::Kind::kForeignSender;
   copy_name(section_, event.section);
@@ -196,7 +193,7 @@ void LidarChannel::identify_buffered() {
   if (assembler_) set_identified(true);
   while (identification_ && examined_ < buffered_.size()) {
     const Packet& packet = buffered_[examined_++];
-    if (is_data(packet)) handle(identification_->add(packet));
+    if (is_data_packet(packet)) handle(identification_->add(packet));
   }
 }
 
@@ -210,7 +207,7 @@ bool LidarChannel::decode_front() {
   // A receive time of 0 means unknown.
   is_catching_up_ = is_buffered || (packet.received_ns > 0 && packet.received_ns < caught_up_ns_);
   const bool complete = is_catching_up_ ? add_delayed(packet) : assembler_->add(packet);
-  if (imu_ring_ != nullptr && is_position(packet)) pass_on_imu_samples(packet);
+  if (imu_ring_ != nullptr && is_position_packet(packet)) pass_on_imu_samples(packet);
   ++packets_decoded_;
   if (is_buffered) {
     ++next_;

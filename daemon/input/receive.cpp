@@ -1,6 +1,6 @@
 #include "daemon/input/receive.hpp"
 
-#include "nilio/drivers/velodyne/model.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include <algorithm>
 #include <ctime>
@@ -29,10 +29,7 @@ void gather(const std::atomic<std::int64_t>& until_ns) {
 }
 
 std::uint64_t count_data(std::span<const drivers::Packet> packets) {
-  return static_cast<std::uint64_t>(
-      std::count_if(packets.begin(), packets.end(), [](const drivers::Packet& packet) {
-        return packet.size == drivers::kDataPacketSize && !packet.truncated;
-      }));
+  return static_cast<std::uint64_t>(std::count_if(packets.begin(), packets.end(), drivers::is_data_packet));
 }
 
 /// Waits for the due time, for at most kLongestSleepNs; true if it is due.

@@ -1,13 +1,13 @@
 #include "daemon/input/sender_selection.hpp"
 
-#include "nilio/drivers/velodyne/model.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include <algorithm>
 
 namespace nilio::daemon {
 
 SenderSelection::Verdict SenderSelection::examine(const drivers::Packet& packet) {
-  const bool is_data = packet.size == drivers::kDataPacketSize;
+  const bool is_data = drivers::is_data_packet(packet);
   if (sender_ == packet.sender_address) {
     if (is_data) last_heard_ = packet.stamp;
     return Verdict::kOwn;

@@ -1,6 +1,7 @@
 #include "daemon/input/sensor_identification.hpp"
 
 #include "nilio/drivers/velodyne/model.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include "daemon/config/convert.hpp"
 
@@ -128,7 +129,7 @@ SensorIdentification::SensorIdentification(const LidarConfig& config, std::strin
 }
 
 SensorIdentification::State SensorIdentification::add(const drivers::Packet& packet) {
-  if (packet.size != drivers::kDataPacketSize || packet.truncated) return State::kUndecided;
+  if (!drivers::is_data_packet(packet)) return State::kUndecided;
   ++packets_received_;
   if (sensor_) {
     order_->add(packet);

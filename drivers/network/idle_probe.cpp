@@ -5,13 +5,10 @@
 #include "drivers/common/byte_order.hpp"
 #include "drivers/common/socket.hpp"
 #include "drivers/network/interfaces.hpp"
+#include "drivers/network/packet_socket.hpp"
 
-#include <arpa/inet.h>
 #include <cerrno>
 #include <cstring>
-#include <linux/filter.h>
-#include <linux/if_ether.h>
-#include <linux/if_packet.h>
 #include <sys/socket.h>
 
 namespace nilio::drivers {
@@ -20,31 +17,12 @@ namespace {
 constexpr std::uint32_t kLongestHeaders = 60 + kUdpHeader;
 /// Bounds the time of one call in the receive thread.
 constexpr int kPacketsPerCall = 256;
-constexpr std::uint8_t kProtocolUdp = 17;
 
-/// Accepts the headers of unfragmented UDP packets with a payload of 1206 or 512 bytes; the data begins at
-/// the IP header.
-std::array<sock_filter, 11> make_filter() {
-  constexpr std::uint8_t kDrop = 10;
-  const auto statement = [](int code, std::size_t k) {
-    return sock_filter{static_cast<std::uint16_t>(code), 0, 0, static_cast<std::uint32_t>(k)};
-  };
-  const auto jump = [](int code, std::size_t k, int yes, int no) {
-    return sock_filter{static_cast<std::uint16_t>(BPF_JMP | code | BPF_K), static_cast<std::uint8_t>(yes),
-                       static_cast<std::uint8_t>(no), static_cast<std::uint32_t>(k)};
-  };
-  return {statement(BPF_LD | BPF_B | BPF_ABS, 9),
-          jump(BPF_JEQ, kProtocolUdp, 0, kDrop - 2),
-          statement(BPF_LD | BPF_H | BPF_ABS, 6),
-          jump(BPF_JSET, 0x3FFF, kDrop - 4, 0),
-          statement(BPF_LDX | BPF_B | BPF_MSH, 0),
-          statement(BPF_LD | BPF_H | BPF_IND, 4),
-          jump(BPF_JEQ, kDataPacketSize + kUdpHeader, 2, 0),
-          jump(BPF_JEQ, kPositionPacketSize + kUdpHeader, 1, 0),
-          jump(BPF_JA, 1, 0, 0),
-          statement(BPF_RET | BPF_K, kLongestHeaders),
-          statement(BPF_RET | BPF_K, 0)};
-}
+/// The headers of packets with a payload of 1206 or 512 bytes.
+constexpr DatagramFilter kVelodyneSizes{
+    .field = DatagramFilter::Field::kLength,
+    .values = {kDataPacketSize + kUdpHeader, kPositionPacketSize + kUdpHeader},
+    .kept_bytes = kLongestHeaders};
 
 }  // namespace
 
@@ -73,16 +51,8 @@ void IdleProbe::stop() {
 
 void IdleProbe::open() {
   window_ = {};
-  // Protocol 0 receives nothing until bind(), when the filter is in place.
-  socket_ = FileDescriptor(::socket(AF_PACKET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
-  std::array<sock_filter, 11> filter = make_filter();
-  const sock_fprog program{.len = static_cast<unsigned short>(filter.size()), .filter = filter.data()};
-  sockaddr_ll all{};
-  all.sll_family = AF_PACKET;
-  all.sll_protocol = htons(ETH_P_IP);
-  const bool good = socket_.is_open() &&
-                    setsockopt(socket_.get(), SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program)) == 0 &&
-                    bind(socket_.get(), reinterpret_cast<const sockaddr*>(&all), sizeof(all)) == 0;
+  socket_ = open_packet_socket(kVelodyneSizes);
+  const bool good = socket_.is_open() && start_packet_socket(socket_);
   open_error_.store(good ? 0 : errno, std::memory_order_relaxed);
   if (!good) socket_.close();
 }

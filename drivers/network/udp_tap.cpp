@@ -5,14 +5,13 @@
 #include "drivers/common/counters.hpp"
 #include "drivers/common/socket.hpp"
 #include "drivers/network/interfaces.hpp"
+#include "drivers/network/packet_socket.hpp"
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
-#include <linux/filter.h>
-#include <linux/if_ether.h>
 #include <linux/if_packet.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -28,27 +27,8 @@ namespace {
 using core::Error;
 using core::Result;
 
-constexpr std::size_t kLongestIpHeader = 60;
-constexpr std::uint8_t kProtocolUdp = 17;
-
-/// Accepts unfragmented UDP to the port; the data begins at the IP header.
-std::array<sock_filter, 9> make_filter(std::uint16_t port) {
-  const auto statement = [](int code, std::uint32_t k) {
-    return sock_filter{static_cast<std::uint16_t>(code), 0, 0, k};
-  };
-  const auto jump = [](int code, std::uint32_t k, std::uint8_t yes, std::uint8_t no) {
-    return sock_filter{static_cast<std::uint16_t>(BPF_JMP | code | BPF_K), yes, no, k};
-  };
-  return {statement(BPF_LD | BPF_B | BPF_ABS, 9),
-          jump(BPF_JEQ, kProtocolUdp, 0, 6),
-          statement(BPF_LD | BPF_H | BPF_ABS, 6),
-          jump(BPF_JSET, 0x3FFF, 4, 0),
-          statement(BPF_LDX | BPF_B | BPF_MSH, 0),
-          statement(BPF_LD | BPF_H | BPF_IND, 2),
-          jump(BPF_JEQ, port, 0, 1),
-          statement(BPF_RET | BPF_K, 0x40000),
-          statement(BPF_RET | BPF_K, 0)};
-}
+// An IP header has up to 60 bytes.
+constexpr std::size_t kLongestDatagram = 60 + kUdpHeader + kPacketCapacity;
 
 /// Copies of the datagrams that this computer receives for a port of another program.
 class UdpTap final : public PacketSource {
@@ -76,7 +56,7 @@ class UdpTap final : public PacketSource {
   SourceCounters counters_;
   std::atomic<int> error_{0};
   std::uint32_t drops_ = 0;
-  std::array<std::uint8_t, kLongestIpHeader + kUdpHeader + kPacketCapacity> bytes_{};
+  std::array<std::uint8_t, kLongestDatagram> bytes_{};
 };
 
 SourceRead UdpTap::read(std::span<Packet> slots, core::Duration timeout) {
@@ -152,21 +132,15 @@ Result<std::unique_ptr<PacketSource>> open_tap(const UdpSourceConfig& config) {
   const std::string where = "UDP port " + std::to_string(config.port) + ": another program has it, and ";
   const Result<std::uint32_t> sender = parse_optional_ipv4(config.sender_address, "sender");
   if (!sender) return sender.error();
-  // Protocol 0 receives nothing until bind(), when the filter is in place.
-  FileDescriptor socket(::socket(AF_PACKET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  FileDescriptor socket = open_packet_socket({.field = DatagramFilter::Field::kDestinationPort,
+                                              .values = {config.port, config.port},
+                                              .kept_bytes = kLongestDatagram});
   if (!socket.is_open())
     return Error{where + "its packets cannot be read beside it (" + std::strerror(errno) +
                  ") - give this program CAP_NET_RAW, or use niliod --record"};
-  std::array<sock_filter, 9> filter = make_filter(config.port);
-  const sock_fprog program{.len = static_cast<unsigned short>(filter.size()), .filter = filter.data()};
-  sockaddr_ll all{};
-  all.sll_family = AF_PACKET;
-  all.sll_protocol = htons(ETH_P_IP);
   const std::optional<int> buffer = request_receive_buffer(socket.get(), config.receive_buffer_bytes);
   if (!buffer || !set_socket_option(socket.get(), SOL_SOCKET, SO_TIMESTAMPNS, 1) ||
-      !set_socket_option(socket.get(), SOL_SOCKET, SO_RXQ_OVFL, 1) ||
-      !set_socket_option(socket.get(), SOL_SOCKET, SO_ATTACH_FILTER, program) ||
-      bind(socket.get(), reinterpret_cast<const sockaddr*>(&all), sizeof(all)) != 0)
+      !set_socket_option(socket.get(), SOL_SOCKET, SO_RXQ_OVFL, 1) || !start_packet_socket(socket))
     return Error{where + "its packets cannot be read beside it (" + std::strerror(errno) + ")"};
   return std::unique_ptr<PacketSource>(std::make_unique<UdpTap>(std::move(socket), config, *sender, *buffer));
 }

@@ -1,6 +1,7 @@
 #include "drivers/velodyne/packet_sample.hpp"
 
 #include "nilio/drivers/velodyne/model.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include "drivers/common/byte_order.hpp"
 #include "drivers/velodyne/clock/hour_counter.hpp"
@@ -95,7 +96,7 @@ double turning_rate(const PacketSample& sample) {
 PacketSample make_sample(std::span<const Packet> packets) {
   PacketSample sample;
   for (const Packet& packet : packets) {
-    if (packet.size != kDataPacketSize || packet.truncated) continue;
+    if (!is_data_packet(packet)) continue;
     const bool is_copy = std::any_of(sample.packets.begin(), sample.packets.end(), [&](const Packet* other) {
       return std::equal(packet.data.begin(), packet.data.begin() + kDataPacketSize, other->data.begin());
     });

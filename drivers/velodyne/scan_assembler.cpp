@@ -1,5 +1,6 @@
 #include "nilio/drivers/velodyne/clock/nmea.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
+#include "nilio/drivers/velodyne/packet.hpp"
 
 #include "drivers/common/byte_order.hpp"
 #include "drivers/velodyne/packet_bytes.hpp"
@@ -77,12 +78,12 @@ void ScanAssembler::Impl::use_layout(std::size_t index) {
 
 /// True for data packets; evaluates position packets and counts all others.
 bool ScanAssembler::Impl::admit(const Packet& packet) {
-  if (packet.size == kPositionPacketSize && !packet.truncated) {
+  if (is_position_packet(packet)) {
     ++stats_.position_packets;
     on_position_packet(packet);
     return false;
   }
-  if (packet.size != kDataPacketSize || packet.truncated) {
+  if (!is_data_packet(packet)) {
     ++stats_.bad_length;
     return false;
   }

@@ -1,5 +1,7 @@
 #include "tools/inspect/sensor.hpp"
 
+#include "nilio/drivers/velodyne/packet.hpp"
+
 #include "tools/inspect/text.hpp"
 
 #include <algorithm>
@@ -111,9 +113,7 @@ void SensorInspector::start() {
     assembler_.emplace(drivers::make_velodyne_sensor(*findings_.model), config);
     if (is_hdl64e(*findings_.model)) status_reader_.emplace();
   }
-  const auto data = std::find_if(head_.begin(), head_.end(), [](const drivers::Packet& packet) {
-    return packet.size == drivers::kDataPacketSize;
-  });
+  const auto data = std::find_if(head_.begin(), head_.end(), drivers::is_data_packet);
   if (data != head_.end() && !status_reader_)
     findings_.factory = FactoryBytes{data->data[kModeOffset], data->data[kProductOffset]};
   for (const drivers::Packet& packet : head_) decode(packet);
@@ -123,7 +123,7 @@ void SensorInspector::start() {
 
 void SensorInspector::decode(const drivers::Packet& packet) {
   if (!assembler_) return;
-  if (packet.size == drivers::kDataPacketSize && !packet.truncated) {
+  if (drivers::is_data_packet(packet)) {
     note_azimuths(packet);
     if (assembler_->sensor().has_clock) {
       clock_.add(timestamp_of(packet), packet.stamp,
@@ -132,7 +132,7 @@ void SensorInspector::decode(const drivers::Packet& packet) {
   }
   const bool complete = assembler_->add(packet);
   // The reader has to be notified of a loss before the next byte.
-  if (status_reader_ && packet.size == drivers::kDataPacketSize) add_status(packet);
+  if (status_reader_ && drivers::is_data_packet(packet)) add_status(packet);
   if (complete) take_scan();
 }
 

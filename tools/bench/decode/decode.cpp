@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <ctime>
+#include <functional>
 #include <random>
 #include <vector>
 
@@ -138,7 +139,7 @@ double median(std::vector<double> values) {
 /// The same packets without a return.
 std::vector<drivers::Packet> without_returns_of(std::vector<drivers::Packet> packets) {
   for (drivers::Packet& packet : packets) {
-    if (packet.size != drivers::kDataPacketSize) continue;
+    if (!drivers::is_data_packet(packet)) continue;
     drivers::VelodyneDataPacket data = *drivers::decode(std::span(packet.data).first(packet.size));
     for (auto& block : data.blocks) block.entries.fill({});
     const auto bytes = drivers::encode(data);
@@ -192,7 +193,7 @@ core::Result<bool> bench_capture(const DecodeOptions& options) {
   for (auto read = (*source)->read(slots, {}); read.state == drivers::SourceState::kData;
        read = (*source)->read(slots, {}))
     packets.insert(packets.end(), slots.begin(), slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  std::erase_if(packets, [](const drivers::Packet& p) { return p.size != drivers::kDataPacketSize; });
+  std::erase_if(packets, std::not_fn(drivers::is_data_packet));
   const drivers::VelodyneDetection detection =
       drivers::detect_velodyne(std::span(packets).first(std::min<std::size_t>(packets.size(), 64)));
   if (!detection.model)

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nilio/drivers/packet.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
 #include <array>
@@ -8,6 +9,16 @@
 #include <span>
 
 namespace nilio::drivers {
+
+/// True for a whole datagram of the size of a data packet; its contents may still be damaged.
+inline bool is_data_packet(const Packet& packet) {
+  return packet.size == kDataPacketSize && !packet.truncated;
+}
+
+/// True for a whole datagram of the size of a position packet.
+inline bool is_position_packet(const Packet& packet) {
+  return packet.size == kPositionPacketSize && !packet.truncated;
+}
 
 /// Fields of a data packet, as defined in every Velodyne manual. encode() and decode() are exact inverses.
 struct VelodyneDataPacket {
