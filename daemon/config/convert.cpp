@@ -22,9 +22,9 @@ std::optional<drivers::ReturnMode> return_mode(const std::string& name) {
 core::SE3 to_transform(const ExtrinsicConfig& extrinsic) {
   const auto& t = extrinsic.translation;
   const auto& rpy = extrinsic.rotation_rpy_deg;
-  const Eigen::Quaterniond rotation = Eigen::AngleAxisd(rpy[2] * kRadiansPerDegree, core::Vector3::UnitZ()) *
-                                      Eigen::AngleAxisd(rpy[1] * kRadiansPerDegree, core::Vector3::UnitY()) *
-                                      Eigen::AngleAxisd(rpy[0] * kRadiansPerDegree, core::Vector3::UnitX());
+  const Eigen::Quaterniond rotation = core::so3_exp(rpy[2] * kRadiansPerDegree * core::Vector3::UnitZ()) *
+                                      core::so3_exp(rpy[1] * kRadiansPerDegree * core::Vector3::UnitY()) *
+                                      core::so3_exp(rpy[0] * kRadiansPerDegree * core::Vector3::UnitX());
   return {rotation.normalized(), core::Vector3(t[0], t[1], t[2])};
 }
 

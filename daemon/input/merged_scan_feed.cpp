@@ -1,5 +1,7 @@
 #include "daemon/input/merged_scan_feed.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -30,8 +32,8 @@ constexpr Duration kWakePeriod = Duration::from_milliseconds(5.0);
 core::Vector3 raise_beam(const core::Vector3& p, double angle_rad) {
   const double horizontal = p.head<2>().norm();
   if (horizontal == 0.0) return p;
-  const double cosine = std::cos(angle_rad);
-  const double sine = std::sin(angle_rad);
+  const double cosine = portable::cos(angle_rad);
+  const double sine = portable::sin(angle_rad);
   const double shrink = cosine - p.z() / horizontal * sine;
   return {p.x() * shrink, p.y() * shrink, p.z() * cosine + horizontal * sine};
 }

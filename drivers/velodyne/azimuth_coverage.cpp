@@ -1,5 +1,7 @@
 #include "drivers/velodyne/azimuth_coverage.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,7 +20,7 @@ double chance_gap_deg(double packet_deg, double lost_share, double view_deg) {
   if (packet_deg <= 0.0 || lost_share <= 0.0) return packet_deg;
   if (lost_share >= 1.0) return kHalfTurnDeg;
   const double packets = view_deg / packet_deg;
-  const double run = std::log(packets / kRarity) / -std::log(lost_share);
+  const double run = portable::log(packets / kRarity) / -portable::log(lost_share);
   return std::min(packet_deg * (1.0 + run), kHalfTurnDeg);
 }
 

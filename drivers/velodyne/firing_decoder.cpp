@@ -1,5 +1,7 @@
 #include "drivers/velodyne/firing_decoder.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include "drivers/common/byte_order.hpp"
 #include "drivers/velodyne/packet_bytes.hpp"
 
@@ -42,7 +44,7 @@ std::array<std::uint32_t, kEntriesPerBlock> load_entries(const std::uint8_t* blo
 AzimuthTable::AzimuthTable() : values_(kAzimuthModulus + 1) {
   for (std::size_t i = 0; i < values_.size(); ++i) {
     const double angle = static_cast<double>(i) * kRadiansPerAzimuth;
-    values_[i] = {static_cast<float>(std::sin(angle)), static_cast<float>(std::cos(angle))};
+    values_[i] = {static_cast<float>(portable::sin(angle)), static_cast<float>(portable::cos(angle))};
   }
 }
 
@@ -72,8 +74,8 @@ void FiringDecoder::fill_table(const VelodyneSensor& sensor, const PacketLayout&
   for (std::size_t c = 0; c < kEntriesPerBlock; ++c) {
     const PacketEntry& entry = layout.entries[block][c];
     const LaserCalibration& laser = sensor.lasers[entry.laser];
-    const double cos_elevation = std::cos(laser.elevation_rad);
-    const double sin_elevation = std::sin(laser.elevation_rad);
+    const double cos_elevation = portable::cos(laser.elevation_rad);
+    const double sin_elevation = portable::sin(laser.elevation_rad);
     const bool across = sensor.vertical_offset_across_beam;
     const double far = laser.distance_correction_m;
     table.distance_correction[c] = static_cast<float>(far);
@@ -83,8 +85,8 @@ void FiringDecoder::fill_table(const VelodyneSensor& sensor, const PacketLayout&
     table.height_offset[c] =
         static_cast<float>(across ? laser.vertical_offset_m * cos_elevation : laser.vertical_offset_m);
     table.side_offset[c] = static_cast<float>(laser.horizontal_offset_m);
-    table.cos_correction[c] = static_cast<float>(std::cos(-laser.azimuth_correction_rad));
-    table.sin_correction[c] = static_cast<float>(std::sin(-laser.azimuth_correction_rad));
+    table.cos_correction[c] = static_cast<float>(portable::cos(-laser.azimuth_correction_rad));
+    table.sin_correction[c] = static_cast<float>(portable::sin(-laser.azimuth_correction_rad));
     table.cos_shift[c] = table.cos_correction[c];
     table.sin_shift[c] = table.sin_correction[c];
     table.fraction[c] = entry.azimuth_fraction;

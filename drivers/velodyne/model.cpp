@@ -1,5 +1,6 @@
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
 #include "drivers/velodyne/tables.hpp"
@@ -31,7 +32,8 @@ std::vector<LaserCalibration> make_lasers(const ModelTable& table) {
     laser.elevation_rad = row.elevation_deg * kRadiansPerDegree;
     laser.azimuth_correction_rad = row.azimuth_correction_deg * kRadiansPerDegree;
     laser.distance_correction_m = row.distance_correction_m;
-    laser.vertical_offset_m = row.vertical_offset_m + table.beam_crossing_m * std::tan(-laser.elevation_rad);
+    laser.vertical_offset_m =
+        row.vertical_offset_m + table.beam_crossing_m * portable::tan(-laser.elevation_rad);
     laser.horizontal_offset_m = row.horizontal_offset_m;
     laser.near_distance_correction_x_m = row.near_distance_correction_x_m;
     laser.near_distance_correction_y_m = row.near_distance_correction_y_m;

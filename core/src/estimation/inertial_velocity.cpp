@@ -39,7 +39,7 @@ void InertialVelocity::update(const TurnRate& rate, const RegisteredMotion& moti
                               const Vector3& share, bool only_weigh) {
   // The mean velocity equals the velocity at mid-interval.
   const Time time = motion.from + (motion.to - motion.from) / 2;
-  const Eigen::Quaterniond rotation = motion.T_odom_from.rotation.slerp(0.5, motion.T_odom_to.rotation);
+  const Eigen::Quaterniond rotation = so3_mean(motion.T_odom_from.rotation, motion.T_odom_to.rotation);
   if (!rate.imu.covers(time, time, max_gap_)) {
     interrupt();
     return;

@@ -1,5 +1,7 @@
 #include "core/src/estimation/twist_filter.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include <algorithm>
 #include <cmath>
 
@@ -92,7 +94,7 @@ void TwistFilter::update(const Vector6& mean, const Vector6& share, const TwistS
   for (int i = 0; i < 6; ++i) {
     const double correlation =
         square_[i] > 0.0 ? std::clamp(error[i] * last_[i] / square_[i], -2.0, 2.0) : 0.0;
-    gain_[i] = std::clamp(gain_[i] * std::exp(kGainStep * correlation), kMinGain, kMaxGain);
+    gain_[i] = std::clamp(gain_[i] * portable::exp(kGainStep * correlation), kMinGain, kMaxGain);
   }
   square_ = kTwistMemory * square_ + (1.0 - kTwistMemory) * error.cwiseAbs2();
   last_ = error;

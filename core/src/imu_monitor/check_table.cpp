@@ -1,5 +1,6 @@
 #include "core/src/imu_monitor/check_table.hpp"
 
+#include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
 #include "core/src/estimation/static_initialization.hpp"
@@ -163,7 +164,7 @@ void clear_row(ImuHealth& health, ImuCheck check) {
 namespace {
 
 double angle_between(const Vector3& a, const Vector3& b) {
-  return std::acos(std::clamp(a.dot(b), -1.0, 1.0)) * kDegreesPerRadian;
+  return portable::acos(std::clamp(a.dot(b), -1.0, 1.0)) * kDegreesPerRadian;
 }
 
 /// Records the sensor axis on which the dominant axis of a direction is measured.

@@ -2,10 +2,11 @@
 
 #include "nilio/core/units.hpp"
 
+#include "core/src/linear_algebra.hpp"
+
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 namespace nilio::core {
@@ -84,15 +85,15 @@ void GyroAlignment::estimate_offset(std::size_t best, double least, GyroAlignmen
 
 void GyroAlignment::find_directions(std::size_t best, double least, GyroAlignmentEstimate& result) const {
   const Covariances c = covariances(best);
-  const Eigen::SelfAdjointEigenSolver<Matrix3> solver(c.gg);
+  const SymmetricEigen3 gyro = symmetric_eigen(c.gg);
   for (Eigen::Index k = 2; k >= 0; --k) {
-    const double variance = solver.eigenvalues()[k];
+    const double variance = gyro.values[k];
     if (variance < kRidge) break;
-    const Vector3 direction = solver.eigenvectors().col(k);
+    const Vector3 direction = gyro.vectors.col(k);
     const Vector3 registered = c.rg * direction / variance;
     const double sigma = std::sqrt(std::max(0.0, least) / (3.0 * weight_ * variance));
     if (sigma > kLargestAngleSigma * registered.norm()) break;
-    const bool strong = variance > kStrongShare * solver.eigenvalues()[2];
+    const bool strong = variance > kStrongShare * gyro.values[2];
     result.directions[result.observed++] = {direction, registered, sigma / registered.norm(), strong};
   }
 }

@@ -1,5 +1,6 @@
 #include "core/src/imu_monitor/imu_monitor.hpp"
 
+#include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
 #include "core/src/imu_monitor/check_table.hpp"
@@ -226,7 +227,7 @@ void ImuMonitor::fill_force() {
     set_row(health_, ImuCheck::kGravityMagnitude, estimate.steady.norm());
     const double cosine = estimate.steady.z() / std::max(1e-9, estimate.steady.norm());
     set_row(health_, ImuCheck::kGravityDirection,
-            std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegreesPerRadian);
+            portable::acos(std::clamp(cosine, -1.0, 1.0)) * kDegreesPerRadian);
   }
   // The fit assumes small angles: a wrong magnitude or direction of gravity violates that.
   const bool plausible = health_[ImuCheck::kGravityMagnitude].state != ImuCheckState::kBad &&

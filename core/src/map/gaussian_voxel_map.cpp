@@ -1,11 +1,11 @@
 #include "core/src/map/gaussian_voxel_map.hpp"
 
+#include "core/src/linear_algebra.hpp"
+
 #include <algorithm>
 #include <bit>
 #include <limits>
 #include <utility>
-
-#include <Eigen/Eigenvalues>
 
 namespace nilio::core {
 
@@ -162,12 +162,10 @@ void VoxelMap::refresh(std::uint32_t voxel) {
       m.products[2], m.products[4], m.products[5];
   covariance = covariance * inverse_count - mean * mean.transpose();
   covariance *= config_.voxel_size_m * config_.voxel_size_m;
-  Eigen::SelfAdjointEigenSolver<Matrix3> solver;
-  solver.computeDirect(covariance);
-  const Vector3 values = solver.eigenvalues().cwiseMax(0.0);
+  const auto [eigenvalues, axes] = symmetric_eigen(covariance);
+  const Vector3 values = eigenvalues.cwiseMax(0.0);
   const double floor = std::max(kEigenvalueFloor, kEigenvalueRatioFloor * values[2]);
   const Vector3 inverse = values.cwiseMax(floor).cwiseInverse();
-  const Matrix3& axes = solver.eigenvectors();
   const Matrix3 information = axes * inverse.asDiagonal() * axes.transpose();
 
   GaussianVoxel& surface = surfaces_[voxel];

@@ -58,7 +58,7 @@ Matrix3 MotionModel::rotation_integral(std::size_t first_node) const {
   for (std::size_t i = first_node + 1; i < nodes_.size(); ++i) {
     const double step = nodes_[i].time_s - nodes_[i - 1].time_s;
     integral +=
-        corrected_rotation(nodes_[i - 1]).slerp(0.5, corrected_rotation(nodes_[i])).toRotationMatrix() * step;
+        so3_mean(corrected_rotation(nodes_[i - 1]), corrected_rotation(nodes_[i])).toRotationMatrix() * step;
   }
   return integral;
 }
@@ -104,7 +104,7 @@ void MotionModel::build_cells() {
   for (std::size_t i = nodes_.size() - 1; i >= 2; --i) {
     const double step = nodes_[i].time_s - nodes_[i - 1].time_s;
     const Eigen::Quaterniond before = R_end_previous * corrected_rotation(nodes_[i - 1]);
-    const Eigen::Quaterniond middle = before.slerp(0.5, T_end_border.rotation);
+    const Eigen::Quaterniond middle = so3_mean(before, T_end_border.rotation);
     const Vector3 half_way = middle * body_velocity_ * (0.5 * step);
     const Vector3 rate =
         step > 0.0 ? Vector3(so3_log(before.conjugate() * T_end_border.rotation) / step) : Vector3::Zero();

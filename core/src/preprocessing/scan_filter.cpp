@@ -1,5 +1,7 @@
 #include "core/src/preprocessing/scan_filter.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -59,8 +61,8 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
   const Eigen::Matrix3f R_base_lidar = T_base_lidar.rotation.toRotationMatrix().cast<float>();
   const Eigen::Vector3f t_base_lidar = T_base_lidar.translation.cast<float>();
   const auto sweep_ns = (scan.end - scan.start).ns;
-  const float cosine = std::cos(config.elevation_correction_rad);
-  const float sine = std::sin(config.elevation_correction_rad);
+  const auto cosine = static_cast<float>(portable::cos(config.elevation_correction_rad));
+  const auto sine = static_cast<float>(portable::sin(config.elevation_correction_rad));
   // KITTI files carry no beam numbers; the sine of the elevation identifies beams as well.
   const bool numbered =
       std::any_of(scan.points.begin(), scan.points.end(), [](const Point& point) { return point.ring != 0; });

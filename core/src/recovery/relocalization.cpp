@@ -85,8 +85,7 @@ SE3 Odometry::State::relocalization_hypothesis(std::size_t i) const {
   // The vehicle may have stopped at the last registered pose.
   if (i == 0) return T_accepted;
   const Hypothesis& h = kRelocalizationHypotheses[i - 1];
-  return T_predicted * SE3{Eigen::Quaterniond(Eigen::AngleAxisd(h.yaw_rad, Vector3::UnitZ())),
-                           Vector3(h.forward_m, 0.0, 0.0)};
+  return T_predicted * SE3{so3_exp(h.yaw_rad * Vector3::UnitZ()), Vector3(h.forward_m, 0.0, 0.0)};
 }
 
 /// The tracked pose stays unless a relocalised one converged and agrees better with the map; a pose that no

@@ -1,3 +1,5 @@
+#include "nilio/core/portable_math.hpp"
+
 #include "core/src/odometry_impl.hpp"
 #include "core/src/registration/gauss_newton.hpp"
 
@@ -33,7 +35,7 @@ constexpr double kStartSpeedError = 5.0;
 /// Maximum displacement of a point at the lever.
 double metres_of(const SE3& error) {
   const double angle = so3_log(error.rotation).norm();
-  return error.translation.norm() + 2.0 * kErrorLeverMetres * std::sin(0.5 * angle);
+  return error.translation.norm() + 2.0 * kErrorLeverMetres * portable::sin(0.5 * angle);
 }
 
 }  // namespace

@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
-
 namespace nilio::core {
 
 namespace {
@@ -37,11 +35,10 @@ BlockObservability observe(const Matrix3& block, double threshold) {
   BlockObservability result;
   const double trace = block.trace();
   if (!(trace > 0.0)) return {Matrix3::Zero(), 0b111};
-  Eigen::SelfAdjointEigenSolver<Matrix3> solver;
-  solver.computeDirect(block / trace);
+  const SymmetricEigen3 eigen = symmetric_eigen(Matrix3(block / trace));
   for (int i = 0; i < 3; ++i) {
-    if (solver.eigenvalues()[i] >= threshold) continue;
-    const Vector3 direction = solver.eigenvectors().col(i);
+    if (eigen.values[i] >= threshold) continue;
+    const Vector3 direction = eigen.vectors.col(i);
     result.observed -= direction * direction.transpose();
     Eigen::Index axis = 0;
     direction.cwiseAbs().maxCoeff(&axis);
@@ -56,14 +53,13 @@ BlockObservability observe(const Matrix3& block, double threshold) {
 Matrix3 shrink_of(const Matrix3& block, double share) {
   const double trace = block.trace();
   if (!(trace > 0.0)) return Matrix3::Zero();
-  Eigen::SelfAdjointEigenSolver<Matrix3> solver;
-  solver.computeDirect(block / trace);
+  const SymmetricEigen3 eigen = symmetric_eigen(Matrix3(block / trace));
   Matrix3 shrink = Matrix3::Zero();
   for (int i = 0; i < 3; ++i) {
-    const double seen = solver.eigenvalues()[i];
+    const double seen = eigen.values[i];
     const double left = seen - share * (1.0 - seen);
     if (left <= 0.0) continue;
-    const Vector3 direction = solver.eigenvectors().col(i);
+    const Vector3 direction = eigen.vectors.col(i);
     shrink += std::sqrt(left / seen) * direction * direction.transpose();
   }
   return shrink;

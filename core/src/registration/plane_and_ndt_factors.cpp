@@ -1,3 +1,5 @@
+#include "nilio/core/portable_math.hpp"
+
 #include "core/src/registration/gauss_newton.hpp"
 #include "core/src/registration/registration.hpp"
 
@@ -169,7 +171,7 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
           const Matrix3 information = information_of(*surfaces[k]);
           const Vector3 weighted_error = information * error;
           const double square_distance = error.dot(weighted_error);
-          const double weight = std::exp(exponent * square_distance);
+          const double weight = portable::exp(exponent * square_distance);
           information_sum += weight * information;
           gradient += weight * weighted_error;
           equations.weighted_square_error += weight * square_distance;

@@ -19,6 +19,18 @@ TEST_CASE("the logarithm undoes the exponential for small, large and nearly half
   }
 }
 
+TEST_CASE("the mean of two rotations is half-way along the shorter arc", "[se3]") {
+  std::mt19937_64 generator(8);
+  std::normal_distribution<double> normal;
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Quaterniond a = so3_exp(Vector3(normal(generator), normal(generator), normal(generator)));
+    const Eigen::Quaterniond b = so3_exp(Vector3(normal(generator), normal(generator), normal(generator)));
+    const Eigen::Quaterniond mean = so3_mean(a, b);
+    CHECK((so3_log(a.conjugate() * mean) - 0.5 * so3_log(a.conjugate() * b)).norm() < 1e-13);
+    CHECK(mean.norm() == Approx(1.0).margin(1e-15));
+  }
+}
+
 TEST_CASE("a transform times its inverse is the identity", "[se3]") {
   Vector6 twist;
   twist << 3.0, -2.0, 1.0, 0.4, -0.7, 1.9;

@@ -32,6 +32,8 @@ Matrix3 skew(const Vector3& a);
 
 /// Rotation vector (rad) to unit quaternion, and back (angle in [0, pi]).
 Eigen::Quaterniond so3_exp(const Vector3& rotation_vector);
+/// Rotation half-way between two that are less than half a turn apart.
+Eigen::Quaterniond so3_mean(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
 Vector3 so3_log(const Eigen::Quaterniond& rotation);
 
 /// Exponential and logarithm of SE(3). Order of the six components: translation part, then rotation part
