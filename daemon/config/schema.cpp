@@ -4,6 +4,9 @@
 #include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include <algorithm>
+#include <array>
+#include <string_view>
 #include <utility>
 
 namespace nilio::daemon {
@@ -11,6 +14,19 @@ namespace nilio::daemon {
 namespace {
 
 using Names = std::vector<std::string>;
+
+/// Keys that differ from vehicle to vehicle: the content of config/vehicle.yaml.
+constexpr std::array<std::string_view, 8> kBasicKeys = {"lidar.min_range_m",
+                                                        "lidar.extrinsic.translation",
+                                                        "lidar.extrinsic.rotation_rpy_deg",
+                                                        "imu.preset",
+                                                        "imu.interface",
+                                                        "imu.extrinsic.translation",
+                                                        "imu.extrinsic.rotation_rpy_deg",
+                                                        "publisher.domain"};
+
+/// The threads of a run copy their configuration when they start; only the log reads its level at each line.
+constexpr std::array<std::string_view, 1> kAppliedKeys = {"log.level"};
 
 /// Adds the keys below one section path to the table.
 class Section {
@@ -245,6 +261,10 @@ std::vector<ConfigKey> config_keys(Config& config) {
   Section(keys, "log")
       .choice("level", config.log.level, {"debug", "info", "warn", "error"},
               "minimum severity of printed messages");
+  for (ConfigKey& key : keys) {
+    if (std::ranges::find(kBasicKeys, key.path) != kBasicKeys.end()) key.level = KeyLevel::kBasic;
+    if (std::ranges::find(kAppliedKeys, key.path) != kAppliedKeys.end()) key.reload = ReloadClass::kApplied;
+  }
   return keys;
 }
 

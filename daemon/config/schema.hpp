@@ -4,11 +4,21 @@
 
 #include "daemon/config/config.hpp"
 
+#include <cstdint>
 #include <string>
 #include <variant>
 #include <vector>
 
 namespace nilio::daemon {
+
+/// Who needs a key: everybody who installs nilio on a vehicle, or whoever tunes it.
+enum class KeyLevel : std::uint8_t { kBasic, kAdvanced };
+
+/// Effect of a changed key on a running niliod that reads its configuration again.
+enum class ReloadClass : std::uint8_t {
+  kApplied,  ///< takes effect at once
+  kRestart,  ///< takes effect when niliod is restarted
+};
 
 /// One configuration key: its path, its target variable and its allowed values. This table is the only list
 /// of keys; loading, overriding, printing and documentation use it.
@@ -23,6 +33,8 @@ struct ConfigKey {
   double minimum = 0.0;
   double maximum = 0.0;                ///< numbers only; minimum == maximum: any finite number
   std::vector<std::string> allowed{};  ///< choices of a text key; empty = any text
+  KeyLevel level = KeyLevel::kAdvanced;
+  ReloadClass reload = ReloadClass::kRestart;
 };
 
 /// Section name of Config::more_lidars[index]: "lidar2" for index 0.
