@@ -15,9 +15,11 @@
 #include <memory>
 #include <string>
 #include <system_error>
+#include <unistd.h>
 #include <vector>
 
 #include <CLI/CLI.hpp>
+#include <spdlog/spdlog.h>
 
 namespace {
 
@@ -54,8 +56,9 @@ struct Arguments {
   bool overwrite = false;
   bool as_live = false;
   bool check_config = false;
+  bool print_config = false;
   bool help_config = false;
-  bool config_reference = false;
+  std::string config_reference;
 };
 
 void add_options(CLI::App& app, Arguments& arguments) {
@@ -89,10 +92,14 @@ void add_options(CLI::App& app, Arguments& arguments) {
       ->take_all()
       ->expected(1);
   app.add_flag("--check-config", arguments.check_config,
-               "check the configuration, print the effective one and exit");
+               "check the configuration and exit with status 0, or 2 and a line for each error");
+  app.add_flag("--print-config", arguments.print_config,
+               "print the effective configuration with the origin of each value and exit");
   app.add_flag("--help-config", arguments.help_config, "list all configuration keys and exit");
-  app.add_flag("--print-config-reference", arguments.config_reference,
-               "print all configuration keys as Markdown tables and exit");
+  app.add_option("--print-config-reference", arguments.config_reference,
+                 "print all configuration keys and exit: as docs/configuration.md, config/reference.yaml, or "
+                 "config/nilio.schema.json for editors")
+      ->check(CLI::IsMember({"markdown", "yaml", "schema"}));
   app.set_version_flag("--version", NILIO_VERSION);
 }
 
@@ -125,10 +132,12 @@ RunRules rules_of(const Arguments& arguments) {
   return arguments.speed == "real" ? RunRules::Kind::kPacedReplay : RunRules::Kind::kReplay;
 }
 
-/// Configuration of the files with --set applied.
+/// Configuration of the files with environment and --set applied.
 nilio::core::Result<Config> effective_config(const Arguments& arguments, const ReplayFiles& files) {
   auto config = nilio::daemon::replay_config(files, arguments.config_file);
   if (!config) return config.error();
+  const auto from_environment = nilio::daemon::apply_environment(*config, environ);
+  if (!from_environment) return from_environment.error();
   const auto applied = nilio::daemon::apply_overrides(*config, arguments.overrides);
   if (!applied) return applied.error();
   return config;
@@ -149,6 +158,20 @@ nilio::core::Result<std::monostate> complete_from_decisions(Arguments& arguments
   return std::monostate{};
 }
 
+/// Result of --check-config and --print-config. Without a recording, calibration and DBC files are checked
+/// too.
+int show_config(const Config& config, const Arguments& arguments) {
+  for (const std::string& warning : config.sources.warnings) std::cerr << "niliod: " << warning << '\n';
+  if (arguments.check_config && arguments.replay.empty()) {
+    const auto checked = nilio::daemon::check_live(config);
+    if (!checked) return fail(checked.error().message, nilio::kUsageError);
+  }
+  if (arguments.check_config)
+    std::cerr << "niliod: " << nilio::daemon::describe_sources(config) << "; no errors\n";
+  if (arguments.print_config) std::cout << nilio::daemon::to_yaml_with_origins(config);
+  return nilio::kDone;
+}
+
 int run(Arguments arguments) {
   if (const auto completed = complete_from_decisions(arguments); !completed)
     return fail(completed.error().message);
@@ -159,13 +182,10 @@ int run(Arguments arguments) {
     files = *found;
   }
   const auto config = effective_config(arguments, files);
-  if (!config) return fail(config.error().message);
+  if (!config) return fail(config.error().message, nilio::kUsageError);
   const auto plan = nilio::daemon::make_thread_plan(*config, rules_of(arguments));
-  if (!plan) return fail(plan.error().message);
-  if (arguments.check_config) {
-    std::cout << nilio::daemon::to_yaml(*config);
-    return 0;
-  }
+  if (!plan) return fail(plan.error().message, nilio::kUsageError);
+  if (arguments.check_config || arguments.print_config) return show_config(*config, arguments);
   const bool replay = !arguments.replay.empty();
   const auto output =
       nilio::daemon::choose_output_folder(arguments.output, arguments.overwrite ? EarlierRun::kOverwrite
@@ -189,6 +209,8 @@ int run(Arguments arguments) {
     log_config.level = config->log.level;
     const nilio::daemon::LogOutput log(log_config);
     nilio::daemon::write_log_before_dying();
+    spdlog::info("{}", nilio::daemon::describe_sources(*config));
+    for (const std::string& warning : config->sources.warnings) spdlog::warn("{}", warning);
     result = nilio::daemon::supervise(*config, options, stop_requested);
   }
   // Printed after the last line of the log.
@@ -206,13 +228,16 @@ int main(int argc, char** argv) {
   Arguments arguments;
   app.formatter(std::make_shared<nilio::HelpFormatter>());
   app.footer(
-      "Exit status: 0 poses were computed, or stopped by a signal; 1 the input, configuration or output "
-      "cannot be used; 2 wrong usage; 3 the replay is complete, but tracking was lost.");
+      "Exit status: 0 poses were computed, or stopped by a signal; 1 the input or output cannot be used; "
+      "2 wrong usage or configuration; 3 the replay is complete, but tracking was lost.");
   add_options(app, arguments);
   if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
-  if (arguments.help_config || arguments.config_reference) {
-    std::cout << (arguments.help_config ? nilio::daemon::describe_keys() : nilio::daemon::config_reference());
-    return 0;
+  if (arguments.help_config || !arguments.config_reference.empty()) {
+    std::cout << (arguments.help_config                      ? nilio::daemon::describe_keys()
+                  : arguments.config_reference == "markdown" ? nilio::daemon::reference_markdown()
+                  : arguments.config_reference == "yaml"     ? nilio::daemon::reference_yaml()
+                                                             : nilio::daemon::reference_schema());
+    return nilio::kDone;
   }
   if (const std::string problem = find_usage_error(arguments); !problem.empty())
     return fail(problem, nilio::kUsageError);

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -159,6 +160,14 @@ struct LogSection {
   std::string level = "info";
 };
 
+/// Origins of a configuration's values, kept by the functions that apply them.
+struct ConfigSources {
+  std::vector<std::string> files;  ///< files that were read, in this order
+  /// By key: "vehicle.yaml:3", "--set" or "NILIO_LIDAR_PORT". Keys that nobody set are absent.
+  std::map<std::string, std::string> origin_of;
+  std::vector<std::string> warnings;
+};
+
 /// Complete configuration with its defaults. Key names, types, units and ranges: config/schema.cpp.
 struct Config {
   LidarConfig lidar;
@@ -170,6 +179,8 @@ struct Config {
   RealtimeSection realtime;
   OutputSection output;
   LogSection log;
+  /// No value: has no effect on a run.
+  ConfigSources sources;
 };
 
 }  // namespace nilio::daemon

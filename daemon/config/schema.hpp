@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -43,14 +44,27 @@ std::string extra_lidar_section(std::size_t index);
 /// All keys, bound to the members of `config`.
 std::vector<ConfigKey> config_keys(Config& config);
 
+/// Origins in ConfigSources: of `--set`, and the beginning of those of environment variables.
+inline constexpr std::string_view kOptionOrigin = "--set";
+inline constexpr std::string_view kVariablePrefix = "NILIO_";
+
+/// "5 to 300 m"; empty for a key that is no number, or any finite one.
+std::string range_text(const ConfigKey& key);
+/// Type and range of the key: "a number from 5 to 300 m", "one of auto, on, off".
+std::string type_text(const ConfigKey& key);
+/// Value of the key as YAML on one line.
+std::string value_text(const ConfigKey& key);
+/// Environment variable that overrides the key: "NILIO_LIDAR_PORT".
+std::string environment_name(const ConfigKey& key);
+
 /// Applies a YAML file to `config`. The error lists all problems with file and line: unknown keys with the
-/// nearest known key, wrong types, values out of range.
+/// nearest known keys, keys given twice, wrong types, values out of range.
 core::Result<std::monostate> apply_file(Config& config, const std::string& path);
 /// Same as apply_file() for text; `name` replaces the file name in messages.
 core::Result<std::monostate> apply_yaml(Config& config, const std::string& text, const std::string& name);
-/// Value of the key as YAML on one line.
-std::string value_text(const ConfigKey& key);
-
+/// Applies the variables NILIO_SECTION_KEY of an environment such as environ(7): texts "NAME=value", the last
+/// one null. Other variables with this prefix that resemble a key become a warning in `config.sources`.
+core::Result<std::monostate> apply_environment(Config& config, const char* const* environment);
 /// Applies one assignment such as "odometry.threads=2".
 core::Result<std::monostate> apply_override(Config& config, const std::string& assignment);
 /// Applies the assignments in order and stops at the first error.
@@ -58,10 +72,16 @@ core::Result<std::monostate> apply_overrides(Config& config, const std::vector<s
 
 /// Effective configuration as YAML that apply_yaml() reads back unchanged. Disabled additional LiDARs are
 /// listed in a comment only.
-std::string to_yaml(Config config);
-/// All keys with type, default, unit, range and meaning, for `niliod --help-config`.
+std::string to_yaml(const Config& config);
+/// Same as to_yaml(), with the origin of each value as comment.
+std::string to_yaml_with_origins(const Config& config);
+/// One line for the log: the files that were read, the overridden keys, and config_hash().
+std::string describe_sources(const Config& config);
+/// All keys with default, meaning, type and range, for `niliod --help-config`.
 std::string describe_keys();
-/// All keys as Markdown tables, for `niliod --print-config-reference`; docs/configuration.md is this text.
-std::string config_reference();
+/// The generated files: `niliod --print-config-reference` prints them, tests compare them.
+std::string reference_yaml();      ///< config/reference.yaml
+std::string reference_markdown();  ///< docs/configuration.md
+std::string reference_schema();    ///< config/nilio.schema.json: JSON Schema, draft 7
 
 }  // namespace nilio::daemon

@@ -236,7 +236,6 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
                                section + ".position_port to 0");
       lidar.position_port = 0;
     }
-    if (auto checked = check_lidar(lidar, section); !checked) return checked;
     Result<std::unique_ptr<drivers::PacketSource>> packets = open_socket(lidar);
     if (!packets) return Error{section + ": " + packets.error().message};
     input.notes.push_back(section + ": " + (*packets)->status());
@@ -298,10 +297,20 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
   return input;
 }
 
+Result<std::monostate> check_live(const Config& config) {
+  if (auto checked = check_told_apart(config); !checked) return checked;
+  for (const ConfiguredLidar& lidar : lidars_in_use(config)) {
+    if (auto checked = check_lidar(*lidar.config, lidar.section); !checked) return checked;
+  }
+  if (!config.imu.enabled || config.imu.dbc.empty()) return std::monostate{};
+  std::vector<std::string> warnings;
+  if (auto decoder = make_imu_decoder(config.imu, warnings); !decoder) return decoder.error();
+  return std::monostate{};
+}
+
 Result<Input> open_live(const Config& config) {
   Input input;
-  if (auto checked = check_told_apart(config); !checked) return checked.error();
-  if (auto checked = check_lidar(config.lidar, "lidar"); !checked) return checked.error();
+  if (auto checked = check_live(config); !checked) return checked.error();
   Result<std::unique_ptr<drivers::PacketSource>> packets = open_socket(config.lidar);
   if (!packets) return packets.error();
   input.packets = std::move(packets).value();

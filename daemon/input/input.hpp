@@ -63,4 +63,8 @@ core::Result<Config> replay_config(const ReplayFiles& files, const std::string& 
 core::Result<Input> open_replay(const ReplayFiles& files, const Config& config);
 core::Result<Input> open_live(const Config& config);
 
+/// Checks a live configuration without opening a socket: LiDARs that receive the same packets, unreadable
+/// calibration and DBC files, signals that are not in them.
+core::Result<std::monostate> check_live(const Config& config);
+
 }  // namespace nilio::daemon

@@ -11,7 +11,7 @@ mkdir -p "$work"
 cmake --install "$build" --prefix "$work/prefix" >"$work/install.txt"
 
 for file in bin/niliod bin/nilio-publisher bin/nilio include/nilio/core/odometry.hpp include/nilio/drivers/velodyne/decoder.hpp \
-            share/nilio/nilio.yaml share/nilio/dbc/xsens_mti.dbc share/doc/nilio/LICENSE; do
+            share/nilio/vehicle.yaml share/nilio/reference.yaml share/nilio/nilio.schema.json share/nilio/dbc/xsens_mti.dbc share/doc/nilio/LICENSE; do
   [[ -e $work/prefix/$file ]] || { echo "installed tree: $file is missing" >&2; exit 1; }
 done
 cmake -S "$source_dir/core/examples" -B "$work/examples" -DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_BUILD_TYPE=Release >"$work/configure.txt"

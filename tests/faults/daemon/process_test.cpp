@@ -133,10 +133,11 @@ TEST_CASE("SIGTERM ends a paced replay in order with its outputs written", "[pro
 TEST_CASE("unusable inputs end with one message that states problem, place and remedy", "[process]") {
   const TemporaryFolder folder;
   const std::string path = folder.path().string();
-  const auto expect = [&](const std::vector<std::string>& arguments, const std::vector<std::string>& words) {
+  const auto expect = [&](const std::vector<std::string>& arguments, const std::vector<std::string>& words,
+                          int status = 1) {
     const Finished finished = run_niliod(folder, arguments);
     INFO(finished.output);
-    CHECK(finished.status == 1);
+    CHECK(finished.status == status);
     CHECK(finished.output.find("niliod: ") != std::string::npos);
     for (const std::string& word : words) CHECK(finished.output.find(word) != std::string::npos);
   };
@@ -167,7 +168,7 @@ TEST_CASE("unusable inputs end with one message that states problem, place and r
     write_room_drive(folder.path(), s_curve, 0.3, false);
     write_file(folder.path() / "mine.yaml", "odometry:\n  thread: 2\n");
     expect({"--replay", path, "--config", path + "/mine.yaml"},
-           {"mine.yaml:2", "odometry.thread", "odometry.threads"});
+           {"mine.yaml:2", "odometry.thread", "odometry.threads"}, 2);
   }
   SECTION("a DBC signal that is not there") {
     write_room_drive(folder.path(), s_curve, 0.3, true);
@@ -208,6 +209,51 @@ TEST_CASE("wrong usage ends with status 2 and one message", "[process]") {
     CHECK(finished.output.find(word) != std::string::npos);
   }
   CHECK(run_niliod(folder, {"--help"}).status == 0);
+}
+
+TEST_CASE("a configuration is checked and printed with its origins without a run", "[process]") {
+  const TemporaryFolder folder;
+  const std::string file = folder.write("vehicle.yaml", "lidar:\n  min_range_m: 3\n");
+  SECTION("without errors") {
+    const Finished checked = run_niliod(folder, {"--check-config", "--config", file});
+    CHECK(checked.status == 0);
+    CHECK(checked.output.find("niliod: configuration: " + file + "; hash ") == 0);
+    CHECK(checked.output.find("; no errors\n") != std::string::npos);
+  }
+  SECTION("with a wrong value in the environment") {
+    Niliod niliod(folder, {"--check-config", "--config", file}, {{"NILIO_LIDAR_PORT", "0"}});
+    const Finished checked = niliod.wait();
+    CHECK(checked.status == 2);
+    CHECK(checked.output == "niliod: NILIO_LIDAR_PORT: lidar.port is 0, allowed is 1 to 65535\n");
+  }
+  SECTION("with a file that is not there") {
+    const Finished checked = run_niliod(
+        folder, {"--check-config", "--config", file, "--set", "lidar.calibration=/nonexistent.xml"});
+    CHECK(checked.status == 2);
+    CHECK(checked.output.find("/nonexistent.xml") != std::string::npos);
+  }
+  SECTION("printed") {
+    Niliod niliod(folder, {"--print-config", "--config", file, "--set", "log.level=warn"},
+                  {{"NILIO_PUBLISHER_DOMAIN", "7"}, {"NILIO_PUBLISHER_DOMIAN", "8"}});
+    const Finished printed = niliod.wait();
+    CHECK(printed.status == 0);
+    for (const std::string& line :
+         {"  min_range_m: 3  # " + file + ":2", std::string("  domain: 7  # NILIO_PUBLISHER_DOMAIN"),
+          std::string("  level: \"warn\"  # --set"), std::string("  port: 2368  # default"),
+          std::string("niliod: NILIO_PUBLISHER_DOMIAN: is no key")})
+      CHECK(printed.output.find(line) != std::string::npos);
+  }
+}
+
+TEST_CASE("the log begins with the files that were read and the hash of the configuration", "[process]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 0.5, false);
+  write_file(folder.path() / "nilio.yaml", "lidar:\n  min_range_m: 1\n");
+  const Finished finished = run_niliod(folder, {"--replay", folder.text(), "--set", kNoPublisher});
+  INFO(finished.output);
+  const std::string first = finished.output.substr(0, finished.output.find('\n'));
+  CHECK(first.find("configuration: " + folder.file("nilio.yaml") + "; --set publisher.enabled; hash ") !=
+        std::string::npos);
 }
 
 TEST_CASE("the help text is at most 100 columns wide and explains the exit status", "[process]") {

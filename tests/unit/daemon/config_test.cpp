@@ -1,9 +1,11 @@
+#include "daemon/config/config_changes.hpp"
 #include "daemon/config/schema.hpp"
 #include "tests/support/temporary_folder.hpp"
 
+#include <array>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
+#include <set>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -28,21 +30,27 @@ TEST_CASE("an unknown key is reported with file, line and the nearest key", "[co
 
 TEST_CASE("a value of the wrong type is rejected with the expected type", "[config]") {
   const std::string error = error_of("odometry:\n  threads: two\n");
-  CHECK(error == "test.yaml:2: odometry.threads takes a whole number, not 'two'");
-  CHECK(error_of("lidar:\n  extrinsic:\n    translation: [1, 2]\n").find("a list of three numbers in m") !=
-        std::string::npos);
+  CHECK(error == "test.yaml:2: odometry.threads takes a whole number from 1 to 64, not 'two'");
+  CHECK(error_of("lidar:\n  extrinsic:\n    translation: [1, 2]\n")
+            .find("a list of three numbers from -50 to 50 m, not a list of 2") != std::string::npos);
+  // As editors with the JSON Schema do.
+  CHECK(error_of("odometry:\n  threads: \"2\"\n").find("not the text \"2\"") != std::string::npos);
+  CHECK(error_of("odometry:\n  threads: 010\n").find("not '010'") != std::string::npos);
+  CHECK(error_of("odometry:\n  threads:\n").find("not nothing") != std::string::npos);
   CHECK(error_of("imu: 3\n").find("'imu' is a section") != std::string::npos);
 }
 
 TEST_CASE("a value out of range is rejected with the range and its unit", "[config]") {
   CHECK(error_of("lidar:\n  max_range_m: 1000\n") ==
         "test.yaml:2: lidar.max_range_m is 1000, allowed is 5 to 300 m");
-  CHECK(error_of("lidar:\n  max_range_m: .nan\n").find("not finite") != std::string::npos);
+  CHECK(error_of("lidar:\n  max_range_m: .nan\n").find("is nan, allowed is 5 to 300 m") != std::string::npos);
   CHECK(error_of("lidar:\n  port: 0\n").find("1 to 65535") != std::string::npos);
 }
 
 TEST_CASE("an unknown choice is rejected with the nearest one", "[config]") {
-  CHECK(error_of("lidar:\n  model: VLP16\n").find("VLP-16") != std::string::npos);
+  const std::string error = error_of("lidar:\n  model: VLP16\n");
+  CHECK(error.find("test.yaml:2: lidar.model is 'VLP16', allowed is one of auto, VLP-16, ") == 0);
+  CHECK(error.find("(did you mean 'VLP-16'?)") != std::string::npos);
 }
 
 TEST_CASE("all problems of a file are reported at once", "[config]") {
@@ -124,28 +132,6 @@ TEST_CASE("the effective configuration reads back unchanged", "[config]") {
   CHECK(again.imu.angular_velocity[2].signal == "S");
 }
 
-TEST_CASE("every key is described", "[config]") {
-  const std::string text = describe_keys();
-  Config config;
-  for (const ConfigKey& key : config_keys(config)) {
-    CHECK(text.find(key.path + ":") != std::string::npos);
-    CHECK_FALSE(key.help.empty());
-  }
-}
-
-TEST_CASE("the shipped configuration contains the defaults", "[config]") {
-  Config config;
-  REQUIRE(apply_file(config, std::string(NILIO_SOURCE_DIR) + "/config/nilio.yaml").ok());
-  CHECK(to_yaml(config) == to_yaml(Config{}));
-}
-
-TEST_CASE("docs/configuration.md is the generated reference of the keys", "[config]") {
-  std::ifstream file(std::string(NILIO_SOURCE_DIR) + "/docs/configuration.md");
-  const std::string committed{std::istreambuf_iterator<char>(file), {}};
-  INFO("regenerate with: niliod --print-config-reference > docs/configuration.md");
-  CHECK(committed == config_reference());
-}
-
 TEST_CASE("enabled additional LiDARs are printed, disabled ones are listed", "[config]") {
   Config config;
   CHECK(to_yaml(config).find("lidar2:") == std::string::npos);
@@ -185,4 +171,78 @@ TEST_CASE("relative paths in a configuration file refer to its folder", "[config
   REQUIRE(nilio::daemon::apply_file(config, path).ok());
   CHECK(config.lidar.calibration == "given.yaml");
   std::filesystem::remove_all(folder);
+}
+
+TEST_CASE("environment variables override files and are overridden by --set", "[config]") {
+  Config config;
+  REQUIRE(
+      apply_yaml(config, "lidar:\n  port: 2000\n  min_range_m: 1\npublisher:\n  domain: 3\n", "a.yaml").ok());
+  const std::array<const char*, 6> environment{"PATH=/bin",
+                                               "NILIO_LIDAR_PORT=2001",
+                                               "NILIO_LIDAR_MIN_RANGE_M=1.5",
+                                               "NILIO_LIDAR_EXTRINSIC_TRANSLATION=[1, 0, 2]",
+                                               "NILIO_IMU_INTERFACE=can1",
+                                               nullptr};
+  REQUIRE(apply_environment(config, environment.data()).ok());
+  REQUIRE(apply_override(config, "lidar.port=2002").ok());
+  CHECK(config.lidar.port == 2002);
+  CHECK(config.lidar.min_range_m == 1.5);
+  CHECK(config.lidar.extrinsic.translation == std::vector<double>{1.0, 0.0, 2.0});
+  CHECK(config.imu.interface_name == "can1");
+  CHECK(config.sources.warnings.empty());
+
+  // Values equal to the default are known to be set, too.
+  config.imu.preset = "sbg_ellipse";
+  const std::string text = to_yaml_with_origins(config);
+  const auto has_line = [&](const std::string& line) { return text.find(line + "\n") != std::string::npos; };
+  CHECK(has_line("  port: 2002  # --set"));
+  CHECK(has_line("  min_range_m: 1.5  # NILIO_LIDAR_MIN_RANGE_M"));
+  CHECK(has_line("  domain: 3  # a.yaml:5"));
+  CHECK(has_line("  preset: \"sbg_ellipse\"  # recording"));
+  CHECK(has_line("  max_range_m: 100  # default"));
+  Config again;
+  REQUIRE(apply_yaml(again, text, "b").ok());
+  CHECK(find_changes(config, again).empty());
+}
+
+TEST_CASE("a wrong value in the environment is an error that names variable and key", "[config]") {
+  Config config;
+  const std::array<const char*, 2> environment{"NILIO_LIDAR_PORT=0", nullptr};
+  const auto applied = apply_environment(config, environment.data());
+  REQUIRE_FALSE(applied.ok());
+  CHECK(applied.error().message == "NILIO_LIDAR_PORT: lidar.port is 0, allowed is 1 to 65535");
+  std::set<std::string> names;
+  for (const ConfigKey& key : config_keys(config)) CHECK(names.insert(environment_name(key)).second);
+}
+
+TEST_CASE("a variable that resembles a key is a warning, another one is ignored", "[config]") {
+  Config config;
+  const std::array<const char*, 6> environment{
+      "NILIO_LIDAR_PROT=2369", "NILIO_IMU_EXTRINSIC_ROTATION=[0, 0, 0]",
+      "NILIO_DATA=/data",      "NILIO_DEMO_DOMAIN=5",
+      "NILIO_REQUIRE_DATA=1",  nullptr};
+  REQUIRE(apply_environment(config, environment.data()).ok());
+  REQUIRE(config.sources.warnings.size() == 2);
+  CHECK(config.sources.warnings[0] ==
+        "NILIO_LIDAR_PROT: is no key of the configuration, the variable has no effect (did you mean "
+        "NILIO_LIDAR_PORT?)");
+  CHECK(config.sources.warnings[1].find("NILIO_IMU_EXTRINSIC_ROTATION_RPY_DEG") != std::string::npos);
+  CHECK(find_changes(Config{}, config).empty());
+}
+
+TEST_CASE("the sources of a configuration are one line with its hash", "[config]") {
+  Config config;
+  CHECK(describe_sources(config) == "configuration: no file; hash " + config_hash(config));
+  const nilio::tests::TemporaryFolder folder;
+  const std::string first = folder.write("a.yaml", "lidar: {port: 2369}\n");
+  const std::string second = folder.write("b.yaml", "# nothing\n");
+  REQUIRE(apply_file(config, first).ok());
+  REQUIRE(apply_file(config, second).ok());
+  const std::array<const char*, 2> environment{"NILIO_IMU_INTERFACE=can1", nullptr};
+  REQUIRE(apply_environment(config, environment.data()).ok());
+  REQUIRE(apply_overrides(config, {"log.level=debug", "odometry.threads=2"}).ok());
+  CHECK(describe_sources(config) ==
+        "configuration: " + first + ", " + second +
+            "; environment NILIO_IMU_INTERFACE; --set log.level, odometry.threads; hash " +
+            config_hash(config));
 }
