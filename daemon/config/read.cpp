@@ -26,7 +26,7 @@ namespace {
 using core::Error;
 using core::Result;
 
-/// Names a misspelling refers to, at most five; more are no help.
+/// Maximum number of keys that a message offers for a misspelt one; more are no help.
 constexpr std::size_t kMaxNeighbours = 5;
 
 std::string last_name(const std::string& path) { return path.substr(path.rfind('.') + 1); }
@@ -91,8 +91,8 @@ std::string nearest_key_hint(const std::string& path, const std::vector<std::str
   return " - niliod --help-config lists all keys";
 }
 
-/// Number of the texts that YAML 1.2 and its editors read as a number: no leading zeros, which would be
-/// octal.
+/// False for texts that YAML 1.2 and its editors do not take for a number, but yaml-cpp does: quoted ones,
+/// and leading zeros (octal).
 bool is_plain_number(const YAML::Node& node) {
   const std::string& text = node.Scalar();
   const std::size_t first = text.find_first_not_of("+-");
