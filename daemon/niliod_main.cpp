@@ -53,7 +53,7 @@ struct Arguments {
   std::string output;
   std::string record;
   std::string decisions;
-  bool overwrite = false;
+  bool force = false;
   bool as_live = false;
   bool check_config = false;
   bool print_config = false;
@@ -85,8 +85,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
       "output folder: trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and "
       "under live rules decisions.jsonl. A replay refuses a folder with an earlier run; a live run "
       "writes to FOLDER-2, FOLDER-3, ... instead");
-  app.add_flag("--overwrite", arguments.overwrite,
-               "replace the files of an earlier run in the output folder");
+  app.add_flag("--force", arguments.force, "replace the files of an earlier run in the output folder");
   app.add_option("--set", arguments.overrides,
                  "override one key, such as odometry.threads=2; may be repeated")
       ->take_all()
@@ -116,13 +115,13 @@ std::string find_usage_error(const Arguments& arguments) {
   if (!replay && arguments.as_live) return "--as-live: no recording given - name it with --replay";
   if (arguments.as_live && !arguments.decisions.empty())
     return "--as-live and --decisions: both given - choose one of them";
-  if (arguments.overwrite && arguments.output.empty())
-    return "--overwrite: no output folder given - name it with --output";
-  if (!arguments.overwrite || arguments.decisions.empty()) return "";
+  if (arguments.force && arguments.output.empty())
+    return "--force: no output folder given - name it with --output";
+  if (!arguments.force || arguments.decisions.empty()) return "";
   std::error_code ignored;
   if (std::filesystem::equivalent(std::filesystem::absolute(arguments.decisions).parent_path(),
                                   arguments.output, ignored))
-    return "--decisions: is in the output folder, which --overwrite clears - choose another --output";
+    return "--decisions: is in the output folder, which --force clears - choose another --output";
   return "";
 }
 
@@ -188,9 +187,9 @@ int run(Arguments arguments) {
   if (arguments.check_config || arguments.print_config) return show_config(*config, arguments);
   const bool replay = !arguments.replay.empty();
   const auto output =
-      nilio::daemon::choose_output_folder(arguments.output, arguments.overwrite ? EarlierRun::kOverwrite
-                                                            : replay            ? EarlierRun::kRefuse
-                                                                                : EarlierRun::kKeep);
+      nilio::daemon::choose_output_folder(arguments.output, arguments.force ? EarlierRun::kOverwrite
+                                                            : replay        ? EarlierRun::kRefuse
+                                                                            : EarlierRun::kKeep);
   if (!output) return fail(output.error().message);
   nilio::daemon::prepare_heap(*plan);
   RunOptions options;
@@ -215,10 +214,7 @@ int run(Arguments arguments) {
   }
   // Printed after the last line of the log.
   if (!result) return fail(result.error().message);
-  if (!replay || stop_requested.load() || result->lost_poses == 0) return nilio::kDone;
-  return fail("tracking was lost at " + std::to_string(result->lost_poses) + " of " +
-                  std::to_string(result->poses) + " poses: the trajectory is not continuous there",
-              nilio::kBadResult);
+  return result->exit_status == nilio::kDone ? nilio::kDone : fail(result->problem, result->exit_status);
 }
 
 }  // namespace
@@ -227,9 +223,7 @@ int main(int argc, char** argv) {
   CLI::App app{"niliod: LiDAR-inertial odometry from a Velodyne and an IMU on CAN, published over DDS"};
   Arguments arguments;
   app.formatter(std::make_shared<nilio::HelpFormatter>());
-  app.footer(
-      "Exit status: 0 poses were computed, or stopped by a signal; 1 the input or output cannot be used; "
-      "2 wrong usage or configuration; 3 the replay is complete, but tracking was lost.");
+  app.footer(nilio::exit_status_help("niliod"));
   add_options(app, arguments);
   if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
   if (arguments.help_config || !arguments.config_reference.empty()) {

@@ -19,7 +19,7 @@ echo "== niliod: packets and CAN frames to poses, published over DDS, with a sub
 domain=${NILIO_DEMO_DOMAIN:-42}
 "$bin/nilio" watch --domain "$domain" --interface 127.0.0.1 --timeout 20 >"$output/watch.txt" 2>&1 &
 watcher=$!
-"$bin/niliod" --replay "$output/drive" --output "$output/run" --overwrite \
+"$bin/niliod" --replay "$output/drive" --output "$output/run" --force \
   --set "publisher.domain=$domain" --set 'publisher.interfaces=["127.0.0.1"]' --set publisher.wait_for_subscribers_s=10
 # End the subscriber now instead of at its time-out, for its summary.
 sleep 1

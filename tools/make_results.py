@@ -41,7 +41,7 @@ def run(*command, allowed=(0,)):
 def replay(build, drive, truth, out, options=()):
     """Figures of one replay: niliod, then nilio evaluate."""
     # 3: tracking was lost, which the table shows.
-    run(build / "bin/niliod", "--replay", drive, "--output", out, "--overwrite", "--set", "publisher.enabled=false", *options, allowed=(0, 3))
+    run(build / "bin/niliod", "--replay", drive, "--output", out, "--force", "--set", "publisher.enabled=false", *options, allowed=(0, 3))
     estimate = out / ("trajectory.kitti" if truth.suffix == ".txt" else "trajectory.tum")
     run(build / "bin/nilio", "evaluate", truth, estimate, "--json", out / "evaluation.json")
     figures = json.loads((out / "evaluation.json").read_text())

@@ -160,6 +160,7 @@ void LidarChannel::on_other_sensor() {
     add_to(past_, assembler_->stats());
   }
   assembler_.reset();
+  reported_ = {};
   is_other_sensor_ = true;
   status_reported_ = false;
   set_identified(false);
@@ -243,7 +244,27 @@ void LidarChannel::take_scan(core::Scan& scan) {
   assembler_->take_scan(scan);
   scan.sequence += past_.scans;
   scan.after_time_jump = scan.after_time_jump || std::exchange(is_other_sensor_, false);
+  report_resets(scan);
   if (++scans_taken_ == kScansToStatus) report_status();
+}
+
+/// Reports each clock that was set and each change of the return mode since the last scan.
+void LidarChannel::report_resets(const core::Scan& scan) {
+  using Stats = drivers::ScanAssemblerStats;
+  constexpr std::array kResets{std::pair(&Stats::time_jumps, LidarEvent::Kind::kClockSet),
+                               std::pair(&Stats::host_clock_jumps, LidarEvent::Kind::kHostClockSet),
+                               std::pair(&Stats::mode_changes, LidarEvent::Kind::kModeChanged)};
+  const Stats& stats = assembler_->stats();
+  for (const auto& [counter, kind] : kResets) {
+    if (stats.*counter <= reported_.*counter) continue;
+    LidarEvent event;
+    event.kind = kind;
+    copy_name(section_, event.section);
+    event.sequence = scan.sequence;
+    event.status = assembler_->status();
+    log_.report(event);
+  }
+  reported_ = stats;
 }
 
 void LidarChannel::report_status() {
@@ -274,7 +295,8 @@ void LidarChannel::handle(SensorIdentification::State state) {
     const bool is_decoded = assembler_.has_value();
     if (is_new && problems_logged_.size() < kMaxProblemsLogged) {
       problems_logged_.push_back(problem);
-      log(LogLevel::kError, is_decoded ? problem : problem + "; no poses until this is resolved");
+      if (is_decoded) log(LogLevel::kWarning, problem);
+      if (!is_decoded) log(LogLevel::kError, problem + "; no poses until this is resolved");
     }
     // The configured model is used all the same.
     if (is_decoded) {

@@ -96,6 +96,7 @@ class LidarChannel {
   void discard_foreign();
   void identify_buffered();
   void handle(SensorIdentification::State state);
+  void report_resets(const core::Scan& scan);
   void report_identification(const SensorIdentification& identification);
   void end_identification();
   void discard_buffered();
@@ -142,6 +143,8 @@ class LidarChannel {
   std::uint64_t packets_skipped_ = 0;
   std::uint64_t packets_decoded_ = 0;
   std::uint64_t scans_taken_ = 0;
+  /// Counters at the last scan.
+  drivers::ScanAssemblerStats reported_;
   bool status_reported_ = false;
   ipc::Ring<core::ImuSample>* imu_ring_ = nullptr;
   core::Duration imu_time_offset_;

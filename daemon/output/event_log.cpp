@@ -20,6 +20,7 @@ std::string address_text(std::uint32_t address) {
 
 EventLog::Line to_line(const LidarEvent& event) {
   const std::string section(event.section.data());
+  const std::string scan = "scan " + std::to_string(event.sequence);
   switch (event.kind) {
     case LidarEvent::Kind::kStreamStatus:
       return {LogLevel::kInfo,
@@ -39,7 +40,19 @@ EventLog::Line to_line(const LidarEvent& event) {
                                       ".sender_address to the sensor wanted"};
     case LidarEvent::Kind::kSenderChanged:
       return {LogLevel::kWarning, section + ": packets now come from " + address_text(event.sender) +
-                                      ", the previous sender is silent; they are decoded"};
+                                      ", the previous sender is silent; its sensor is identified "
+                                      "again, map and pose are kept"};
+    case LidarEvent::Kind::kClockSet:
+      return {LogLevel::kWarning, scan + ": the clock of " + section +
+                                      " was set, or the sensor was restarted; its timeline starts again, map "
+                                      "and pose are kept"};
+    case LidarEvent::Kind::kHostClockSet:
+      return {LogLevel::kWarning, scan + ": the computer's clock was set; the time stamps of " + section +
+                                      " follow it (forward at once, backward slowly), map and pose are kept"};
+    case LidarEvent::Kind::kModeChanged:
+      return {LogLevel::kInfo, scan + ": return mode of " + section + " is " +
+                                   std::string(drivers::return_mode_name(event.status.mode)) +
+                                   " now; map and pose are kept"};
     case LidarEvent::Kind::kOtherClock:
       break;
   }

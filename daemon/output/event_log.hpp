@@ -24,6 +24,9 @@ struct LidarEvent {
     kOtherClock,     ///< its clock differs by `offset_s` from the first one's
     kForeignSender,  ///< packets of `other_sender` are not decoded: the sensor is `sender`
     kSenderChanged,  ///< the previous sender is silent, the packets of `sender` are decoded now
+    kClockSet,       ///< the sensor's clock was set; its timeline starts again at scan `sequence`
+    kHostClockSet,   ///< the computer's clock was set before scan `sequence`
+    kModeChanged,    ///< the return mode is status.mode from scan `sequence` on
   };
 
   Kind kind = Kind::kStreamStatus;
@@ -31,6 +34,7 @@ struct LidarEvent {
   std::array<char, 24> model{};
   drivers::ScanAssemblerStatus status;
   double offset_s = 0.0;
+  std::uint64_t sequence = 0;
   /// IPv4, host byte order.
   std::uint32_t sender = 0;
   std::uint32_t other_sender = 0;

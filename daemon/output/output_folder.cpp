@@ -13,7 +13,7 @@ namespace fs = std::filesystem;
 
 /// Files of RunOutput.
 constexpr std::array kFiles{"trajectory.tum",  "trajectory.kitti", "latency.json", "latency",
-                            "decisions.jsonl", "map.ply",          "config.yaml"};
+                            "decisions.jsonl", "map.ply",          "config.yaml",  "result.json"};
 
 bool holds_run(const fs::path& folder) {
   return std::any_of(kFiles.begin(), kFiles.end(), [&](const char* name) {
@@ -28,7 +28,7 @@ core::Result<std::string> choose_output_folder(const std::string& folder, Earlie
   if (folder.empty() || !holds_run(folder)) return folder;
   if (earlier == EarlierRun::kRefuse)
     return core::Error{folder +
-                       ": holds the files of an earlier run - choose another --output, or add --overwrite"};
+                       ": holds the files of an earlier run - choose another --output, or add --force"};
   if (earlier == EarlierRun::kKeep) {
     // A path that ends in '/' has an empty last component.
     fs::path base(folder);

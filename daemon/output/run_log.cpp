@@ -2,33 +2,59 @@
 
 #include "daemon/realtime/memory_plan.hpp"
 
-#include <Eigen/Core>
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
 
 namespace nilio::daemon {
 
-namespace {
-
-Eigen::Vector3d position_of(const ipc::PoseRecord& record) {
-  return {record.position[0], record.position[1], record.position[2]};
-}
-
-}  // namespace
-
 void RunLog::add(const ipc::PoseRecord& record) {
   latency_.record(record);
   budget_.record(record);
-  ++poses_;
-  ++states_[static_cast<std::size_t>(record.state) % states_.size()];
+  // Compares with the pose before.
+  report_state(record);
+  const ipc::OdometryReset reset = totals_.add(record);
+  report_reset(record, reset);
+}
+
+/// Logs changes of the state and of the time source.
+void RunLog::report_state(const ipc::PoseRecord& record) {
   if (record.state != reported_state_) {
     spdlog::info("scan {}: {} -> {} ({})", record.sequence, core::name_of(reported_state_),
                  core::name_of(record.state), core::name_of(record.stop_reason));
     reported_state_ = record.state;
   }
-  report_clock(record);
-  if (last_) path_length_m_ += (position_of(record) - position_of(*last_)).norm();
-  last_ = record;
+  if (totals_.last() && totals_.last()->clock_source == record.clock_source) return;
+  spdlog::info("scan {}: LiDAR time source {}", record.sequence, core::name_of(record.clock_source));
+}
+
+/// Logs each discontinuity of map or pose with its reason, once.
+void RunLog::report_reset(const ipc::PoseRecord& record, ipc::OdometryReset reset) const {
+  using ipc::OdometryReset;
+  const std::uint64_t poses = totals_.resets().poses_without_tracking();
+  switch (reset) {
+    case OdometryReset::kNone:
+      return;
+    case OdometryReset::kInitialisation:
+      spdlog::warn(
+          "scan {}: map reset: the first scans could not be registered to each other; initialisation "
+          "starts again here",
+          record.sequence);
+      return;
+    case OdometryReset::kNotRegistered:
+    case OdometryReset::kNotRelocalised:
+      spdlog::warn(
+          "scan {}: map reset after {} poses without tracking: {}; the new map begins at the "
+          "predicted pose, and poses before and after do not fit together",
+          record.sequence, poses,
+          reset == OdometryReset::kNotRegistered ? "no scan could be registered"
+                                                 : "no place of the map was recognised");
+      return;
+    case OdometryReset::kRelocalised:
+      spdlog::warn(
+          "scan {}: relocalised in the map after {} poses without tracking: the pose jumps by {:.2f} m",
+          record.sequence, poses, totals_.resets().step_m());
+      return;
+  }
 }
 
 void RunLog::add(const std::vector<PlanOutcome>& outcomes, bool live) {
@@ -40,36 +66,30 @@ void RunLog::add(const std::vector<PlanOutcome>& outcomes, bool live) {
   }
 }
 
-/// Logs the time source at the first scan and at every change.
-void RunLog::report_clock(const ipc::PoseRecord& record) const {
-  if (last_ && last_->clock_source == record.clock_source && !record.after_time_jump) return;
-  if (record.after_time_jump)
-    spdlog::warn("scan {}: the LiDAR's clock was set; its timeline is reset", record.sequence);
-  spdlog::info("scan {}: LiDAR time source {}", record.sequence, core::name_of(record.clock_source));
-}
-
 void RunLog::report_status() {
-  if (!last_ || poses_ == poses_at_last_status_) return;
+  const std::uint64_t poses = totals_.poses();
+  if (poses == poses_at_last_status_) return;
+  const ipc::PoseRecord& last = *totals_.last();
   const auto p50 =
       static_cast<double>(latency_.histogram(ipc::LatencyStage::kEndToEnd).snapshot().percentile(50.0)) *
       1e-6;
   spdlog::info(
       "{}: {} poses (+{}), position {:.2f} {:.2f} {:.2f} m, {:.2f} m/s, {} correspondences, latency p50 "
       "{:.1f} ms",
-      core::name_of(last_->state), poses_, poses_ - poses_at_last_status_, last_->position[0],
-      last_->position[1], last_->position[2], last_->linear_velocity[0], last_->correspondences, p50);
-  poses_at_last_status_ = poses_;
+      core::name_of(last.state), poses, poses - poses_at_last_status_, last.position[0], last.position[1],
+      last.position[2], last.linear_velocity[0], last.correspondences, p50);
+  poses_at_last_status_ = poses;
 }
 
 nlohmann::json RunLog::summary(const Pipeline& pipeline) const {
   nlohmann::json json = pipeline_summary(pipeline);
   json["stages"] = ipc::latency_json(latency_);
   json["counters"].update({
-      {"poses", poses_},
-      {"poses_initialising", states_[0]},
-      {"poses_tracking", states_[1]},
-      {"poses_degraded", states_[2]},
-      {"poses_lost", states_[3]},
+      {"poses", totals_.poses()},
+      {"poses_initialising", totals_.count(ipc::TrackingState::kInitialising)},
+      {"poses_tracking", totals_.count(ipc::TrackingState::kTracking)},
+      {"poses_degraded", totals_.count(ipc::TrackingState::kDegraded)},
+      {"poses_lost", totals_.count(ipc::TrackingState::kLost)},
   });
   json["imu"] = imu_.json();
   json["budget"] = budget_.json(pipeline.budget());
@@ -79,8 +99,8 @@ nlohmann::json RunLog::summary(const Pipeline& pipeline) const {
   json["memory"] = {{"resident_bytes", memory.resident_bytes},
                     {"peak_resident_bytes", memory.peak_resident_bytes},
                     {"locked_bytes", memory.locked_bytes}};
-  if (last_) json["clock_source"] = core::name_of(last_->clock_source);
-  json["path_length_m"] = path_length_m_;
+  if (totals_.last()) json["clock_source"] = core::name_of(totals_.last()->clock_source);
+  json["path_length_m"] = totals_.path_length_m();
   return json;
 }
 
@@ -109,7 +129,9 @@ void RunLog::report_unused_imu(const Pipeline& pipeline) const {
 void RunLog::report_end(const Pipeline& pipeline, double seconds) const {
   const OdometryCounters& counters = pipeline.counters();
   spdlog::info("{} scans, {} poses ({} initialising, {} tracking, {} degraded, {} lost) in {:.1f} s",
-               counters.scans.load(), poses_, states_[0], states_[1], states_[2], states_[3], seconds);
+               counters.scans.load(), totals_.poses(), totals_.count(ipc::TrackingState::kInitialising),
+               totals_.count(ipc::TrackingState::kTracking), totals_.count(ipc::TrackingState::kDegraded),
+               totals_.count(ipc::TrackingState::kLost), seconds);
   const drivers::ScanAssemblerStats scans = pipeline.scan_stats();
   if (scans.lost_packets + scans.partial_scans + pipeline.packets_dropped() > 0) {
     spdlog::info("{} packets lost in the network, {} dropped by niliod, {} partial scans discarded",
@@ -122,6 +144,10 @@ void RunLog::report_end(const Pipeline& pipeline, double seconds) const {
     if (input.frames->stats().malformed > 0) spdlog::warn("{}", input.frames->status());
     if (counters.scans_with_imu.load() == 0) report_unused_imu(pipeline);
   }
+  if (const std::uint64_t jumps = pipeline.imu_stats().clock_jumps; jumps > 0)
+    spdlog::warn(
+        "IMU: its clock was set {} times; each time its samples were dated anew from the computer's clock",
+        jumps);
   if (const std::string text = budget_.text(pipeline.budget()); !text.empty()) spdlog::info("{}", text);
   if (const std::uint64_t missed = counters.decisions_missed.load(); missed > 0)
     spdlog::warn(

@@ -3,12 +3,11 @@
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/run_output.hpp"
 #include "daemon/output/run_reports.hpp"
+#include "daemon/output/run_result.hpp"
 #include "ipc/histogram.hpp"
 #include "ipc/records.hpp"
 
-#include <array>
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -33,14 +32,11 @@ class RunLog {
   /// Distribution of each latency stage, by file name.
   [[nodiscard]] RunOutput::FinalFiles latency_files() const;
 
-  [[nodiscard]] std::uint64_t poses() const { return poses_; }
-  [[nodiscard]] std::uint64_t lost_poses() const {
-    return states_[static_cast<std::size_t>(ipc::TrackingState::kLost)];
-  }
-  [[nodiscard]] double path_length_m() const { return path_length_m_; }
+  [[nodiscard]] const RunTotals& totals() const { return totals_; }
 
  private:
-  void report_clock(const ipc::PoseRecord& record) const;
+  void report_state(const ipc::PoseRecord& record);
+  void report_reset(const ipc::PoseRecord& record, ipc::OdometryReset reset) const;
   void report_unused_imu(const Pipeline& pipeline) const;
 
   ipc::LatencyHistograms latency_;
@@ -48,11 +44,8 @@ class RunLog {
   ImuReport imu_;
   /// Outcomes of the requests to the kernel, one line each.
   std::vector<std::string> plan_lines_;
-  std::optional<ipc::PoseRecord> last_;
-  std::uint64_t poses_ = 0;
+  RunTotals totals_;
   std::uint64_t poses_at_last_status_ = 0;
-  double path_length_m_ = 0.0;
-  std::array<std::uint64_t, 4> states_{};
   ipc::TrackingState reported_state_ = ipc::TrackingState::kInitialising;
 };
 

@@ -57,7 +57,8 @@ class RunOutput {
   /// Gives the kernel everything added, so that it survives the end of this process. `now_ns`:
   /// CLOCK_MONOTONIC.
   void flush(std::int64_t now_ns);
-  /// Flushes and writes the final files; returns the first error, such as a full disk.
+  /// Flushes and writes the final files, each under a temporary name and renamed, in the order of their
+  /// names; returns the first error, such as a full disk.
   core::Result<std::monostate> finish(const FinalFiles& final_files, std::int64_t now_ns);
   [[nodiscard]] const Lost& lost() const { return lost_; }
 

@@ -5,6 +5,7 @@
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/file_writer.hpp"
+#include "daemon/output/publisher_starts.hpp"
 #include "daemon/output/run_log.hpp"
 #include "daemon/realtime/startup_priority.hpp"
 #include "daemon/realtime/watchdog.hpp"
@@ -32,6 +33,8 @@ constexpr Duration kPollPeriod = Duration::from_milliseconds(20.0);
 constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
 constexpr std::int64_t kSilenceNs = 2'000'000'000;
 constexpr std::int64_t kSilenceReportPeriodNs = 60'000'000'000;
+// A LiDAR takes half a minute from power to packets; a longer silence needs somebody.
+constexpr std::int64_t kSilenceErrorNs = 60'000'000'000;
 constexpr std::size_t kPublisherSlots = 1024;
 // SIGTERM ends the process within 2 s, of which the publisher may take half.
 constexpr Duration kPublisherPatience = Duration::from_seconds(0.8);
@@ -67,7 +70,10 @@ class Supervisor {
   void report_status();
   void report_silence(std::int64_t now);
   void report_events();
-  Result<std::monostate> finish_files(bool stopped);
+  void log(const std::optional<EventLog::Line>& line);
+  [[nodiscard]] RunResult replay_result(bool stopped) const;
+  Result<std::monostate> finish_files(bool stopped, const RunResult& result);
+  Result<nlohmann::json> result_json(const RunResult& result) const;
   [[nodiscard]] nlohmann::json summary() const;
 
   const Config& config_;
@@ -79,6 +85,7 @@ class Supervisor {
   std::unique_ptr<CanWatch> can_watch_;
   std::unique_ptr<FileWriter> files_;
   RunLog log_;
+  PublisherStarts publisher_starts_;
   Watchdog watchdog_;
   std::int64_t started_ns_ = 0;
   std::int64_t next_status_ns_ = 0;
@@ -113,7 +120,10 @@ Result<std::monostate> Supervisor::open_publisher() {
   if (pid) {
     spdlog::info("nilio-publisher started, pid {}, DDS domain {}", *pid, config_.publisher.domain);
   } else {
-    spdlog::error("{}; poses continue without DDS, the start will be repeated", pid.error().message);
+    ipc::PublisherEvent failed;
+    failed.kind = ipc::PublisherEvent::Kind::kStartFailed;
+    failed.message = pid.error().message;
+    log(publisher_starts_.observe(failed, 0));
   }
   return std::monostate{};
 }
@@ -197,21 +207,20 @@ void Supervisor::take_results() {
   while (const std::optional<core::ImuHealth> health = pipeline_->imu_health().try_pop()) log_.add(*health);
 }
 
+void Supervisor::log(const std::optional<EventLog::Line>& line) {
+  if (line) spdlog::log(level_of(line->level), "{}", line->text);
+}
+
 /// Logs the events of the odometry thread.
 void Supervisor::report_events() {
-  while (const std::optional<EventLog::Line> line = pipeline_->event_log().take())
-    spdlog::log(level_of(line->level), "{}", line->text);
+  while (const std::optional<EventLog::Line> line = pipeline_->event_log().take()) log(line);
 }
 
 void Supervisor::watch_publisher() {
   if (!publisher_) return;
-  const std::optional<ipc::PublisherEvent> event = publisher_->poll();
-  if (!event) return;
-  if (event->kind == ipc::PublisherEvent::Kind::kStarted) {
-    spdlog::info("{}", event->message);
-  } else {
-    spdlog::warn("{}", event->message);
-  }
+  const std::uint64_t heartbeat = publisher_->state().heartbeat();
+  log(publisher_starts_.observe(heartbeat));
+  if (const auto event = publisher_->poll()) log(publisher_starts_.observe(*event, heartbeat));
 }
 
 void Supervisor::watch_can() {
@@ -257,8 +266,10 @@ void Supervisor::report_status() {
 void Supervisor::report_silence(std::int64_t now) {
   const std::int64_t due = std::max(last_pose_ns_ + kSilenceNs, next_silence_report_ns_);
   if (!options_.rules.has_sensors() || now < due) return;
-  spdlog::warn("no scan for {:.0f} s: {}", static_cast<double>(now - last_pose_ns_) * 1e-9,
-               pipeline_->input().packets->status());
+  const std::int64_t silence_ns = now - last_pose_ns_;
+  spdlog::log(silence_ns >= kSilenceErrorNs ? spdlog::level::err : spdlog::level::warn,
+              "no scan for {:.0f} s: {}", static_cast<double>(silence_ns) * 1e-9,
+              pipeline_->input().packets->status());
   next_silence_report_ns_ = now + kSilenceReportPeriodNs;
 }
 
@@ -289,21 +300,55 @@ Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
   report_events();
   if (publisher_) {
     const auto event = publisher_->stop(stopped ? kPublisherPatience : kReplayPublisherPatience);
-    if (event && event->unpublished > 0) spdlog::warn("{}", event->message);
+    if (event) log(publisher_starts_.observe(*event, publisher_->state().heartbeat()));
+    log(publisher_starts_.observe(publisher_->state().heartbeat()));
   }
   log_.report_end(*pipeline_, static_cast<double>(monotonic_ns() - started_ns_) * 1e-9);
-  if (auto finished = finish_files(stopped); !finished) return finished.error();
-  if (log_.poses() == 0 && !options_.rules.has_sensors()) return Error{explain_no_poses(*pipeline_)};
-  return RunResult{log_.poses(), log_.lost_poses()};
+  const RunResult result = options_.rules.has_sensors() ? RunResult{} : replay_result(stopped);
+  if (auto finished = finish_files(stopped, result); !finished) return finished.error();
+  return result;
 }
 
-Result<std::monostate> Supervisor::finish_files(bool stopped) {
+RunResult Supervisor::replay_result(bool stopped) const {
+  const RunTotals& totals = log_.totals();
+  if (stopped)
+    return {kFailed, "stopped by a signal before the end of the recording: the outputs hold " +
+                         std::to_string(totals.poses()) + " poses, and no result.json is written"};
+  if (totals.poses() == 0) return {kFailed, explain_no_poses(*pipeline_)};
+  RunResult result = totals.verdict();
+  if (result.exit_status == kDone && !publisher_starts_.failure().empty())
+    result = {kBadResult, "nothing was published over DDS: " + publisher_starts_.failure()};
+  return result;
+}
+
+/// Content of result.json.
+Result<nlohmann::json> Supervisor::result_json(const RunResult& result) const {
+  nlohmann::json json = log_.totals().json();
+  Result<nlohmann::json> inputs = describe_inputs(options_.files, config_, options_.decisions_file);
+  if (!inputs) return inputs.error();
+  json["inputs"] = *inputs;
+  json["scans"] = pipeline_->counters().scans.load();
+  json["scans_with_imu"] = pipeline_->counters().scans_with_imu.load();
+  json["wall_s"] = static_cast<double>(monotonic_ns() - started_ns_) * 1e-9;
+  json["exit_status"] = static_cast<int>(result.exit_status);
+  json["problem"] = result.problem;
+  json.update(describe_process(config_));
+  return json;
+}
+
+Result<std::monostate> Supervisor::finish_files(bool stopped, const RunResult& result) {
   if (!files_) return std::monostate{};
   RunOutput::FinalFiles final_files = log_.latency_files();
   final_files["latency.json"] = summary().dump(2) + '\n';
+  const bool has_result = !options_.rules.has_sensors() && result.exit_status != kFailed;
+  if (has_result && !options_.output_folder.empty()) {
+    const Result<nlohmann::json> json = result_json(result);
+    if (!json) return json.error();
+    final_files["result.json"] = json->dump(2) + '\n';
+  }
   auto finished = files_->finish(std::move(final_files), stopped ? kDiskPatience : kReplayDiskPatience);
   if (finished && !options_.output_folder.empty())
-    spdlog::info("path {:.2f} m; outputs in {}", log_.path_length_m(), options_.output_folder);
+    spdlog::info("path {:.2f} m; outputs in {}", log_.totals().path_length_m(), options_.output_folder);
   return finished;
 }
 

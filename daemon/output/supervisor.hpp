@@ -4,11 +4,11 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/input/input.hpp"
+#include "daemon/output/run_result.hpp"
 #include "daemon/realtime/run_rules.hpp"
 #include "daemon/realtime/thread_hook.hpp"
 
 #include <atomic>
-#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -27,15 +27,9 @@ struct RunOptions {
   ThreadHook thread_hook = nullptr;
 };
 
-/// Poses of a run.
-struct RunResult {
-  std::uint64_t poses = 0;
-  std::uint64_t lost_poses = 0;
-};
-
 /// Runs the daemon: opens the input, starts publisher and pipeline, supervises them, writes outputs and log.
-/// Returns when a replay is done or `stop` is set; an error if no pose could be computed. Call from the main
-/// thread.
+/// Returns when a replay is done or `stop` is set; an error if no pose could be computed or the files are
+/// incomplete. A replay that is done writes result.json. Call from the main thread.
 core::Result<RunResult> supervise(const Config& config, const RunOptions& options,
                                   const std::atomic<bool>& stop);
 

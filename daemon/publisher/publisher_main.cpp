@@ -122,7 +122,6 @@ void add_imu_options(CLI::App& app, PublisherOptions& options) {
   add("--imu-turn-jump", poses.slew.jump_rad, "Larger rotation corrections are applied at once, rad");
 }
 
-constexpr int kExitFailed = 1;
 // Nice offset of the pose threads relative to the rest of the process, where FIFO is not granted.
 constexpr int kPoseNice = -5;
 constexpr int kMinNice = -20;
@@ -234,12 +233,12 @@ core::Result<Publishing> create_publishing(const PublisherOptions& options) {
 int run(const PublisherOptions& options) {
   const int signals = take_signals();
   if (signals < 0) {
-    spdlog::critical("signalfd: {}", std::strerror(errno));
-    return kExitFailed;
+    spdlog::error("signalfd: {}", std::strerror(errno));
+    return kFailed;
   }
   if (!end_with_parent(options.parent)) {
-    spdlog::error("--parent-pid {}: not the parent of this process; exiting", options.parent);
-    return kExitFailed;
+    spdlog::warn("--parent-pid {}: not the parent of this process, which has ended; exiting", options.parent);
+    return kFailed;
   }
   if (options.lock_memory) lock_memory();
   // Inherited by the threads of Fast DDS.
@@ -254,8 +253,8 @@ int run(const PublisherOptions& options) {
   }
   auto publishing = create_publishing(options);
   if (!publishing) {
-    spdlog::critical("{}", publishing.error().message);
-    return kExitFailed;
+    spdlog::error("{}", publishing.error().message);
+    return kFailed;
   }
   for (const std::string& address : publishing->publisher->participant().missing_interfaces())
     spdlog::warn("DDS interface {}: not on this machine yet; not used", address);
@@ -275,6 +274,8 @@ int run(const PublisherOptions& options) {
 
 int main(int argc, char** argv) {
   CLI::App app{"Publishes the poses of niliod over DDS. Started by niliod."};
+  app.formatter(std::make_shared<nilio::HelpFormatter>());
+  app.footer(nilio::exit_status_help("nilio-publisher"));
   nilio::daemon::PublisherOptions options;
   options.publisher.participant.name = "nilio";
   nilio::daemon::add_publisher_options(app, options);

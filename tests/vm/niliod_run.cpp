@@ -86,7 +86,7 @@ std::unique_ptr<Program> NiliodRun::start_niliod(const std::vector<std::string>&
                                "publisher.enabled=false", "realtime.lock_memory=false",
                                "output.map=false",        "odometry.registration_points=1000"};
   all.insert(all.end(), settings.begin(), settings.end());
-  std::vector<std::string> words{NILIO_BIN_DIR "/niliod", "--output", folder_.path() / "run", "--overwrite"};
+  std::vector<std::string> words{NILIO_BIN_DIR "/niliod", "--output", folder_.path() / "run", "--force"};
   for (const std::string& setting : all) words.insert(words.end(), {"--set", setting});
   return std::make_unique<Program>(words, folder_.path() / "niliod.log");
 }

@@ -1,5 +1,6 @@
 #include "nilio/core/registration_method.hpp"
 
+#include "daemon/exit_status.hpp"
 #include "tools/bench/bench.hpp"
 #include "tools/bench/realtime/live_run.hpp"
 #include "tools/commands/command_line.hpp"
@@ -71,7 +72,7 @@ void on_command(CLI::App& command, std::shared_ptr<Options> options, Run run) {
     if (good && *good) return;
     if (!good)
       std::fprintf(stderr, "nilio bench %s: %s\n", app->get_name().c_str(), good.error().message.c_str());
-    throw CLI::RuntimeError(1);
+    throw CLI::RuntimeError(good ? kBadResult : kFailed);
   });
 }
 
@@ -162,7 +163,6 @@ void add_soak(CLI::App& bench) {
   CLI::App& command = *bench.add_subcommand(
       "soak", "hours of drives in minutes: does the memory grow, is every pose counted");
   const auto options = std::make_shared<bench::SoakOptions>();
-  command.footer("Exit status: 0; 1 when memory grows, poses are missing, or something could not be run.");
   command.add_option("drives", options->drives,
                      "folders of 'nilio simulate' or of recordings, or captures; each LiDAR model is played "
                      "in a loop of its own");
@@ -232,8 +232,7 @@ void add_realtime(CLI::App& bench) {
       "the\n"
       "decision log of an overloaded run. libnilio-watch.so counts the calls of real-time threads, where it "
       "is\n"
-      "beside this program.\n"
-      "Exit status: 0; 1 when a requirement that does not depend on the clock failed, or a run did.");
+      "beside this program.");
   command
       .add_option("drives", o.drives,
                   "FOLDER of 'nilio simulate' or of a recording, or a capture; its truth is truth.tum in the "

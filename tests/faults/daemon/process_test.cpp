@@ -1,3 +1,4 @@
+#include "daemon/output/sha256.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/niliod_process.hpp"
 #include "tests/support/room_drive.hpp"
@@ -70,8 +71,7 @@ TEST_CASE("a publisher killed during a drive is restarted at once, and the traje
   CHECK(report["counters"]["scans"].get<std::size_t>() >= 59);
 }
 
-TEST_CASE("a replay without the publisher's executable computes every pose and logs the missing file",
-          "[process]") {
+TEST_CASE("a replay whose publisher cannot start is complete, with one error and status 3", "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 1.0, false);
   const fs::path alone = folder.path() / "bin";
@@ -80,9 +80,58 @@ TEST_CASE("a replay without the publisher's executable computes every pose and l
   const std::string command = (alone / "niliod").string() + " --replay " + folder.path().string() +
                               " --output " + (folder.path() / "run").string() + " > " +
                               (folder.path() / "log").string() + " 2>&1";
-  CHECK(std::system(command.c_str()) == 0);
-  CHECK(read_file(folder.path() / "log").find("nilio-publisher") != std::string::npos);
+  std::string wanted = "nilio-publisher: No such file or directory";
+  SECTION("no such program") {}
+  SECTION("it ends with an error") {
+    write_file(alone / "nilio-publisher", "#!/bin/sh\nexit 1\n");
+    fs::permissions(alone / "nilio-publisher", fs::perms::owner_all);
+    wanted = "ended with status 1";
+  }
+  const int status = std::system(
+      (command.substr(0, command.find(" > ")) + " --speed real" + command.substr(command.find(" > ")))
+          .c_str());
+  CHECK(WEXITSTATUS(status) == 3);
+  const std::string log = read_file(folder.path() / "log");
+  INFO(log);
+  std::size_t errors = 0;
+  for (std::size_t at = 0; (at = log.find(" error: ", at)) != std::string::npos; ++at) ++errors;
+  CHECK(errors == 1);
+  CHECK(log.find(wanted) != std::string::npos);
+  CHECK(log.find("niliod: nothing was published over DDS: ") != std::string::npos);
   CHECK(count_lines(folder.path() / "run" / "trajectory.tum") >= 9);
+  CHECK(nlohmann::json::parse(read_file(folder.path() / "run" / "result.json"))["exit_status"] == 3);
+}
+
+TEST_CASE("result.json has versions, configuration, inputs, states and the digest of the trajectory",
+          "[process]") {
+  const TemporaryFolder folder;
+  write_room_drive(folder.path(), s_curve, 1.5, true);
+  const auto replay = [&](const std::string& run, const std::string& key) {
+    const Finished finished = run_niliod(folder, {"--replay", folder.text(), "--output", folder.file(run),
+                                                  "--set", kNoPublisher, "--set", key});
+    INFO(finished.output);
+    CHECK(finished.status == 0);
+    CHECK_FALSE(fs::exists(folder.path() / run / "result.json.new"));
+    return nlohmann::json::parse(read_file(folder.path() / run / "result.json"));
+  };
+  const auto first = replay("first", "odometry.threads=1");
+  CHECK(first["exit_status"] == 0);
+  CHECK(first["problem"] == "");
+  CHECK_FALSE(first["versions"]["nilio"].get<std::string>().empty());
+  CHECK(first["configuration_hash"].get<std::string>().size() == 16);
+  REQUIRE(first["inputs"].size() == 2);
+  for (const auto& input : first["inputs"]) {
+    const fs::path path = input["path"].get<std::string>();
+    CHECK(input["bytes"] == fs::file_size(path));
+    CHECK(input["sha256"] == daemon::sha256(read_file(path)));
+  }
+  CHECK(first["scans"] == first["poses"]);
+  CHECK(first["trajectory_sha256"] == daemon::sha256(read_file(folder.path() / "first" / "trajectory.tum")));
+  CHECK(first["cpu_s"].get<double>() > 0.0);
+  // Another configuration, the same bits.
+  const auto second = replay("second", "odometry.threads=2");
+  CHECK(second["configuration_hash"] != first["configuration_hash"]);
+  CHECK(second["trajectory_sha256"] == first["trajectory_sha256"]);
 }
 
 TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies of all stages are written",
@@ -116,7 +165,8 @@ TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies 
   }
 }
 
-TEST_CASE("SIGTERM ends a paced replay in order with its outputs written", "[process]") {
+TEST_CASE("SIGTERM ends a paced replay in order with its outputs written, no result, and status 1",
+          "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 6.0, false);
   Niliod niliod(folder, {"--replay", folder.path().string(), "--speed", "real", "--output",
@@ -125,7 +175,9 @@ TEST_CASE("SIGTERM ends a paced replay in order with its outputs written", "[pro
   kill(niliod.pid(), SIGTERM);
   const Finished finished = niliod.wait();
   INFO(finished.output);
-  CHECK(finished.status == 0);
+  CHECK(finished.status == 1);
+  CHECK(finished.output.find("stopped by a signal before the end of the recording") != std::string::npos);
+  CHECK_FALSE(fs::exists(folder.path() / "run" / "result.json"));
   CHECK(fs::exists(folder.path() / "run" / "latency.json"));
   CHECK(count_lines(folder.path() / "run" / "trajectory.tum") < 40);
 }
@@ -199,8 +251,8 @@ TEST_CASE("wrong usage ends with status 2 and one message", "[process]") {
       {{"--replay", "x", "--speed", "fast"}, "--speed"},
       {{"--config", "x", "--as-live"}, "--replay"},
       {{"--replay", "x", "--as-live", "--decisions", "y"}, "choose one"},
-      {{"--replay", "x", "--overwrite"}, "--output"},
-      {{"--replay", "x", "--decisions", folder.file("d"), "--output", folder.text(), "--overwrite"},
+      {{"--replay", "x", "--force"}, "--output"},
+      {{"--replay", "x", "--decisions", folder.file("d"), "--output", folder.text(), "--force"},
        "choose another --output"}};
   for (const auto& [arguments, word] : cases) {
     const Finished finished = run_niliod(folder, arguments);
@@ -263,7 +315,7 @@ TEST_CASE("the help text is at most 100 columns wide and explains the exit statu
   for (std::string line; std::getline(help, line);) {
     CAPTURE(line);
     CHECK(line.size() <= 100);
-    explains = explains || line.find("Exit status: 0") != std::string::npos;
+    explains = explains || line.find("Exit status:") != std::string::npos;
   }
   CHECK(explains);
 }
@@ -282,7 +334,7 @@ TEST_CASE("a second run does not overwrite the output of the first unless told t
   CHECK(refused.status == 1);
   CHECK(refused.output.find("holds the files of an earlier run") != std::string::npos);
   CHECK(read_file(run / "trajectory.tum") == first);
-  arguments.emplace_back("--overwrite");
+  arguments.emplace_back("--force");
   CHECK(run_niliod(folder, arguments).status == 0);
   CHECK(read_file(run / "trajectory.tum") == first);
   CHECK_FALSE(fs::exists(run / "decisions.jsonl"));

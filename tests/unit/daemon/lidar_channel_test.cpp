@@ -8,6 +8,7 @@
 #include <atomic>
 #include <chrono>
 #include <optional>
+#include <string>
 #include <thread>
 #include <utility>
 
@@ -225,6 +226,42 @@ TEST_CASE("a sensor with another address is decoded after the previous one fell 
     CHECK(run.scans[scans].after_time_jump);
     CHECK(run.scans[scans].sequence == run.scans[scans - 1].sequence + 1);
   }
+}
+
+TEST_CASE("a clock that was set and another return mode are reported with their scan, once",
+          "[lidar_channel]") {
+  ChannelRun run;
+  run.decode(vlp16_packets(800), kSensor);
+  const std::size_t scans = run.scans.size();
+  TurningSensor turning;
+  turning.sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kVlp16);
+  turning.start_azimuth_deg = 180.0;
+  turning.start_ns = turning.packet_time_ns(800);
+  std::string wanted;
+  SECTION("the sensor's clock") {
+    turning.sensor_ahead_ns = 100'000'000'000;
+    wanted = ": the clock of lidar was set, or the sensor was restarted; its timeline starts again";
+  }
+  SECTION("the computer's clock") {
+    turning.start_ns += 100'000'000'000;
+    turning.sensor_ahead_ns = -100'000'000'000;
+    wanted = ": the computer's clock was set; the time stamps of lidar follow it";
+  }
+  SECTION("the return mode") {
+    turning.mode = drivers::ReturnMode::kDual;
+    wanted = ": return mode of lidar is dual now";
+  }
+  std::vector<drivers::Packet> after;
+  for (std::size_t i = 0; i < 800; ++i) after.push_back(turning.packet(i));
+  run.decode(after, kSensor);
+  REQUIRE(run.scans.size() > scans + 2);
+  CHECK(run.count_lines(wanted) == 1);
+  const bool at_the_seam =
+      run.count_lines("scan " + std::to_string(run.scans[scans].sequence) + wanted) +
+          run.count_lines("scan " + std::to_string(run.scans[scans + 1].sequence) + wanted) ==
+      1;
+  CHECK(at_the_seam);
+  CHECK(run.count_lines("map and pose are kept") == 1);
 }
 
 TEST_CASE("a short recording of one sender is decoded although nobody is steady", "[lidar_channel]") {

@@ -29,8 +29,7 @@ TEST_CASE("a folder with the files of an earlier run is refused with both ways o
   const auto refused = choose_output_folder(folder.file("run"), EarlierRun::kRefuse);
   REQUIRE_FALSE(refused.ok());
   CHECK(refused.error().message ==
-        folder.file("run") +
-            ": holds the files of an earlier run - choose another --output, or add --overwrite");
+        folder.file("run") + ": holds the files of an earlier run - choose another --output, or add --force");
   CHECK(fs::exists(folder.file("run/trajectory.tum")));
 }
 

@@ -1,11 +1,11 @@
 #include "nilio/core/clock.hpp"
 #include "nilio/drivers/network/udp.hpp"
 
+#include "daemon/output/sha256.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/tools_trajectory_support.hpp"
 #include "tools/bench/common/memory_use.hpp"
 #include "tools/bench/common/niliod_run.hpp"
-#include "tools/bench/common/sha256.hpp"
 #include "tools/bench/realtime/identity_checks.hpp"
 #include "tools/bench/realtime/stress_load.hpp"
 #include "tools/bench/realtime/tables.hpp"
@@ -69,7 +69,7 @@ TEST_CASE("the figures of a run are read from its files and shown in table rows"
   CHECK(f.packets_dropped == 9);
   CHECK(f.overshoot->p99_us == 250.0);
   CHECK(f.trajectory.poses.size() == 2);
-  CHECK(f.sha256 == sha256("1 0 0 0 0 1 0 0 0 0 1 0\n"));
+  CHECK(f.sha256 == daemon::sha256("1 0 0 0 0 1 0 0 0 0 1 0\n"));
   const Table work = realtime_work_table(std::span(&cell, 1));
   REQUIRE(work.rows.size() == 1);
   CHECK(work.headings[9] == "full/fewer_points/prediction/xyz");
@@ -104,13 +104,13 @@ TEST_CASE("a live run may lack the last pose of the file, and no other", "[realt
   using Verdict = IdentityCheck::Verdict;
   CHECK(compare_with_file("x", file, "a\nb\nc\n").verdict == Verdict::kPass);
   CHECK(compare_with_file("x", file, "a\nb\n").verdict == Verdict::kPass);
-  CHECK(compare_with_file("x", file, "a\nb\n").first == sha256("a\nb\n"));
+  CHECK(compare_with_file("x", file, "a\nb\n").first == daemon::sha256("a\nb\n"));
   CHECK(compare_with_file("x", file, "a\n").verdict == Verdict::kFail);
   CHECK(compare_with_file("x", file, "b\nc\n").verdict == Verdict::kFail);
   CHECK(compare_with_file("x", file, "a\nb\nd\n").verdict == Verdict::kFail);
   CHECK(compare_with_file("x", file, "a\nb\nc\nd\n").verdict == Verdict::kFail);
   CHECK(compare_with_file("x", "", "").verdict == Verdict::kFail);
-  CHECK(sha256_of_lines(file, 9) == sha256(file));
+  CHECK(sha256_of_lines(file, 9) == daemon::sha256(file));
   const std::array checks{compare_with_file("x", file, file), compare_with_file("y", file, "a\n")};
   CHECK(any_failed(checks));
   CHECK_FALSE(any_failed(std::span(checks).first(1)));

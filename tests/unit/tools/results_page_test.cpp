@@ -1,6 +1,5 @@
 #include "tools/bench/report/results_page.hpp"
 
-#include "tools/bench/common/sha256.hpp"
 #include "tools/common/statistics.hpp"
 
 #include <limits>
@@ -10,16 +9,6 @@
 
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
-
-TEST_CASE("SHA-256 gives the digests of FIPS 180-4's examples", "[results_page]") {
-  CHECK(sha256("") == "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
-  CHECK(sha256("abc") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
-  // The length field needs a second block.
-  CHECK(sha256("abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq") ==
-        "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
-  CHECK(sha256(std::string(1'000'000, 'a')) ==
-        "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
-}
 
 TEST_CASE("percentiles are values of the set", "[results_page]") {
   CHECK(percentiles_of({}).maximum == 0.0);

@@ -3,7 +3,7 @@
 #include "nilio/core/clock.hpp"
 
 #include "daemon/exit_status.hpp"
-#include "tools/bench/common/sha256.hpp"
+#include "daemon/output/sha256.hpp"
 #include "tools/common/files.hpp"
 
 #include <algorithm>
@@ -137,7 +137,7 @@ Result<RunFigures> read_run_figures(const fs::path& folder) {
   figures.end_to_end = summary_in(object_in(report, "stages"), "end_to_end");
   const Result<std::string> kitti = read_file(folder / "trajectory.kitti");
   if (!kitti) return kitti.error();
-  figures.sha256 = sha256(*kitti);
+  figures.sha256 = daemon::sha256(*kitti);
   if (figures.poses == 0) return figures;
   Result<Trajectory> trajectory = read_trajectory((folder / "trajectory.tum").string());
   if (!trajectory) return trajectory.error();
@@ -153,8 +153,7 @@ Result<ChildProcess> start_niliod(std::vector<std::string> arguments,
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return Error{folder.string() + ": cannot be created (" + error.message() + ")"};
-  arguments.insert(arguments.end(),
-                   {"--output", folder.string(), "--overwrite", "--set", "output.map=false"});
+  arguments.insert(arguments.end(), {"--output", folder.string(), "--force", "--set", "output.map=false"});
   for (const std::string& assignment : overrides) arguments.insert(arguments.end(), {"--set", assignment});
   return ChildProcess::start(*program, arguments, folder / "niliod.log", std::move(environment));
 }

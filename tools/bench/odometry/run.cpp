@@ -5,8 +5,8 @@
 #include "daemon/input/input.hpp"
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/run_output.hpp"
+#include "daemon/output/sha256.hpp"
 #include "tools/bench/common/memory_use.hpp"
-#include "tools/bench/common/sha256.hpp"
 #include "tools/common/progress.hpp"
 
 #include <algorithm>
@@ -131,7 +131,7 @@ Result<BenchRun> run_odometry(const BenchDataset& dataset, const daemon::Config&
   std::vector<core::SE3> poses;
   for (const core::OdometryResult& result : run.results) poses.push_back(result.T_odom_base);
   run.trajectory = make_trajectory(dataset, run, poses);
-  run.sha256 = sha256(tum);
+  run.sha256 = daemon::sha256(tum);
   return run;
 }
 

@@ -2,8 +2,8 @@
 
 #include "nilio/core/tracking.hpp"
 
+#include "daemon/output/sha256.hpp"
 #include "tools/bench/common/niliod_run.hpp"
-#include "tools/bench/common/sha256.hpp"
 #include "tools/bench/realtime/stress_load.hpp"
 #include "tools/common/files.hpp"
 
@@ -104,7 +104,7 @@ std::vector<std::string> IdentityRuns::like_loopback(Feed feed) const {
 }
 
 IdentityCheck compare(const std::string& name, const std::string& first, const std::string& second) {
-  IdentityCheck check{name, Verdict::kFail, sha256(first), sha256(second), {}};
+  IdentityCheck check{name, Verdict::kFail, daemon::sha256(first), daemon::sha256(second), {}};
   if (first.empty()) {
     check.remark = "no poses";
   } else if (first == second) {
@@ -122,7 +122,7 @@ Result<IdentityCheck> IdentityRuns::file_and_loopback() {
   overrides.push_back(kUnlimited);
   const Result<std::string> file = over_file(overrides);
   if (!file) return file.error();
-  IdentityCheck check{name, Verdict::kNotComparable, sha256(*file), {}, {}};
+  IdentityCheck check{name, Verdict::kNotComparable, daemon::sha256(*file), {}, {}};
   RealtimeRunConfig config = config_;
   config.feed = Feed::kUdp;
   config.condition = Condition::kIdle;
@@ -133,7 +133,7 @@ Result<IdentityCheck> IdentityRuns::file_and_loopback() {
     if (!run) return run.error();
     check.remark = difference_of_input(*run);
     const std::string live = text_of(folder / "trajectory.kitti");
-    check.second = sha256(live);
+    check.second = daemon::sha256(live);
     if (!has_gps_time(*run)) {
       check.remark = kNoGpsTime;
       break;
@@ -183,7 +183,7 @@ Result<IdentityCheck> IdentityRuns::overload_and_log(Feed feed) {
     if (!run) return run.error();
     check.remark = difference_of_input(*run);
     const std::string live = text_of(folder / "trajectory.kitti");
-    check.first = sha256(live);
+    check.first = daemon::sha256(live);
     if (run->sent && !has_gps_time(*run)) {
       check.remark = kNoGpsTime;
       break;
@@ -221,7 +221,7 @@ std::string sha256_of_lines(const std::string& text, std::size_t lines) {
     const std::size_t newline = text.find('\n', end);
     end = newline == std::string::npos ? text.size() : newline + 1;
   }
-  return sha256(std::string_view(text).substr(0, end));
+  return daemon::sha256(std::string_view(text).substr(0, end));
 }
 
 IdentityCheck compare_with_file(const std::string& name, const std::string& file_kitti,
@@ -231,7 +231,7 @@ IdentityCheck compare_with_file(const std::string& name, const std::string& file
   IdentityCheck check;
   check.name = name;
   check.first = sha256_of_lines(file_kitti, live);
-  check.second = sha256(live_kitti);
+  check.second = daemon::sha256(live_kitti);
   check.remark = std::to_string(live) + " poses of the file's " + std::to_string(in_file);
   const bool complete = live > 0 && live <= in_file && in_file - live <= 1;
   check.verdict = complete && check.first == check.second ? Verdict::kPass : Verdict::kFail;
