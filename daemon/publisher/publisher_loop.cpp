@@ -2,6 +2,7 @@
 
 #include "nilio/core/clock.hpp"
 
+#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/reports.hpp"
 
 #include <algorithm>
@@ -95,8 +96,18 @@ void PublisherLoop::log_events() {
     start_logged_ = true;
   }
   if (!failure_logged_ && scan_poses_->counts().failed_writes > 0) {
-    spdlog::error("Fast DDS refused to write a pose; further failures are counted in the latency report");
+    spdlog::error(
+        "Fast DDS refused to write a pose: subscribers miss it, and further failures are counted in the "
+        "latency "
+        "report - restart nilio-publisher, and check its interfaces");
     failure_logged_ = true;
+  }
+  if (const std::uint64_t jumps = imu_poses_ ? imu_poses_->counts().jumps : 0; jumps > imu_jumps_logged_) {
+    spdlog::warn(
+        "IMU-rate poses: {} correction(s) by scan poses were above publisher.imu_pose.jump_m or jump_deg and "
+        "were "
+        "applied at once; niliod's log has the reason",
+        jumps - std::exchange(imu_jumps_logged_, jumps));
   }
   for (const std::string& line : publisher_->participant().take_conflicts()) spdlog::warn("{}", line);
 }
@@ -106,8 +117,10 @@ void PublisherLoop::publish_reports() {
   publisher_->publish_latency(report_);
   const auto latest = scan_poses_->latest();
   if (!latest) return;
-  publisher_->publish_diagnostics(
-      dds::make_diagnostics(latest->record, Time{clock_ns(CLOCK_REALTIME)}, monotonic_now() - latest->taken));
+  const dds::PoseCounts period = counted_ ? latest->counts - *counted_ : dds::PoseCounts{};
+  counted_ = latest->counts;
+  publisher_->publish_diagnostics(dds::make_diagnostics(
+      {latest->record, monotonic_now() - latest->taken, period}, Time{clock_ns(CLOCK_REALTIME)}));
 }
 
 void PublisherLoop::fill_report() {

@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <sys/types.h>
 
@@ -46,6 +47,10 @@ class PublisherLoop {
   std::unique_ptr<dds::ImuPoseLoop> imu_poses_;
   /// Refilled in place every time, which keeps the memory use constant.
   dds::LatencyReport report_;
+  /// Counts at the last report; empty before the first one, which must not report what an earlier process
+  /// did.
+  std::optional<dds::PoseCounts> counted_;
+  std::uint64_t imu_jumps_logged_ = 0;
   bool start_logged_ = false;
   bool failure_logged_ = false;
   bool stopping_ = false;

@@ -133,8 +133,10 @@ void ScanPoseLoop::publish(const ipc::PoseRecord& record) {
       publisher_.publish_scan_report(make_scan_report(record, taken, written, host_id_));
   inputs_.state->record(record, written, odometry_written);
   latency_->record(record, taken, written);
+  pose_counts_.add(record, resets_.add(record));
   // The report's copy may be one pose old: this thread waits for nobody.
-  if (const std::unique_lock lock(latest_mutex_, std::try_to_lock); lock) latest_ = Latest{record, taken};
+  if (const std::unique_lock lock(latest_mutex_, std::try_to_lock); lock)
+    latest_ = Latest{record, taken, pose_counts_};
   published_.fetch_add(1, std::memory_order_relaxed);
   const std::uint64_t failed =
       (odometry_written ? 0U : 1U) + (transform_written ? 0U : 1U) + (report_written ? 0U : 1U);
@@ -148,7 +150,12 @@ ScanPoseLoop::Counts ScanPoseLoop::counts() const {
 
 std::optional<ScanPoseLoop::Latest> ScanPoseLoop::latest() const {
   const std::lock_guard lock(latest_mutex_);
-  return latest_;
+  std::optional<Latest> latest = latest_;
+  if (!latest) return latest;
+  latest->counts.late = inputs_.state->late_poses();
+  latest->counts.failed_writes = failed_.load(std::memory_order_relaxed);
+  latest->counts.ring_dropped = inputs_.poses.dropped();
+  return latest;
 }
 
 }  // namespace nilio::dds

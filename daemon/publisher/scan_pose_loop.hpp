@@ -2,6 +2,7 @@
 
 #include "nilio/core/time.hpp"
 
+#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/reports.hpp"
 #include "ipc/histogram.hpp"
@@ -59,7 +60,8 @@ class ScanPoseLoop {
   };
   struct Latest {
     ipc::PoseRecord record;
-    core::Time taken;  ///< CLOCK_MONOTONIC
+    core::Time taken;   ///< CLOCK_MONOTONIC
+    PoseCounts counts;  ///< since the start of this process
   };
 
   /// `publisher` must outlive the loop; its scan pose writers belong to this thread.
@@ -93,6 +95,9 @@ class ScanPoseLoop {
   OdometryPublisher& publisher_;
   const std::string host_id_ = read_host_id();
   std::unique_ptr<PublishLatency> latency_;
+  // Of the thread.
+  ipc::OdometryResetDetector resets_;
+  PoseCounts pose_counts_;
   mutable std::mutex latest_mutex_;
   std::optional<Latest> latest_;
   std::atomic<std::uint64_t> published_{0};

@@ -1,14 +1,10 @@
 #include "ipc/dds/reports.hpp"
 
 #include "nilio/core/compute_budget.hpp"
-#include "nilio/core/imu_health.hpp"
 #include "nilio/core/time.hpp"
 #include "nilio/core/tracking.hpp"
 
-#include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <string>
 
@@ -20,85 +16,6 @@ constexpr double kUsPerNs = 1e-3;
 // Stages known at delivery, in the order of ipc::Stage.
 constexpr std::array<std::string_view, static_cast<std::size_t>(ipc::Stage::kDelivered) + 1> kStageNames{
     "received", "popped", "completed", "started", "filtered", "coarse", "fine", "delivered"};
-
-using core::ImuCheck;
-using core::ImuCheckState;
-using Level = DiagnosticStatus::Level;
-
-constexpr core::Duration kStaleAfter{1'000'000'000};
-
-std::string text_of(double value) {
-  std::array<char, 32> text{};
-  std::snprintf(text.data(), text.size(), "%.4g", value);
-  return text.data();
-}
-
-Level level_of(core::TrackingState state) {
-  if (state == core::TrackingState::kTracking) return Level::kOk;
-  return state == core::TrackingState::kLost ? Level::kError : Level::kWarn;
-}
-
-Level level_of(ImuCheckState state) {
-  if (state == ImuCheckState::kBad) return Level::kError;
-  return state == ImuCheckState::kWarn ? Level::kWarn : Level::kOk;
-}
-
-DiagnosticStatus odometry_status(const ipc::PoseRecord& latest, core::Duration age) {
-  DiagnosticStatus status;
-  status.name = "nilio: odometry";
-  status.level = level_of(latest.state);
-  status.message = core::name_of(latest.state);
-  if (age > kStaleAfter) {
-    status.level = Level::kStale;
-    status.message = "no pose for " + text_of(age.seconds()) + " s";
-  }
-  const auto& v = latest.linear_velocity;
-  status.values = {{"state", core::name_of(latest.state)},
-                   {"speed, m/s", text_of(std::hypot(v[0], v[1], v[2]))},
-                   {"stop reason", core::name_of(latest.stop_reason)},
-                   {"points in the scan", std::to_string(latest.points)},
-                   {"points registered", std::to_string(latest.points_used)},
-                   {"correspondences", std::to_string(latest.correspondences)},
-                   {"map voxels", std::to_string(latest.map_voxels)},
-                   {"packets lost in the scan", std::to_string(latest.lost_packets)},
-                   {"clock", core::name_of(latest.clock_source)},
-                   {"IMU used", latest.imu_used ? "yes" : "no"}};
-  return status;
-}
-
-/// Use of the IMU, and the first of the worst checks.
-std::string imu_message(const core::ImuHealth& health, ImuCheckState worst) {
-  std::string text = health.trusted ? "used" : "not used";
-  if (!health.trusted)
-    text += health.reason == ImuCheck::kCount ? ", not yet confirmed by a turn"
-                                              : std::string(" because of ") + core::name_of(health.reason);
-  if (worst < ImuCheckState::kWarn) return text;
-  for (std::size_t i = 0; i < core::kImuChecks; ++i) {
-    const auto check = static_cast<ImuCheck>(i);
-    if (health[check].state == worst)
-      return text + "; " + core::name_of(check) + ": " + core::hint_for(check, health);
-  }
-  return text;
-}
-
-DiagnosticStatus imu_status(const core::ImuHealth& health) {
-  DiagnosticStatus status;
-  status.name = "nilio: IMU";
-  ImuCheckState worst = ImuCheckState::kUnknown;
-  for (std::size_t i = 0; i < core::kImuChecks; ++i) {
-    const auto check = static_cast<ImuCheck>(i);
-    const core::ImuDiagnosis& row = health[check];
-    worst = std::max(worst, row.state);
-    const std::string value =
-        row.state == ImuCheckState::kUnknown ? "" : text_of(row.value) + " " + core::unit_of(check) + ", ";
-    status.values.push_back({core::name_of(check), value + core::name_of(row.state)});
-  }
-  status.values.push_back({"time shift subtracted from its stamps, ms", text_of(health.time_shift_ms)});
-  status.values.push_back({"rejections", std::to_string(health.demotions)});
-  status.level = level_of(worst);
-  status.message = imu_message(health, worst);
-  return status;
-}
 
 }  // namespace
 
@@ -158,14 +75,6 @@ void fill_stage_latency(std::string_view name, const ipc::Histogram& histogram, 
     row.buckets.push_back({static_cast<double>(bucket.from_ns) * kUsPerNs,
                            static_cast<double>(bucket.to_ns) * kUsPerNs, bucket.count});
   }
-}
-
-DiagnosticArray make_diagnostics(const ipc::PoseRecord& latest, core::Time now, core::Duration age) {
-  DiagnosticArray diagnostics;
-  diagnostics.stamp = now;
-  diagnostics.statuses.push_back(odometry_status(latest, age));
-  if (latest.has_imu) diagnostics.statuses.push_back(imu_status(latest.imu_health));
-  return diagnostics;
 }
 
 }  // namespace nilio::dds

@@ -22,9 +22,4 @@ ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, cor
 /// Fills a row of the latency report with buckets, eight per octave. Reuses its memory.
 void fill_stage_latency(std::string_view name, const ipc::Histogram& histogram, StageLatency& row);
 
-/// Diagnostics for ROS viewers: "nilio: odometry" and, with an IMU, "nilio: IMU" with one value per check.
-/// `now` is the time of the report (CLOCK_REALTIME). `age` is the time since `latest` was taken; more than
-/// one second is stale.
-DiagnosticArray make_diagnostics(const ipc::PoseRecord& latest, core::Time now, core::Duration age);
-
 }  // namespace nilio::dds

@@ -1,5 +1,6 @@
 #include "core/src/imu_monitor/check_table.hpp"
 
+#include "nilio/core/imu_check_limits.hpp"
 #include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
@@ -114,6 +115,10 @@ std::string unit_hint(const char* usual, double ratio, double suspicious, const 
 const char* name_of(ImuCheck check) { return check < ImuCheck::kCount ? row_of(check).name : "none"; }
 const char* unit_of(ImuCheck check) { return check < ImuCheck::kCount ? row_of(check).unit : ""; }
 double normal_of(ImuCheck check) { return check < ImuCheck::kCount ? row_of(check).normal : 0.0; }
+
+ImuCheckLimits limits_of(ImuCheck check) {
+  return check < ImuCheck::kCount ? ImuCheckLimits{row_of(check).warn, row_of(check).bad} : ImuCheckLimits{};
+}
 
 const char* name_of(ImuCheckState state) {
   constexpr std::array names = {"unknown", "ok", "warn", "bad"};

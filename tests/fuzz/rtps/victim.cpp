@@ -1,5 +1,6 @@
 #include "tests/fuzz/rtps/victim.hpp"
 
+#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/imu_pose_publisher.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
@@ -37,7 +38,7 @@ void run_victim(std::uint32_t domain) {
     (*publisher)->publish_transform(record);
     (*publisher)->publish_scan_report(dds::make_scan_report(record, {}, {}, "host"));
     (*publisher)->publish_latency(latency);
-    (*publisher)->publish_diagnostics(dds::make_diagnostics(record, {}, {}));
+    (*publisher)->publish_diagnostics(dds::make_diagnostics({record, {}}, {}));
     (*imu_poses)->publish(imu_pose);
     (*imu_poses)->publish_status({});
     (*publisher)->participant().take_conflicts();

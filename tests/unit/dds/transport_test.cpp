@@ -1,3 +1,4 @@
+#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/filtered_transport.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
@@ -122,23 +123,24 @@ TEST_CASE("a latency report arrives unchanged", "[transport]") {
 
 TEST_CASE("diagnostics contain the IMU's problem and the age of the last pose", "[transport]") {
   const PoseRecord record = record_with_bad_imu();
-  const DiagnosticArray fresh = make_diagnostics(record, Time{7}, Duration::from_milliseconds(100.0));
-  REQUIRE(fresh.statuses.size() == 2);
+  const DiagnosticArray fresh = make_diagnostics({record, Duration::from_milliseconds(100.0)}, Time{7});
+  REQUIRE(fresh.statuses.size() == 5);
   CHECK(fresh.stamp == Time{7});
   CHECK(fresh.statuses[0].level == DiagnosticStatus::Level::kOk);
-  CHECK(fresh.statuses[1].level == DiagnosticStatus::Level::kError);
-  CHECK(fresh.statuses[1].message.find("not used because of gyro_scale; gyro_scale: rates are in deg/s") ==
-        0);
-  const auto& values = fresh.statuses[1].values;
+  const DiagnosticStatus& imu = fresh.statuses.back();
+  CHECK(imu.name == "nilio: IMU");
+  CHECK(imu.level == DiagnosticStatus::Level::kError);
+  CHECK(imu.message.find("not used because of gyro_scale; gyro_scale: rates are in deg/s") == 0);
+  const auto& values = imu.values;
   const auto scale =
       std::find_if(values.begin(), values.end(), [](const KeyValue& v) { return v.key == "gyro_scale"; });
   REQUIRE(scale != values.end());
   CHECK(scale->value == "57.3 1, bad");
 
-  const DiagnosticArray stale = make_diagnostics(record, Time{7}, Duration::from_seconds(2.5));
+  const DiagnosticArray stale = make_diagnostics({record, Duration::from_seconds(2.5)}, Time{7});
   CHECK(stale.statuses[0].level == DiagnosticStatus::Level::kStale);
-  CHECK(stale.statuses[0].message == "no pose for 2.5 s");
-  CHECK(make_diagnostics(PoseRecord{}, Time{}, Duration{}).statuses.size() == 1);
+  CHECK(stale.statuses[0].message.find("pose age: no pose for 2.5 s - read niliod's line") == 0);
+  CHECK(make_diagnostics({PoseRecord{}, Duration{}}, Time{}).statuses.size() == 4);
 }
 
 TEST_CASE("diagnostics arrive unchanged", "[transport]") {
@@ -146,7 +148,8 @@ TEST_CASE("diagnostics arrive unchanged", "[transport]") {
   const auto subscriber = make_subscriber(domain);
   const auto publisher = make_publisher(domain);
   REQUIRE(wait_for_subscriber(*publisher));
-  const DiagnosticArray sent = make_diagnostics(record_with_bad_imu(), Time{5}, Duration{});
+  const PoseRecord bad_imu = record_with_bad_imu();
+  const DiagnosticArray sent = make_diagnostics({bad_imu, Duration{}}, Time{5});
   std::optional<DiagnosticArray> received;
   REQUIRE(eventually([&] {
     REQUIRE(publisher->publish_diagnostics(sent));
@@ -217,7 +220,8 @@ TEST_CASE("CycloneDDS reads odometry, transform and diagnostics from the IDL wit
     REQUIRE(publisher->publish_transform(sample_record(i)));
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  const DiagnosticArray diagnostics = make_diagnostics(record_with_bad_imu(), Time{1}, Duration{});
+  const PoseRecord bad_imu = record_with_bad_imu();
+  const DiagnosticArray diagnostics = make_diagnostics({bad_imu, Duration{}}, Time{1});
   REQUIRE(publisher->publish_diagnostics(diagnostics));
   std::uint64_t odometries = 0;
   std::uint64_t transforms = 0;
