@@ -17,6 +17,8 @@ void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
 void add_record_command(CLI::App& app, int& status);
 void add_play_command(CLI::App& app, int& status);
+void add_report_command(CLI::App& app, int& status);
+void add_reference_command(CLI::App& app, int& status);
 /// A group of measurements; one that fails ends the parsing with CLI::RuntimeError.
 void add_bench_command(CLI::App& app);
 

@@ -30,8 +30,7 @@ void add_capture_command(CLI::App& parent, int& status) {
       "is written, whatever its range, and points are not deskewed. PCD and PLY are binary.\n"
       "The sensor is identified from its packets; an HDL-64E's calibration is read from its status stream. "
       "--config and --set take niliod's keys: lidar.model, lidar.calibration, lidar.port, lidar.returns, "
-      "...\n"
-      "Exit status: 0; 1 when a file cannot be read or written, or nothing was written.");
+      "...");
   command->add_option("recording", options->recording, "capture, or folder of a recording")->required();
   command->add_option("output", options->output, "folder for the scans, created if missing")->required();
   command->add_option("--format", options->format, "pcd (default), ply or csv")

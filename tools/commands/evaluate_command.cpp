@@ -126,8 +126,7 @@ void add_evaluate_command(CLI::App& app, int& status) {
       app.add_subcommand("evaluate", "compare a trajectory with the truth: APE, RPE, KITTI segments");
   command->footer(
       "Both files are TUM (time x y z qx qy qz qw) or both are KITTI (12 numbers per line, paired line by "
-      "line).\n"
-      "Exit status: 0 done, 1 input cannot be used, 3 a --max-... threshold is exceeded.");
+      "line).");
   command->add_option("truth", arguments->truth_path, "true trajectory")->required();
   command->add_option("estimate", arguments->estimate_path, "trajectory to compare with it")->required();
   command->add_option(

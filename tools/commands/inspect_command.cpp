@@ -17,9 +17,7 @@ void add_inspect_command(CLI::App& app, int& status) {
       "searched.\n"
       "With LiDAR and IMU the odometry runs, with the recording's own nilio.yaml or --config, and the IMU "
       "is checked against the registered motion: axes, mounting, units, clock. Corrections are printed and "
-      "go into --write-config.\n"
-      "Exit status: 0; 1 when no file is usable, --config or --dbc cannot be read, or a file could not be "
-      "written.");
+      "go into --write-config.");
   command->add_option("recording", options->paths, "captures, CAN logs, or folders of them")->required();
   command->add_option("--json", options->json_path,
                       "also write the findings as JSON; '-': only JSON, to standard output");

@@ -135,8 +135,7 @@ void add_play_command(CLI::App& app, int& status) {
       "Gaps, and stamps that jump back by more than a second, are reported; playing continues after them.\n"
       "--restamp is for live tests: the first packet's time becomes the host's present time, and all others "
       "move by the same amount, modulo one hour; again after each skipped gap and each loop. NMEA sentences "
-      "in position packets stay as recorded. It needs the recording's own pace.\n"
-      "Exit status: 0, or 1 when a packet or frame could not be sent.");
+      "in position packets stay as recorded. It needs the recording's own pace.");
   command->add_option("RECORDING", arguments->recordings, "folder or files to play")->required();
   add_destination_options(*command, arguments->config);
   add_pace_options(*command, *arguments);

@@ -197,8 +197,7 @@ void add_record_command(CLI::App& app, int& status) {
       "the disk is full, data that do not fit are dropped and counted, and recording continues when there "
       "is space.\n"
       "Beside a running niliod, which has the ports, copies of its packets are recorded with the same time "
-      "stamps; this needs CAP_NET_RAW.\n"
-      "Exit status: 0, or 1 when no data were recorded or the disk did not take all of them.");
+      "stamps; this needs CAP_NET_RAW.");
   command->add_option("OUTPUT_FOLDER", arguments->folder, "folder for the recording, created if missing")
       ->required();
   add_source_options(*command, *arguments);
