@@ -18,16 +18,15 @@ struct Row {
 };
 
 constexpr std::size_t kColumns = 100;
-constexpr const char* kUsage = "unknown, missing or contradictory options";
+constexpr const char* kUsage = "unknown, missing or contradictory options; niliod: an invalid configuration";
 
 constexpr std::array kRows{
     Row{"niliod",
         "the recording was replayed to its end and tracking was kept; a live run was stopped by a signal",
-        "an input, the configuration or the output cannot be used; the files are incomplete; a replay was "
-        "stopped by a signal before its end",
+        "an input or the output cannot be used; the files are incomplete; a replay was stopped by a signal "
+        "before its end",
         "replay: tracking is lost at the end, the map was reset after its first scans, or tracking was lost "
-        "at "
-        "more than 5 % of the poses; nilio-publisher could not start, so that nothing was published"},
+        "at more than 5 % of the poses; nilio-publisher could not start, so that nothing was published"},
     Row{"nilio-publisher", "stopped by a signal, all poses written",
         "the DDS participant, a topic or an inherited descriptor cannot be used", nullptr},
     Row{"nilio record", "recorded", "no data were recorded, or the disk did not take all of them", nullptr},
