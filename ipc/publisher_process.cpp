@@ -169,6 +169,7 @@ std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_sub
       "--wait-for-subscribers=" + std::to_string(wait_for_subscribers.seconds())};
   if (config_.lock_memory) arguments.emplace_back("--lock-memory");
   if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
+  if (!config_.transform) arguments.emplace_back("--no-transform");
   for (const std::string& address : config_.interface_whitelist)
     arguments.push_back("--interface=" + address);
   int descriptor = kFirstDescriptor;

@@ -30,6 +30,7 @@ struct PublisherProcessConfig {
   std::string odom_frame = "odom";
   std::string base_frame = "base_link";
   std::string topic_prefix;          ///< before the topic names, e.g. "vehicle_1" for rt/vehicle_1/odom
+  bool transform = true;             ///< publish the transform of the pose
   std::size_t ring_capacity = 1024;  ///< poses kept while the publisher restarts
   /// If set, IMU-rate poses are published.
   std::optional<ImuPoseConfig> imu_poses;

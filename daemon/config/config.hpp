@@ -130,6 +130,7 @@ struct PublisherSection {
   std::string odom_frame = "odom";
   std::string base_frame = "base_link";
   std::string topic_prefix;
+  bool transform = true;
   double wait_for_subscribers_s = 0.0;
   bool imu_rate = true;
   double imu_rate_max_hz = 0.0;

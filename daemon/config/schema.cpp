@@ -208,6 +208,9 @@ void add_publisher(Section s, PublisherSection& c) {
   s.add("odom_frame", &c.odom_frame, "reference frame of the poses");
   s.add("base_frame", &c.base_frame, "vehicle frame of the poses");
   s.add("topic_prefix", &c.topic_prefix, "prefix of the topic names");
+  s.add("transform", &c.transform,
+        "publish the transform from odom_frame to base_frame; false where another node does, such as "
+        "robot_localization");
   s.number("wait_for_subscribers_s", &c.wait_for_subscribers_s, "s", 0, 60,
            "maximum time the first poses wait for a subscriber");
   s.add("imu_rate", &c.imu_rate, "also publish a pose for every IMU sample; not in an unpaced replay");

@@ -103,6 +103,7 @@ Result<std::monostate> Supervisor::open_publisher() {
   config.odom_frame = config_.publisher.odom_frame;
   config.base_frame = config_.publisher.base_frame;
   config.topic_prefix = config_.publisher.topic_prefix;
+  config.transform = config_.publisher.transform;
   config.ring_capacity = kPublisherSlots;
   if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
   const Result<ThreadPlan> plan = make_thread_plan(config_, options_.rules);

@@ -81,6 +81,7 @@ void add_publisher_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--odom-frame", publisher.odom_frame, "Frame of the poses");
   app.add_option("--base-frame", publisher.base_frame, "Frame of the vehicle");
   app.add_option("--topic-prefix", publisher.topic_prefix, "Prefix of the topic names");
+  app.add_flag("!--no-transform", publisher.transform, "Do not publish the transform of the pose");
   app.add_option("--nice", options.nice, "Nice value of this process")->check(CLI::Range(-20, 19));
   app.add_option("--priority", options.priority,
                  "SCHED_FIFO priority of the scan pose thread; 0: no thread is FIFO")

@@ -54,7 +54,8 @@ core::Result<std::unique_ptr<OdometryPublisher>> OdometryPublisher::create(
   if (!names) return names.error();
   auto participant = Participant::create(
       config.participant,
-      std::make_unique<TopicConflicts>(names->odometry, names->transform, config.base_frame));
+      std::make_unique<TopicConflicts>(names->odometry, config.transform ? names->transform : std::string(),
+                                       config.base_frame));
   if (!participant) return participant.error();
 
   auto entities = std::make_unique<Entities>();
@@ -70,13 +71,14 @@ core::Result<std::unique_ptr<OdometryPublisher>> OdometryPublisher::create(
   const WriterOptions once_per_scan{.depth = kHistoryDepth, .user_data = ""};
   const WriterOptions once_per_second{.depth = kHistoryDepth, .deadline = kReportDeadline, .user_data = ""};
   entities->odometry_writer = create(Odometry{}, names->odometry, once_per_scan);
-  entities->transform_writer =
-      create(TransformMessage{}, names->transform,
-             {.depth = kTransformDepth, .user_data = TopicConflicts::user_data(config.base_frame)});
+  if (config.transform)
+    entities->transform_writer =
+        create(TransformMessage{}, names->transform,
+               {.depth = kTransformDepth, .user_data = TopicConflicts::user_data(config.base_frame)});
   entities->scan_report_writer = create(ScanReport{}, names->scan_report, once_per_scan);
   entities->latency_writer = create(LatencyReport{}, names->latency, once_per_second);
   entities->diagnostics_writer = create(DiagnosticArray{}, names->diagnostics, once_per_second);
-  if (entities->odometry_writer == nullptr || entities->transform_writer == nullptr ||
+  if (entities->odometry_writer == nullptr || (config.transform && entities->transform_writer == nullptr) ||
       entities->latency_writer == nullptr || entities->scan_report_writer == nullptr ||
       entities->diagnostics_writer == nullptr)
     return core::Error{"Fast DDS cannot create the writers for " + names->odometry + ", " + names->transform +
@@ -96,6 +98,7 @@ bool OdometryPublisher::publish_odometry(const ipc::PoseRecord& record) {
 }
 
 bool OdometryPublisher::publish_transform(const ipc::PoseRecord& record) {
+  if (entities_->transform_writer == nullptr) return true;
   TransformStamped& transform = entities_->transform.transforms.front();
   transform.stamp = {record.stamp_ns};
   transform.translation = record.position;
@@ -118,14 +121,16 @@ bool OdometryPublisher::publish_diagnostics(const DiagnosticArray& diagnostics) 
 }
 
 int OdometryPublisher::subscribers() const {
+  const fastdds::DataWriter* transform = entities_->transform_writer;
   return std::max(matched_subscribers(*entities_->odometry_writer),
-                  matched_subscribers(*entities_->transform_writer));
+                  transform == nullptr ? 0 : matched_subscribers(*transform));
 }
 
 bool OdometryPublisher::wait_for_pose_acknowledgments(core::Duration timeout) {
   const auto limit = std::chrono::steady_clock::now() + std::chrono::nanoseconds(timeout.ns);
   for (fastdds::DataWriter* writer :
        {entities_->odometry_writer, entities_->transform_writer, entities_->scan_report_writer}) {
+    if (writer == nullptr) continue;
     const core::Duration left{std::chrono::nanoseconds(limit - std::chrono::steady_clock::now()).count()};
     if (writer->wait_for_acknowledgments(dds_duration(left)) != ReturnCode_t::RETCODE_OK) return false;
   }

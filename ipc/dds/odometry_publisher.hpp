@@ -17,6 +17,7 @@ struct OdometryPublisherConfig {
   std::string odom_frame = "odom";
   std::string base_frame = "base_link";
   std::string topic_prefix;
+  bool transform = true;  ///< false: publish_transform() does nothing
 };
 
 /// Fills the odometry message except for its frame names.

@@ -80,7 +80,7 @@ void TopicConflicts::on_publisher_discovery(eprosima::fastdds::dds::DomainPartic
 std::string TopicConflicts::find_conflict(const rtps::WriterProxyData& writer) const {
   const std::string topic = writer.topicName().to_string();
   if (topic == odometry_topic_) return topic + ": poses are also published by ";
-  if (topic != transform_topic_) return {};
+  if (transform_topic_.empty() || topic != transform_topic_) return {};
   const auto& bytes = writer.m_qos.m_userData.getValue();
   const std::string data(bytes.begin(), bytes.end());
   if (data.find(";" + user_data(base_frame_)) == std::string::npos) return {};

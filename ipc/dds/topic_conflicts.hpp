@@ -16,6 +16,7 @@ namespace nilio::dds {
 /// threads call it; it neither logs nor calls Fast DDS.
 class TopicConflicts : public eprosima::fastdds::dds::DomainParticipantListener {
  public:
+  /// An empty `transform_topic`: no transform is published.
   TopicConflicts(std::string odometry_topic, std::string transform_topic, std::string base_frame);
 
   /// User data of a transform writer, by which another nilio finds the frame.

@@ -1,6 +1,7 @@
 #include "ipc/dds/topic_conflicts.hpp"
 
 #include "ipc/dds/odometry_publisher.hpp"
+#include "ipc/dds/odometry_subscriber.hpp"
 #include "tests/support/dds_support.hpp"
 
 #include <chrono>
@@ -18,8 +19,9 @@ using namespace nilio::dds;
 using namespace nilio::tests;
 
 std::unique_ptr<OdometryPublisher> publisher_of(std::uint32_t domain, const std::string& prefix,
-                                                const std::string& base_frame) {
+                                                const std::string& base_frame, bool transform = true) {
   OdometryPublisherConfig config;
+  config.transform = transform;
   config.participant = loopback(domain);
   config.participant.name = "vehicle \n2";
   config.topic_prefix = prefix;
@@ -68,4 +70,19 @@ TEST_CASE("nilio on other topics conflicts only if it moves the same frame", "[t
   }));
   CHECK(lines.size() == 1);
   CHECK_THAT(lines.front(), Contains("rt/tf: the transform of base_link"));
+}
+
+TEST_CASE("nilio without the transform publishes its poses and moves no frame", "[topic_conflicts]") {
+  const std::uint32_t domain = test_domain();
+  const auto first = make_publisher(domain);
+  const auto second = publisher_of(domain, "other", "base_link", false);
+  auto subscriber = OdometrySubscriber::create({.participant = loopback(domain), .topic_prefix = "other"});
+  REQUIRE(subscriber.ok());
+  REQUIRE(wait_for_subscriber(*second));
+  CHECK(second->publish_odometry(sample_record(1)));
+  CHECK(second->publish_transform(sample_record(1)));
+  CHECK((*subscriber)->next(kPatience).has_value());
+  CHECK(second->wait_for_pose_acknowledgments(kPatience));
+  CHECK(first->participant().take_conflicts().empty());
+  CHECK(second->participant().take_conflicts().empty());
 }
