@@ -135,6 +135,13 @@ void add_lidar_options(CLI::App& command, Arguments& a) {
   command.add_option("--sensor", a.sensor, "LiDAR: " + sensor_names())
       ->check(sensor_name())
       ->capture_default_str();
+  command
+      .add_option(
+          "--lidar-extrinsic", a.options.lidar_extrinsic,
+          "mounting of the LiDAR on the vehicle: x y z in m, roll pitch yaw in deg; default: 0 0 1.73 "
+          "0 0 0")
+      ->type_name("X Y Z ROLL PITCH YAW")
+      ->check(number_between(-360.0, 360.0));
   command.add_option("--return-mode", a.return_mode, "returns in each packet")
       ->check(CLI::IsMember(names_of(kReturnModes)))
       ->capture_default_str();
@@ -292,7 +299,7 @@ void add_simulate_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* command = app.add_subcommand("simulate", "record a simulated drive through a synthetic scene");
   command->footer(
-      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground under the LiDAR, every 5 ms), "
+      "Writes lidar.pcap, imu.candump.log, truth.tum (base_link, on the ground, every 5 ms), "
       "nilio.yaml, and calibration.yaml if the LiDAR sends its calibration, to OUTPUT_DIR; files there are "
       "replaced. The same options give the same bytes.\n\n"
       "Examples:\n"

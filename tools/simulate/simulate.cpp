@@ -33,10 +33,16 @@ using core::SE3;
 
 /// 2026-01-01T12:00:00Z. Fixed, so that recordings of the same seed are equal, stamps included.
 constexpr core::Time kStart{1'767'268'800'000'000'000};
-const Mounting kLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
+/// Of the LiDAR that recorded a pose file: KITTI's.
+const Mounting kRecordedLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
 const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
 
 constexpr double kMetresPerMovingCar = 30.0;
+
+Mounting lidar_mounting(const Options& options) {
+  const auto& e = options.lidar_extrinsic;
+  return {{e[0], e[1], e[2]}, {e[3], e[4], e[5]}};
+}
 
 Result<std::vector<SE3>> make_town_poses(const Options& options, const SE3& T_base_lidar) {
   if (options.trajectory == "town") {
@@ -204,7 +210,7 @@ Result<bool> write_small_files(const Options& options, const VehicleTrajectory& 
   std::printf("%s: %llu poses\n", (folder / "truth.tum").c_str(), static_cast<unsigned long long>(*truth));
   RecordedSensors sensors;
   sensors.lidar_model = drivers::velodyne_model_name(lidar.sensor.model);
-  sensors.lidar = kLidarMounting;
+  sensors.lidar = lidar_mounting(options);
   sensors.imu_preset = with_imu ? options.imu : std::string();
   sensors.imu = kImuMounting;
   if (lidar.stream && lidar.stream->calibration()) {
@@ -221,7 +227,7 @@ Result<LidarRecordingSummary> write_lidar(const Options& options, const LidarSet
   LidarModelConfig config;
   config.seed = options.seed;
   config.start = kStart;
-  config.T_base_lidar = kLidarMounting.T_base_sensor();
+  config.T_base_lidar = lidar_mounting(options).T_base_sensor();
   config.revolutions_per_minute = options.revolutions_per_minute;
   config.range_noise_m = options.range_noise_m;
   config.return_mode = options.return_mode;
@@ -244,7 +250,7 @@ Result<bool> write_recording(const Options& options) {
   if (!setup) return setup.error();
   const Result<fs::path> folder = prepare_folder(options.output);
   if (!folder) return folder.error();
-  Result<Scene> made = make_scene(options, kLidarMounting.T_base_sensor());
+  Result<Scene> made = make_scene(options, kRecordedLidarMounting.T_base_sensor());
   if (!made) return made.error();
   const VehicleTrajectory trajectory(made->poses, kControlIntervalS);
   print_drive(path_length(made->poses), trajectory);

@@ -7,6 +7,7 @@
 #include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -34,6 +35,8 @@ struct Options {
   std::optional<unsigned> moving_cars;
 
   drivers::VelodyneModel sensor = drivers::VelodyneModel::kVlp16;
+  /// Mounting on the vehicle, T_base_lidar: x, y, z (m), roll, pitch, yaw (deg).
+  std::array<double, 6> lidar_extrinsic{0.0, 0.0, 1.73, 0.0, 0.0, 0.0};
   drivers::ReturnMode return_mode = drivers::ReturnMode::kSingle;
   double revolutions_per_minute = 600.0;
   double range_noise_m = 0.02;

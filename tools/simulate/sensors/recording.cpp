@@ -124,7 +124,7 @@ Result<bool> write_configuration(const RecordedSensors& sensors, const std::stri
   };
   errno = 0;
   std::ofstream file(path);
-  file << "# Sensors of this simulated recording. base_link is on the ground under the LiDAR, x forward.\n"
+  file << "# Sensors of this simulated recording. base_link is on the ground, x forward.\n"
           "# Extrinsics are poses in base_link: metres; roll, pitch, yaw in degrees, R = Rz(yaw) Ry(pitch) "
           "Rx(roll).\n"
           "lidar:\n  model: "
