@@ -75,7 +75,8 @@ Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool 
                             (extension == ".log" && part_number(path));
   if (kind == FileKind::kCanLog || is_named_log) return put_part(files.can_logs, path, "CAN log");
   if (named_by_user) return Error{path.string() + ": " + drivers::why_no_recording(path.string())};
-  if (extension == drivers::kPartialSuffix) files.unfinished.push_back(path.string());
+  if (extension == drivers::kPartialSuffix || kind == FileKind::kCompressed)
+    files.unreadable.push_back(path.string());
   return std::monostate{};
 }
 
@@ -113,8 +114,8 @@ Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths) {
 Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
   Result<ReplayFiles> files = sort_replay_files(paths);
   if (files && files->captures.empty() && files->kitti_sequence.empty()) {
-    if (!files->unfinished.empty())
-      return Error{files->unfinished.front() + ": " + drivers::why_no_recording(files->unfinished.front())};
+    if (!files->unreadable.empty())
+      return Error{files->unreadable.front() + ": " + drivers::why_no_recording(files->unreadable.front())};
     return Error{
         paths.front() +
         ": nothing to replay: expected a capture (.pcap, .pcapng) or a KITTI sequence (velodyne/*.bin)"};

@@ -13,7 +13,7 @@ struct ReplayFiles {
   std::vector<std::string> can_logs;    ///< candump, in order
   std::string configuration;            ///< nilio.yaml of the recording
   std::string kitti_sequence;           ///< folder of a KITTI sequence
-  std::vector<std::string> unfinished;  ///< files whose writer was interrupted (drivers::kPartialSuffix)
+  std::vector<std::string> unreadable;  ///< unfinished (drivers::kPartialSuffix) or compressed files
 };
 
 /// Sorts folders and files by kind, recognised by their content (drivers::file_kind()). Numbered files of

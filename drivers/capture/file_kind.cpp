@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <fstream>
+#include <span>
 #include <system_error>
 
 namespace nilio::drivers {
@@ -17,6 +18,30 @@ namespace fs = std::filesystem;
 using namespace std::string_view_literals;
 
 constexpr std::size_t kHeadSize = 4096;
+
+struct Packer {
+  std::string_view magic;
+  const char* name;
+  const char* command;
+};
+constexpr std::array<Packer, 4> kPackers{{
+    {"\x1F\x8B"sv, "gzip", "gunzip"},
+    {"\xFD"
+     "7zXZ"sv,
+     "xz", "unxz"},
+    {"\x28\xB5\x2F\xFD"sv, "zstd", "unzstd"},
+    {"BZh"sv, "bzip2", "bunzip2"},
+}};
+
+const Packer* find_packer(std::string_view head) {
+  const auto found = std::find_if(kPackers.begin(), kPackers.end(),
+                                  [&](const Packer& packer) { return head.starts_with(packer.magic); });
+  return found == kPackers.end() ? nullptr : &*found;
+}
+
+bool is_one_of(const fs::path& extension, std::span<const std::string_view> names) {
+  return std::find(names.begin(), names.end(), extension.string()) != names.end();
+}
 
 /// Empty for what is no regular file: reading a pipe would take its content away.
 std::string read_head(const std::string& path) {
@@ -52,10 +77,16 @@ FileKind file_kind(const std::string& path) {
   const std::string head = read_head(path);
   if (is_capture(head)) return FileKind::kCapture;
   if (is_can_log(head)) return FileKind::kCanLog;
-  const std::string extension = fs::path(path).extension().string();
+  const fs::path name(path);
   constexpr std::array kCaptures{".pcap"sv, ".pcapng"sv, ".cap"sv};
-  if (std::find(kCaptures.begin(), kCaptures.end(), extension) != kCaptures.end()) return FileKind::kCapture;
-  return extension == ".candump" ? FileKind::kCanLog : FileKind::kOther;
+  constexpr std::array kLogs{".candump"sv, ".log"sv, ".asc"sv};
+  if (find_packer(head) != nullptr) {
+    // lidar.pcap.gz
+    const fs::path inner = name.stem().extension();
+    return is_one_of(inner, kCaptures) || is_one_of(inner, kLogs) ? FileKind::kCompressed : FileKind::kOther;
+  }
+  if (is_one_of(name.extension(), kCaptures)) return FileKind::kCapture;
+  return name.extension() == ".candump" ? FileKind::kCanLog : FileKind::kOther;
 }
 
 std::string why_no_recording(const std::string& path) {
@@ -63,13 +94,7 @@ std::string why_no_recording(const std::string& path) {
     std::string_view magic;
     const char* text;
   };
-  constexpr std::array<Known, 8> kKnown{{
-      {"\x1F\x8B"sv, "is compressed (gzip); unpack it with 'gunzip'"},
-      {"\xFD"
-       "7zXZ"sv,
-       "is compressed (xz); unpack it with 'unxz'"},
-      {"\x28\xB5\x2F\xFD"sv, "is compressed (zstd); unpack it with 'unzstd'"},
-      {"BZh"sv, "is compressed (bzip2); unpack it with 'bunzip2'"},
+  constexpr std::array<Known, 4> kKnown{{
       {"PK\x03\x04"sv, "is a zip archive; unpack it"},
       {"#ROSBAG"sv, "is a ROS bag; captures and CAN logs are read"},
       {"SQLite format 3"sv, "is an SQLite file, perhaps a ROS 2 bag; captures and CAN logs are read"},
@@ -80,6 +105,9 @@ std::string why_no_recording(const std::string& path) {
            "is there";
   const std::string head = read_head(path);
   if (head.empty()) return "is empty (0 bytes); the recording was never written, record again";
+  if (const Packer* const packer = find_packer(head))
+    return std::string("is compressed (") + packer->name + "); unpack it with '" + packer->command + " " +
+           path + "'";
   for (const Known& known : kKnown) {
     if (head.starts_with(known.magic)) return known.text;
   }

@@ -18,7 +18,7 @@ void inspect_file(const fs::path& path, bool named_by_user, const drivers::DbcDa
   const FileKind kind = drivers::file_kind(path.string());
   std::error_code error;
   const bool is_empty = fs::is_regular_file(path, error) && fs::file_size(path, error) == 0 && !error;
-  if (kind == FileKind::kOther || is_empty) {
+  if (kind == FileKind::kOther || kind == FileKind::kCompressed || is_empty) {
     const bool unfinished = path.extension() == drivers::kPartialSuffix;
     if (named_by_user || unfinished || kind != FileKind::kOther)
       findings.problems.push_back(path.string() + ": " + drivers::why_no_recording(path.string()));

@@ -35,3 +35,14 @@ TEST_CASE("a damaged file counts by its name, an unfinished one not at all", "[f
   CHECK(why_no_recording(unfinished).find("interrupted") != std::string::npos);
   CHECK(why_no_recording(folder.write("a.gz", "\x1F\x8B....")).find("gunzip") != std::string::npos);
 }
+
+TEST_CASE("a packed recording is recognised and named with the command that unpacks it", "[file_kind]") {
+  const TemporaryFolder folder;
+  const std::string packed = folder.write("lidar.pcap.gz", "\x1F\x8B....");
+  CHECK(file_kind(packed) == FileKind::kCompressed);
+  CHECK(file_kind(folder.write("can.log.xz",
+                               "\xFD"
+                               "7zXZ....")) == FileKind::kCompressed);
+  CHECK(file_kind(folder.write("notes.tar.gz", "\x1F\x8B....")) == FileKind::kOther);
+  CHECK(why_no_recording(packed) == "is compressed (gzip); unpack it with 'gunzip " + packed + "'");
+}
