@@ -62,7 +62,9 @@ struct Arguments {
 };
 
 void add_options(CLI::App& app, Arguments& arguments) {
-  app.add_option("--config", arguments.config_file, "configuration file (YAML)");
+  app.add_option(
+      "--config", arguments.config_file,
+      "configuration file (YAML); without one niliod listens on the ports of a Velodyne and publishes");
   app.add_option(
          "--replay", arguments.replay,
          "replay a folder or files instead of live sensors: capture, CAN log, or KITTI sequence folder")
@@ -110,8 +112,6 @@ int fail(const std::string& message, nilio::ExitStatus status = nilio::kFailed) 
 /// Message for options that do not fit together; empty if they do.
 std::string find_usage_error(const Arguments& arguments) {
   const bool replay = !arguments.replay.empty();
-  if (!replay && arguments.config_file.empty() && arguments.overrides.empty() && arguments.decisions.empty())
-    return "no input: give --replay FOLDER for a recording or --config FILE for live sensors (see --help)";
   if (!replay && arguments.as_live) return "--as-live: no recording given - name it with --replay";
   if (arguments.as_live && !arguments.decisions.empty())
     return "--as-live and --decisions: both given - choose one of them";

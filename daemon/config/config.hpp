@@ -73,7 +73,7 @@ struct ImuSampleTimeConfig {
 struct ImuConfig {
   bool enabled = true;
   std::string source = "auto";
-  std::string preset = "xsens_mti";
+  std::string preset = "auto";
   /// A DBC file with six mapped signals replaces the preset. With a preset, the scales below multiply its
   /// scales.
   std::string dbc;

@@ -122,7 +122,10 @@ void add_imu(Section s, ImuConfig& c) {
   s.choice("source", c.source, {"auto", "can", "hdl32e"},
            "IMU on CAN, or the one in an HDL-32E (position packets; at lidar.extrinsic); auto = CAN where an "
            "interface is configured or frames are recorded, otherwise the HDL-32E's");
-  s.choice("preset", c.preset, drivers::imu_preset_names(), "built-in DBC file and signal mapping");
+  Names presets{"auto"};
+  for (const std::string& name : drivers::imu_preset_names()) presets.push_back(name);
+  s.choice("preset", c.preset, presets,
+           "built-in DBC file and signal mapping; auto = identified from the first second of frames");
   s.add("dbc", &c.dbc, "DBC file instead of the preset; requires a mapping of all six axes");
   s.add("interface", &c.interface_name,
         "CAN interface of the IMU, such as can0; empty = no IMU live, all interfaces of a log");

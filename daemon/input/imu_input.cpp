@@ -5,6 +5,9 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -100,15 +103,92 @@ Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config, std::vecto
   return decoder;
 }
 
-void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input) {
-  if (!decoder.taken_as_zero().empty())
-    input.notes.push_back("the IMU has no " + decoder.taken_as_zero() + ": taken as 0");
+bool is_imu_auto(const ImuConfig& config) { return config.dbc.empty() && config.preset == "auto"; }
+
+std::string imu_name(const ImuConfig& config) { return config.dbc.empty() ? config.preset : config.dbc; }
+
+namespace {
+
+/// Adds notes about assumptions: a configured time offset, an axis that the IMU does not measure.
+void note_assumptions(const ImuConfig& config, const std::string& taken_as_zero, Input& input) {
+  if (!taken_as_zero.empty()) input.notes.push_back("the IMU has no " + taken_as_zero + ": taken as 0");
   if (config.time_offset_ms == 0.0) return;
   std::array<char, 160> text{};
   std::snprintf(text.data(), text.size(),
                 "imu.time_offset_ms: IMU stamps are %.3f ms %s than the LiDAR's and are corrected",
                 std::abs(config.time_offset_ms), config.time_offset_ms > 0.0 ? "later" : "earlier");
   input.notes.emplace_back(text.data());
+}
+
+/// Identification among all presets, each as configured otherwise (scales, time offset).
+Result<std::unique_ptr<drivers::ImuIdentification>> make_identification(const ImuConfig& config) {
+  std::vector<drivers::ImuCandidate> candidates;
+  std::vector<std::string> ignored;
+  core::Error problem;
+  for (const std::string& name : drivers::imu_preset_names()) {
+    ImuConfig candidate = config;
+    candidate.preset = name;
+    Result<drivers::ImuDecoder> decoder = make_imu_decoder(candidate, ignored);
+    if (decoder) {
+      candidates.push_back({name, std::move(decoder).value()});
+    } else {
+      problem = decoder.error();
+    }
+  }
+  if (candidates.empty()) return problem;
+  return std::make_unique<drivers::ImuIdentification>(std::move(candidates));
+}
+
+/// True if a sample decodes from the frames.
+bool has_sample(drivers::ImuDecoder decoder, drivers::FrameSource& frames) {
+  const auto slots = std::make_unique<std::array<drivers::CanFrame, 64>>();
+  for (;;) {
+    const drivers::SourceRead read = frames.read(*slots, core::Duration{});
+    for (const drivers::CanFrame& frame : std::span(*slots).first(read.count)) {
+      if (decoder.add(frame)) return true;
+    }
+    if (read.state != drivers::SourceState::kData) return false;
+  }
+}
+
+core::Error no_sample(const ImuConfig& config, const std::string& log) {
+  const std::filesystem::path folder = std::filesystem::path(log).parent_path();
+  const std::string what = is_imu_auto(config) ? "of a built-in IMU (imu.preset: auto)"
+                                               : "of the configured IMU (" + imu_name(config) + ")";
+  return core::Error{
+      log + ": no sample " + what + " decodes from its frames - see what is in it with 'nilio inspect " +
+      (folder.empty() ? "." : folder.string()) + " --write-config nilio.yaml', or set imu.enabled to false"};
+}
+
+}  // namespace
+
+Result<std::monostate> find_recorded_imu(const ImuConfig& config, drivers::FrameSource& frames,
+                                         const std::string& log, Input& input) {
+  ImuConfig found = config;
+  std::string note;
+  if (is_imu_auto(config)) {
+    auto identification = make_identification(config);
+    if (!identification) return identification.error();
+    const drivers::IdentifiedImu* const imu = (*identification)->identify(frames);
+    if (imu == nullptr) return no_sample(config, log);
+    found.preset = imu->preset;
+    note = ", " + imu->text();
+    if (!imu->is_plausible())
+      input.warnings.push_back("IMU " + imu->preset + ": " + imu->text() +
+                               ", which is not near gravity - check its unit with 'nilio inspect'");
+  }
+  Result<drivers::ImuDecoder> decoder = make_imu_decoder(found, input.warnings);
+  if (!decoder) return decoder.error();
+  if (!is_imu_auto(config)) {
+    std::vector<std::string> ignored;
+    Result<drivers::ImuDecoder> trial = make_imu_decoder(found, ignored);
+    if (!trial) return trial.error();
+    if (!has_sample(std::move(trial).value(), frames)) return no_sample(config, log);
+  }
+  input.notes.push_back("IMU " + imu_name(found) + " from " + log + note);
+  note_assumptions(config, decoder->taken_as_zero(), input);
+  input.imu_decoder.emplace(std::move(decoder).value());
+  return std::monostate{};
 }
 
 void use_lidar_imu(Input& input) {
@@ -145,16 +225,28 @@ Result<std::monostate> open_live_imu(const Config& configuration, Input& input) 
         (input.has_lidar_imu ? "an HDL-32E's own IMU is used; with another LiDAR: " : "") + kNoImu);
     return std::monostate{};
   }
-  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config, input.warnings);
-  if (!decoder) return decoder.error();
-  Result<LiveCan> live = open_live_can(config, *decoder);
+  if (is_imu_auto(config)) {
+    auto identification = make_identification(config);
+    if (!identification) return identification.error();
+    input.imu_identification = std::move(identification).value();
+    input.notes.push_back("IMU on CAN " + config.interface_name +
+                          " is identified from the first second of its frames (imu.preset: auto)");
+    note_assumptions(config, "", input);
+  } else {
+    Result<drivers::ImuDecoder> decoder = make_imu_decoder(config, input.warnings);
+    if (!decoder) return decoder.error();
+    input.notes.push_back("IMU " + imu_name(config) + " on CAN " + config.interface_name + ", frames " +
+                          decoder->frame_filter().text());
+    note_assumptions(config, decoder->taken_as_zero(), input);
+    input.imu_decoder.emplace(std::move(decoder).value());
+  }
+  Result<LiveCan> live = open_live_can(
+      config,
+      input.imu_decoder ? input.imu_decoder->frame_filter() : input.imu_identification->frame_filter(),
+      input.imu_identification.get());
   if (!live) return live.error();
   input.frames = std::move(live->frames);
   input.can_watch = std::move(live->watch);
-  input.notes.push_back("IMU " + (config.dbc.empty() ? config.preset : config.dbc) + " on CAN " +
-                        config.interface_name + ", frames " + decoder->frame_filter().text());
-  note_assumptions(config, *decoder, input);
-  input.imu_decoder.emplace(std::move(decoder).value());
   return std::monostate{};
 }
 

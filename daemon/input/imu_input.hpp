@@ -20,8 +20,17 @@ inline constexpr const char* kNoImu =
 core::Result<drivers::ImuDecoder> make_imu_decoder(const ImuConfig& config,
                                                    std::vector<std::string>& warnings);
 
-/// Adds notes about assumptions: a configured time offset, an axis that the IMU does not measure.
-void note_assumptions(const ImuConfig& config, const drivers::ImuDecoder& decoder, Input& input);
+/// The IMU is to be identified from its frames.
+bool is_imu_auto(const ImuConfig& config);
+
+/// Name of the configured IMU for people: its DBC file, or its preset.
+std::string imu_name(const ImuConfig& config);
+
+/// Sets the decoder of a recording's IMU, identified from `frames` with imu.preset auto, and adds notes and
+/// warnings. Reads `frames` up to the evidence that the IMU decodes; an error if no sample does. `log` names
+/// their file.
+core::Result<std::monostate> find_recorded_imu(const ImuConfig& config, drivers::FrameSource& frames,
+                                               const std::string& log, Input& input);
 
 /// Selects the IMU of the first LiDAR.
 void use_lidar_imu(Input& input);

@@ -2,7 +2,6 @@
 
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
-#include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/network/udp.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
@@ -141,16 +140,20 @@ Result<std::monostate> open_recorded_imu(const ReplayFiles& files, const Config&
     input.warnings.emplace_back(std::string(missing) + kNoImu);
     return std::monostate{};
   }
-  Result<drivers::ImuDecoder> decoder = make_imu_decoder(config.imu, input.warnings);
-  if (!decoder) return decoder.error();
+  // One source is read for the identification, another for the run.
+  auto head = open_can_files(files, can_files, config.imu.interface_name);
+  if (!head) return head.error();
+  const Result<std::monostate> found = find_recorded_imu(config.imu, **head, describe(can_files), input);
+  if (!found && has_motion && config.imu.source == "auto" && is_imu_auto(config.imu)) {
+    input.warnings.push_back(found.error().message);
+    use_lidar_imu(input);
+    return std::monostate{};
+  }
+  if (!found) return found.error();
   Result<std::unique_ptr<drivers::FrameSource>> frames =
       open_can_files(files, can_files, config.imu.interface_name);
   if (!frames) return frames.error();
   input.frames = std::move(frames).value();
-  input.imu_decoder.emplace(std::move(decoder).value());
-  input.notes.push_back("IMU " + (config.imu.dbc.empty() ? config.imu.preset : config.imu.dbc) + " from " +
-                        describe(can_files));
-  note_assumptions(config.imu, *input.imu_decoder, input);
   warn_of_missing_parts(can_files, input.warnings);
   return std::monostate{};
 }
@@ -249,12 +252,6 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
 void apply_recording_defaults(const ReplayFiles& files, Config& config) {
   // The KITTI scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM); a property of the data set.
   if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
-  const std::vector<std::string> can_files = find_can_files(files);
-  if (can_files.empty()) return;
-  // An unreadable log is reported when it is opened.
-  const auto frames = open_can_files(files, can_files, config.imu.interface_name);
-  if (!frames) return;
-  if (const auto preset = drivers::detect_imu_preset(**frames)) config.imu.preset = *preset;
 }
 
 Result<Config> replay_config(const ReplayFiles& files, const std::string& config_file) {

@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/se3.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
+#include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/source.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
@@ -36,9 +37,12 @@ struct Input {
   std::unique_ptr<ScanFeed> scans;
   /// The IMU is that of the first LiDAR, an HDL-32E; there are no frames then.
   bool has_lidar_imu = false;
-  /// CAN frames and their decoder; both set or both empty.
+  /// CAN frames and their decoder; both set or both empty, unless the IMU is to be identified live: then the
+  /// IMU receive thread sets the decoder.
   std::unique_ptr<drivers::FrameSource> frames;
   std::optional<drivers::ImuDecoder> imu_decoder;
+  /// Live with imu.preset auto.
+  std::unique_ptr<drivers::ImuIdentification> imu_identification;
   /// Set for live frames only.
   std::unique_ptr<CanWatch> can_watch;
   /// Stamp of the recording's first packet, for paced replay.
@@ -50,8 +54,7 @@ struct Input {
   std::vector<std::string> warnings;
 };
 
-/// Applies the defaults of a recording: KITTI's elevation correction, the IMU preset whose messages are in
-/// its CAN frames. Call before any configuration file.
+/// Applies the defaults of a recording: KITTI's elevation correction. Call before any configuration file.
 void apply_recording_defaults(const ReplayFiles& files, Config& config);
 
 /// Configuration of a replay: defaults of the recording, then its nilio.yaml, then `config_file` (empty =

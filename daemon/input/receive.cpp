@@ -101,12 +101,13 @@ void PacketReceiver::finish() {
   announce_end(state_, data_event_);
 }
 
-ImuReceiver::ImuReceiver(drivers::FrameSource& source, drivers::ImuDecoder& decoder,
-                         ipc::Ring<core::ImuSample>& ring, ipc::WakeEvent& data_event,
-                         const ReceivePolicy& policy, ReceiveState& state, ipc::PublisherProcess* publisher,
-                         ipc::Ring<drivers::CanFrame>* recorded)
+ImuReceiver::ImuReceiver(drivers::FrameSource& source, std::optional<drivers::ImuDecoder>& decoder,
+                         drivers::ImuIdentification* identification, ipc::Ring<core::ImuSample>& ring,
+                         ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+                         ipc::PublisherProcess* publisher, ipc::Ring<drivers::CanFrame>* recorded)
     : source_(source),
       decoder_(decoder),
+      identification_(identification),
       ring_(ring),
       data_event_(data_event),
       policy_(policy),
@@ -118,6 +119,10 @@ ImuReceiver::ImuReceiver(drivers::FrameSource& source, drivers::ImuDecoder& deco
 bool ImuReceiver::run() {
   if (state_.stop.load(std::memory_order_relaxed)) return false;
   if (waiting_.empty()) {
+    if (!deliver_backlog()) {
+      sleep_ns(kRoomPollNs);
+      return true;
+    }
     if (at_end_) return false;
     const drivers::SourceRead read = source_.read(*frames_, kReadTimeout);
     at_end_ = has_ended(read.state, state_);
@@ -130,19 +135,36 @@ bool ImuReceiver::run() {
 bool ImuReceiver::take(const drivers::CanFrame& frame) {
   // A full ring leaves frames in the socket, where the kernel counts those it drops: every frame that was
   // read reaches the odometry, so that a recorded run can be repeated.
-  if (ring_.begin_write(1).empty()) {
+  if (!deliver_backlog() || ring_.begin_write(1).empty()) {
     sleep_ns(kRoomPollNs);
     return false;
   }
   if (!wait_until_due(frame.stamp, policy_.pace)) return false;
   if (recorded_ != nullptr) recorded_->try_push(frame);
-  const std::optional<core::ImuSample> sample = decoder_.add(frame);
-  if (!sample) return true;
-  if (publisher_ != nullptr)
-    publisher_->publish_sample({*sample, policy_.pace ? monotonic_ns() : frame.received_ns});
-  ring_.try_push(*sample);
-  if (state_.is_awaited.load(std::memory_order_seq_cst)) data_event_.notify();
+  if (!decoder_) {
+    if (!identification_->add(frame)) return true;
+    decoder_.emplace(identification_->take_decoder());
+    backlog_ = identification_->samples();
+    return true;
+  }
+  if (const std::optional<core::ImuSample> sample = decoder_->add(frame)) deliver(*sample, frame.received_ns);
   return true;
+}
+
+/// True if nothing of it is left.
+bool ImuReceiver::deliver_backlog() {
+  while (!backlog_.empty() && !ring_.begin_write(1).empty()) {
+    deliver(backlog_.front().sample, backlog_.front().received_ns);
+    backlog_ = backlog_.subspan(1);
+  }
+  return backlog_.empty();
+}
+
+void ImuReceiver::deliver(const core::ImuSample& sample, std::int64_t received_ns) {
+  if (publisher_ != nullptr)
+    publisher_->publish_sample({sample, policy_.pace ? monotonic_ns() : received_ns});
+  ring_.try_push(sample);
+  if (state_.is_awaited.load(std::memory_order_seq_cst)) data_event_.notify();
 }
 
 void ImuReceiver::finish() { announce_end(state_, data_event_); }

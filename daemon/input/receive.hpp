@@ -4,6 +4,7 @@
 #include "nilio/core/scan.hpp"
 #include "nilio/core/time.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
+#include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/source.hpp"
 
 #include "daemon/realtime/run_rules.hpp"
@@ -83,12 +84,14 @@ class PacketReceiver {
 };
 
 /// Work of the IMU receive thread: decodes CAN frames into samples for the odometry ring and, unless null,
-/// for the publisher's IMU-rate poses. The publisher never blocks this thread. All references must outlive
-/// it.
+/// for the publisher's IMU-rate poses. The publisher never blocks this thread. An IMU without a decoder is
+/// identified first; its samples until then follow at once. All references must outlive it.
 class ImuReceiver {
  public:
-  /// Unless null, `recorded` gets a copy of each frame that enters the decoder.
-  ImuReceiver(drivers::FrameSource& source, drivers::ImuDecoder& decoder, ipc::Ring<core::ImuSample>& ring,
+  /// `decoder` is empty if `identification`, otherwise null, is to set it. Unless null, `recorded` gets a
+  /// copy of each received frame.
+  ImuReceiver(drivers::FrameSource& source, std::optional<drivers::ImuDecoder>& decoder,
+              drivers::ImuIdentification* identification, ipc::Ring<core::ImuSample>& ring,
               ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
               ipc::PublisherProcess* publisher = nullptr, ipc::Ring<drivers::CanFrame>* recorded = nullptr);
 
@@ -102,9 +105,12 @@ class ImuReceiver {
 
   /// False while the frame is not due or its sample has no room.
   bool take(const drivers::CanFrame& frame);
+  bool deliver_backlog();
+  void deliver(const core::ImuSample& sample, std::int64_t received_ns);
 
   drivers::FrameSource& source_;
-  drivers::ImuDecoder& decoder_;
+  std::optional<drivers::ImuDecoder>& decoder_;
+  drivers::ImuIdentification* identification_;
   ipc::Ring<core::ImuSample>& ring_;
   ipc::WakeEvent& data_event_;
   const ReceivePolicy& policy_;
@@ -114,6 +120,8 @@ class ImuReceiver {
   std::unique_ptr<std::array<drivers::CanFrame, kBatch>> frames_;
   /// Frames read and not yet taken.
   std::span<const drivers::CanFrame> waiting_;
+  /// Samples of the identification that are not delivered yet.
+  std::span<const drivers::ReceivedSample> backlog_;
   bool at_end_ = false;
 };
 

@@ -209,8 +209,8 @@ void OdometryLoop::wait_for_imu(const core::Scan& scan, const std::atomic<bool>&
   while (!stop.load(std::memory_order_relaxed)) {
     const bool ended = imu_state_->ended.load(std::memory_order_acquire);
     if (drain_imu(scan.end, counters)) return;
-    // Most LiDARs have no IMU: wait only for one that has sent.
-    if (config_.has_lidar_imu && imu_samples_taken_ == 0) return;
+    // Most LiDARs have no IMU, and one on CAN may not be identified yet: wait only for one that has sent.
+    if (config_.may_lack_imu && imu_samples_taken_ == 0) return;
     const Advance advanced = config_.has_lidar_imu ? feed_.advance() : Advance::kNothing;
     if (advanced == Advance::kDecoded) continue;
     if (ended && advanced == Advance::kNothing) return;

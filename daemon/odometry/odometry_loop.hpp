@@ -67,6 +67,8 @@ struct OdometryLoopConfig {
   core::Duration imu_wait = core::Duration::from_milliseconds(20.0);
   /// The samples are in the packets of the feed.
   bool has_lidar_imu = false;
+  /// Scans do not wait for an IMU before its first sample: it is not known yet whether there is one.
+  bool may_lack_imu = false;
   /// Decisions of an earlier run to repeat instead of decisions by the clock; the run ends with them.
   const std::vector<ScanDecision>* decisions = nullptr;
   ThreadHook hook = nullptr;

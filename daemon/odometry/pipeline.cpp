@@ -175,6 +175,7 @@ OdometryLoopConfig Pipeline::loop_config() const {
   OdometryLoopConfig result;
   result.rules = options_.rules;
   result.has_lidar_imu = input_.has_lidar_imu;
+  result.may_lack_imu = input_.has_lidar_imu || input_.imu_identification != nullptr;
   result.hook = options_.thread_hook;
   result.imu_wait = core::Duration::from_milliseconds(config_.odometry.imu_wait_ms);
   // Registration needs most of the budget.
@@ -280,9 +281,9 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
     // An unpaced replay has samples seconds before the scans they belong to.
     ipc::PublisherProcess* const imu_poses =
         options_.rules.has_sensors() || policy_.pace ? publisher_ : nullptr;
-    const auto receiver =
-        std::make_shared<ImuReceiver>(*input_.frames, *input_.imu_decoder, imu_ring_, data_event_, policy_,
-                                      imu_state_, imu_poses, recorded_frames());
+    const auto receiver = std::make_shared<ImuReceiver>(
+        *input_.frames, input_.imu_decoder, input_.imu_identification.get(), imu_ring_, data_event_, policy_,
+        imu_state_, imu_poses, recorded_frames());
     start_thread(
         ThreadRole::kImuReceive,
         {.run = [receiver] { return receiver->run(); }, .finish = [receiver] { receiver->finish(); }},

@@ -14,6 +14,8 @@ using drivers::CanBusState;
 using drivers::CanEvent;
 
 constexpr std::int64_t kCanSilenceNs = 1'000'000'000;
+/// An IMU that sends is identified within a second.
+constexpr std::int64_t kUnrecognisedNs = 3'000'000'000;
 
 struct ErrorClass {
   std::uint32_t bit;
@@ -129,11 +131,45 @@ std::string ImuSilence::seen_instead() const {
   return text + (others > 0 ? " - check the IMU, and imu.preset or imu.dbc" : " - check bit rate and wiring");
 }
 
+ImuRecognition::ImuRecognition(std::shared_ptr<CanTraffic> traffic, std::string interface_name,
+                               const drivers::ImuIdentification* identification)
+    : traffic_(std::move(traffic)),
+      interface_name_(std::move(interface_name)),
+      identification_(identification) {}
+
+std::optional<EventLog::Line> ImuRecognition::observe(std::int64_t now_ns) {
+  if (recognised_) return std::nullopt;
+  const std::uint64_t own = traffic_->imu_frames.load(std::memory_order_relaxed);
+  const std::uint64_t frames = own + traffic_->other_frames.load(std::memory_order_relaxed);
+  const drivers::IdentifiedImu* const imu = identification_ == nullptr ? nullptr : identification_->result();
+  recognised_ = identification_ == nullptr ? own > 0 : imu != nullptr;
+  if (imu != nullptr) {
+    std::string text = "IMU " + imu->preset + " on CAN " + interface_name_ + " " + imu->text();
+    if (!imu->taken_as_zero.empty()) text += "; it has no " + imu->taken_as_zero + ": taken as 0";
+    if (const std::uint64_t lost = identification_->samples_lost(); lost > 0)
+      text += "; " + std::to_string(lost) + " samples before were lost";
+    return EventLog::Line{LogLevel::kInfo, text};
+  }
+  if (traffic_since_ns_ < 0 && frames > 0) traffic_since_ns_ = now_ns;
+  if (recognised_ || failed_ || traffic_since_ns_ < 0 || now_ns - traffic_since_ns_ < kUnrecognisedNs)
+    return std::nullopt;
+  failed_ = true;
+  return EventLog::Line{
+      LogLevel::kError,
+      "IMU: no sample decodes from " + std::to_string(frames) + " frames on " + interface_name_ +
+          (identification_ == nullptr ? "" : ", which are of no built-in IMU (imu.preset: auto)") +
+          "; odometry continues without the IMU - record the bus with 'nilio record FOLDER --can " +
+          interface_name_ +
+          "', see what is in it with 'nilio inspect FOLDER --write-config vehicle.yaml', and "
+          "set imu.preset or imu.dbc"};
+}
+
 CanWatch::CanWatch(std::unique_ptr<drivers::CanController> controller, std::shared_ptr<CanTraffic> traffic,
-                   std::string identifiers)
+                   std::string identifiers, ImuRecognition recognition)
     : controller_(std::move(controller)),
       traffic_(traffic),
-      silence_(std::move(traffic), std::move(identifiers)) {}
+      silence_(std::move(traffic), std::move(identifiers)),
+      recognition_(std::move(recognition)) {}
 
 std::vector<CanEvent> CanWatch::poll(std::int64_t now_ns) {
   std::vector<CanEvent> events = controller_->take_events();
@@ -153,7 +189,8 @@ std::map<std::string, std::uint64_t> CanWatch::counters() const {
           {"imu_silences", silence_.silences()}};
 }
 
-core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuDecoder& decoder) {
+core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuFrameFilter& filter,
+                                    const drivers::ImuIdentification* identification) {
   // The controller first: setting up an interface restarts it, which a reader would count as an outage.
   auto controller =
       drivers::CanController::watch({config.interface_name, static_cast<std::uint32_t>(config.bitrate),
@@ -166,9 +203,9 @@ core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuD
   if (!source) return core::Error{"imu.interface: " + source.error().message};
   auto traffic = std::make_shared<CanTraffic>();
   LiveCan live;
-  live.frames = std::make_unique<WatchedFrames>(std::move(source).value(), decoder.frame_filter(), traffic);
-  live.watch = std::make_unique<CanWatch>(std::move(controller).value(), std::move(traffic),
-                                          decoder.frame_filter().text());
+  live.frames = std::make_unique<WatchedFrames>(std::move(source).value(), filter, traffic);
+  live.watch = std::make_unique<CanWatch>(std::move(controller).value(), traffic, filter.text(),
+                                          ImuRecognition(traffic, config.interface_name, identification));
   return live;
 }
 

@@ -3,15 +3,18 @@
 #include "nilio/core/result.hpp"
 #include "nilio/drivers/can/can_controller.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
+#include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/source.hpp"
 
 #include "daemon/config/config.hpp"
+#include "daemon/output/event_log.hpp"
 
 #include <array>
 #include <atomic>
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -70,14 +73,37 @@ class ImuSilence {
   std::uint64_t silences_ = 0;
 };
 
+/// Reports once which IMU was identified, or that the frames of a bus are of no known one. Has no clock of
+/// its own. One thread.
+class ImuRecognition {
+ public:
+  /// `identification` is null for a configured IMU.
+  ImuRecognition(std::shared_ptr<CanTraffic> traffic, std::string interface_name,
+                 const drivers::ImuIdentification* identification);
+
+  /// `now_ns`: monotonic.
+  std::optional<EventLog::Line> observe(std::int64_t now_ns);
+
+ private:
+  std::shared_ptr<CanTraffic> traffic_;
+  const std::string interface_name_;
+  const drivers::ImuIdentification* identification_;
+  /// First frames were seen; -1 = none yet.
+  std::int64_t traffic_since_ns_ = -1;
+  bool failed_ = false;
+  bool recognised_ = false;
+};
+
 /// State of the IMU's live CAN bus for the supervisor's log and counters.
 class CanWatch {
  public:
   CanWatch(std::unique_ptr<drivers::CanController> controller, std::shared_ptr<CanTraffic> traffic,
-           std::string identifiers);
+           std::string identifiers, ImuRecognition recognition);
 
   /// New events. Does not block.
   std::vector<drivers::CanEvent> poll(std::int64_t now_ns);
+  /// Once: which IMU was identified, or that there is none; see ImuRecognition.
+  std::optional<EventLog::Line> recognise(std::int64_t now_ns) { return recognition_.observe(now_ns); }
   /// Counters for the summary, by name.
   [[nodiscard]] std::map<std::string, std::uint64_t> counters() const;
 
@@ -85,6 +111,7 @@ class CanWatch {
   std::unique_ptr<drivers::CanController> controller_;
   std::shared_ptr<CanTraffic> traffic_;
   ImuSilence silence_;
+  ImuRecognition recognition_;
 };
 
 struct LiveCan {
@@ -93,7 +120,9 @@ struct LiveCan {
 };
 
 /// Opens `config.interface_name` for reading and monitoring. Waits for an interface that does not exist yet;
-/// fails if it is not a CAN interface or the kernel has no CAN support.
-core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuDecoder& decoder);
+/// fails if it is not a CAN interface or the kernel has no CAN support. `filter` recognises the IMU's frames;
+/// `identification` is null for a configured IMU and must outlive the watch.
+core::Result<LiveCan> open_live_can(const ImuConfig& config, const drivers::ImuFrameFilter& filter,
+                                    const drivers::ImuIdentification* identification);
 
 }  // namespace nilio::daemon

@@ -228,6 +228,8 @@ void Supervisor::watch_can() {
   if (!can_watch_) return;
   for (const drivers::CanEvent& event : can_watch_->poll(monotonic_ns()))
     spdlog::log(event.problem ? spdlog::level::warn : spdlog::level::info, "{}", event.message);
+  if (const auto line = can_watch_->recognise(monotonic_ns()))
+    spdlog::log(level_of(line->level), "{}", line->text);
 }
 
 void Supervisor::watch_files() {

@@ -57,6 +57,20 @@ inline drivers::VelodyneDataPacket room_packet(const Room& room, const PoseFunct
   return packet;
 }
 
+/// Writes imu.log: frames of a preset at 200 Hz.
+inline void write_imu_log(const std::filesystem::path& folder, const PoseFunction& T_world_base,
+                          double seconds, const std::string& preset_name) {
+  const core::Result<drivers::ImuPreset> preset = drivers::imu_preset(preset_name);
+  std::ofstream log(folder / "imu.log");
+  for (int i = 0; i * 0.005 < seconds + 0.05; ++i) {
+    core::ImuSample sample = imu_sample(T_world_base, i * 0.005, core::Vector3(0.002, 0.001, 0.0035));
+    sample.stamp = core::Time{kDriveStartNs + i * 5'000'000LL};
+    for (const drivers::CanFrame& frame : drivers::encode_imu_sample(sample, *preset)) {
+      log << drivers::format_candump_line(frame, "can0") << '\n';
+    }
+  }
+}
+
 /// Writes lidar.pcap and, if wanted, imu.log (Xsens frames at 200 Hz) of a drive through the room.
 inline void write_room_drive(const std::filesystem::path& folder, const PoseFunction& T_world_base,
                              double seconds, bool with_imu) {
@@ -68,16 +82,7 @@ inline void write_room_drive(const std::filesystem::path& folder, const PoseFunc
     writer->write(core::Time{kDriveStartNs + t + sensor.single().packet_period_ns + 100'000}, 2368, bytes);
   }
   writer->close();
-  if (!with_imu) return;
-  const core::Result<drivers::ImuPreset> preset = drivers::imu_preset("xsens_mti");
-  std::ofstream log(folder / "imu.log");
-  for (int i = 0; i * 0.005 < seconds + 0.05; ++i) {
-    core::ImuSample sample = imu_sample(T_world_base, i * 0.005, core::Vector3(0.002, 0.001, 0.0035));
-    sample.stamp = core::Time{kDriveStartNs + i * 5'000'000LL};
-    for (const drivers::CanFrame& frame : drivers::encode_imu_sample(sample, *preset)) {
-      log << drivers::format_candump_line(frame, "can0") << '\n';
-    }
-  }
+  if (with_imu) write_imu_log(folder, T_world_base, seconds, "xsens_mti");
 }
 
 /// 8 m/s in bends as sharp as a town's, up to 23 deg/s, where a gyro beats a constant rate.

@@ -235,6 +235,15 @@ TEST_CASE("unusable inputs end with one message that states problem, place and r
     write_file(folder.path() / "mine.yaml", yaml);
     expect({"--replay", path, "--config", path + "/mine.yaml"}, {"mine.dbc", "gyrY", "gyrX"});
   }
+  SECTION("a log without an IMU") {
+    write_room_drive(folder.path(), s_curve, 0.3, false);
+    write_file(folder.path() / "imu.log", "(1767268800.000000) can0 123#0011223344556677\n");
+    expect({"--replay", path}, {"imu.log", "nilio inspect " + path + " --write-config"});
+  }
+  SECTION("only a packed capture") {
+    write_file(folder.path() / "lidar.pcap.gz", "\x1F\x8B....");
+    expect({"--replay", path}, {"gunzip " + path + "/lidar.pcap.gz"});
+  }
   SECTION("an output folder that cannot be made") {
     write_room_drive(folder.path(), s_curve, 0.3, false);
     write_file(folder.path() / "file", "");
@@ -246,7 +255,6 @@ TEST_CASE("unusable inputs end with one message that states problem, place and r
 TEST_CASE("wrong usage ends with status 2 and one message", "[process]") {
   const TemporaryFolder folder;
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases{
-      {{}, "--replay"},
       {{"--bogus"}, "--bogus"},
       {{"--replay", "x", "--speed", "fast"}, "--speed"},
       {{"--config", "x", "--as-live"}, "--replay"},
@@ -306,6 +314,18 @@ TEST_CASE("the log begins with the files that were read and the hash of the conf
   const std::string first = finished.output.substr(0, finished.output.find('\n'));
   CHECK(first.find("configuration: " + folder.file("nilio.yaml") + "; --set publisher.enabled; hash ") !=
         std::string::npos);
+}
+
+TEST_CASE("without a configuration niliod listens on the ports of a Velodyne", "[process]") {
+  const TemporaryFolder folder;
+  Niliod niliod(folder, {});
+  const std::string answer = niliod.await("(:2368|in use)");
+  kill(niliod.pid(), SIGTERM);
+  const Finished finished = niliod.wait();
+  INFO(finished.output);
+  CHECK_FALSE(answer.empty());
+  // Another program may have the port on this computer.
+  CHECK(finished.status == (answer == "in use" ? 1 : 0));
 }
 
 TEST_CASE("the help text is at most 100 columns wide and explains the exit status", "[process]") {

@@ -120,21 +120,49 @@ TEST_CASE("imu.time_offset_ms is subtracted from the IMU's stamps and logged", "
     CHECK(corrected.poses[i].position == sound.poses[i].position);
 }
 
-TEST_CASE("every IMU preset can be configured", "[imu_input][pipeline]") {
+TEST_CASE("a recording of every IMU preset needs no configuration, and each preset can be configured",
+          "[imu_input][pipeline]") {
   const TemporaryFolder folder;
-  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
-  const auto files = find_replay_files({folder.path().string()});
-  REQUIRE(files.ok());
+  tests::write_room_drive(folder.path(), tests::s_curve, 2.0, false);
   for (const std::string& name : drivers::imu_preset_names()) {
     INFO(name);
+    tests::write_imu_log(folder.path(), tests::s_curve, 2.0, name);
+    const ReplayRun found = run_replay(folder.text());
+    CHECK(any_contains(found.notes, "IMU " + name + " from "));
+    CHECK(any_contains(found.notes, "identified by frames 0x"));
+    CHECK(any_contains(found.notes, "taken as 0") == (name == "bosch_mm5_10"));
+    CHECK(imu_samples(found) > 300);
     Config config;
     REQUIRE(apply_override(config, "imu.preset=" + name).ok());
-    REQUIRE(apply_override(config, "imu.source_address=128").ok());
-    const auto input = open_replay(*files, config);
-    REQUIRE(input.ok());
-    CHECK(any_contains(input->notes, "IMU " + name));
-    CHECK(any_contains(input->notes, "taken as 0") == (name == "bosch_mm5_10"));
+    const ReplayRun configured = run_replay(folder.text(), config);
+    CHECK_FALSE(any_contains(configured.notes, "identified"));
+    CHECK(imu_samples(configured) == imu_samples(found));
+    REQUIRE(configured.poses.size() == found.poses.size());
+    for (std::size_t i = 0; i < found.poses.size(); ++i)
+      CHECK(configured.poses[i].position == found.poses[i].position);
   }
+}
+
+TEST_CASE("a log that decodes to no sample is an error that names the command to inspect it",
+          "[imu_input][pipeline]") {
+  const TemporaryFolder folder;
+  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
+  const auto files = find_replay_files({folder.text()});
+  REQUIRE(files.ok());
+  Config config;
+  const auto expect = [&](const std::string& reason) {
+    const auto input = open_replay(*files, config);
+    REQUIRE_FALSE(input.ok());
+    CHECK_THAT(input.error().message, Contains("imu.log: no sample") && Contains(reason) &&
+                                          Contains("nilio inspect " + folder.text() + " --write-config"));
+  };
+  config.imu.preset = "sbg_ellipse";
+  expect("of the configured IMU (sbg_ellipse)");
+  config.imu.preset = "auto";
+  std::ofstream(folder.file("imu.log")) << "(1767268800.000000) can0 123#0011223344556677\n";
+  expect("of a built-in IMU (imu.preset: auto)");
+  config.imu.enabled = false;
+  CHECK(open_replay(*files, config).ok());
 }
 
 TEST_CASE("a custom mapping supports counter, status, time and temperature and requires its DBC file",
@@ -183,6 +211,9 @@ BO_ 52 Clock: 4 IMU
   REQUIRE_FALSE(stray.ok());
   CHECK_THAT(stray.error().message, Contains("'Rates'") && Contains("set imu.dbc"));
   set("imu.dbc=" + (folder.path() / "own.dbc").string());
+  std::ofstream(folder.file("imu.log")) << "(1767268800.000000) can0 034#00000000\n"
+                                           "(1767268800.000001) can0 032#0000000000000000\n"
+                                           "(1767268800.000002) can0 033#0000000000000000\n";
   auto input = open_replay(*files, config);
   REQUIRE(input.ok());
   const auto frame = [](std::uint32_t id, std::vector<std::uint8_t> bytes, std::int64_t ms) {

@@ -1,5 +1,7 @@
 #include "daemon/output/can_watch.hpp"
 
+#include "tests/support/imu_support.hpp"
+
 #include <linux/can/error.h>
 
 #include <catch2/catch.hpp>
@@ -70,4 +72,44 @@ TEST_CASE("all other identifiers are counted and the first ones are listed", "[c
   REQUIRE(events.size() == 1);
   CHECK_THAT(events[0].message,
              Contains("100 frames of other identifiers (0x0, 0x1, 0x2, 0x3, 0x4, 0x5, ...)"));
+}
+
+TEST_CASE("an identified IMU is reported once with its evidence", "[can_watch]") {
+  const auto traffic = std::make_shared<CanTraffic>();
+  drivers::ImuIdentification identification(drivers::imu_candidates());
+  ImuRecognition recognition(traffic, "can0", &identification);
+  CHECK_FALSE(recognition.observe(0).has_value());
+  for (int i = 0; i < 110; ++i) {
+    const core::ImuSample sample{
+        core::Time{std::int64_t{1700} * kSecondNs + i * 10'000'000LL}, {0.0, 0.0, 0.0}, {0.0, 0.0, 9.81}};
+    for (const auto& frame : drivers::encode_imu_sample(sample, tests::preset_of("oxts_rt3003"))) {
+      traffic->count(frame, true);
+      if (identification.result() == nullptr) identification.add(frame);
+    }
+  }
+  const auto line = recognition.observe(kSecondNs);
+  REQUIRE(line.has_value());
+  CHECK(line->level == LogLevel::kInfo);
+  CHECK_THAT(line->text, Contains("IMU oxts_rt3003 on CAN can0 identified by frames 0x605, 0x608") &&
+                             Contains("specific force 9.81 m/s^2"));
+  CHECK_FALSE(recognition.observe(10 * kSecondNs).has_value());
+}
+
+TEST_CASE("a bus whose frames are of no known IMU is one error that names the command to inspect it",
+          "[can_watch]") {
+  const drivers::ImuIdentification identification(drivers::imu_candidates());
+  for (const auto* searched : {&identification, static_cast<const drivers::ImuIdentification*>(nullptr)}) {
+    const auto traffic = std::make_shared<CanTraffic>();
+    ImuRecognition recognition(traffic, "can0", searched);
+    // A silent bus is another message.
+    CHECK_FALSE(recognition.observe(0).has_value());
+    CHECK_FALSE(recognition.observe(60 * kSecondNs).has_value());
+    traffic->count(frame_of(0x123), false);
+    CHECK_FALSE(recognition.observe(61 * kSecondNs).has_value());
+    const auto line = recognition.observe(64 * kSecondNs);
+    REQUIRE(line.has_value());
+    CHECK(line->level == LogLevel::kError);
+    CHECK_THAT(line->text, Contains("nilio inspect FOLDER --write-config") && Contains("1 frames on can0"));
+    CHECK_FALSE(recognition.observe(70 * kSecondNs).has_value());
+  }
 }

@@ -2,9 +2,14 @@
 
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "tests/support/imu_support.hpp"
+
+#include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <optional>
 #include <thread>
+#include <vector>
 
 #include <catch2/catch.hpp>
 
@@ -55,7 +60,72 @@ double receive_ms(const std::atomic<std::int64_t>* gather_until_ns) {
   return static_cast<double>(monotonic_ns() - start_ns) * 1e-6;
 }
 
+/// A bus with the frames of an Xsens at 100 Hz, one frame a read.
+class ImuBus final : public drivers::FrameSource {
+ public:
+  explicit ImuBus(int samples) {
+    for (int i = 0; i < samples; ++i) {
+      const core::ImuSample sample{core::Time{1'700'000'000'000'000'000 + std::int64_t{i} * 10'000'000},
+                                   {0.01 * i, 0.0, 0.0},
+                                   {0.0, 0.0, 9.81}};
+      const auto more = drivers::encode_imu_sample(sample, tests::preset_of("xsens_mti"));
+      frames_.insert(frames_.end(), more.begin(), more.end());
+    }
+  }
+  drivers::SourceRead read(std::span<drivers::CanFrame> slots, core::Duration /*timeout*/) override {
+    if (next_ == frames_.size()) return {drivers::SourceState::kEnd, 0};
+    slots[0] = frames_[next_++];
+    return {drivers::SourceState::kData, 1};
+  }
+  [[nodiscard]] drivers::SourceStats stats() const override { return {}; }
+  [[nodiscard]] std::string status() const override { return {}; }
+
+ private:
+  std::vector<drivers::CanFrame> frames_;
+  std::size_t next_ = 0;
+};
+
+/// Samples that reach the odometry's ring of `slots`, which is emptied after every read.
+std::vector<core::ImuSample> receive_samples(int samples, std::size_t slots,
+                                             std::optional<drivers::ImuDecoder> decoder) {
+  ImuBus bus(samples);
+  drivers::ImuIdentification identification(drivers::imu_candidates());
+  auto ring = ipc::Ring<core::ImuSample>::in_private_memory(slots);
+  auto event = ipc::WakeEvent::create();
+  REQUIRE(event.ok());
+  ReceivePolicy policy;
+  policy.rules = RunRules::Kind::kLive;
+  ReceiveState state;
+  ImuReceiver receiver(bus, decoder, &identification, ring, *event, policy, state);
+  std::vector<core::ImuSample> received;
+  bool goes_on = true;
+  while (goes_on) {
+    goes_on = receiver.run();
+    while (const auto sample = ring.try_pop()) received.push_back(*sample);
+  }
+  receiver.finish();
+  CHECK(ring.dropped() == 0);
+  return received;
+}
+
 }  // namespace
+
+TEST_CASE("an IMU that is identified while it is received gives the samples of a configured one",
+          "[receive][imu_detect]") {
+  const auto configured = receive_samples(150, 512, tests::decoder_of(tests::preset_of("xsens_mti")));
+  REQUIRE(configured.size() >= 149);
+  // A ring of 16 is filled several times by what was buffered.
+  for (const std::size_t slots : {std::size_t{512}, std::size_t{16}}) {
+    const auto identified = receive_samples(150, slots, std::nullopt);
+    REQUIRE(identified.size() == configured.size());
+    for (std::size_t i = 0; i < identified.size(); ++i) {
+      CHECK(identified[i].stamp == configured[i].stamp);
+      CHECK(identified[i].angular_velocity == configured[i].angular_velocity);
+    }
+  }
+  // The bus ends with the identification.
+  CHECK(receive_samples(102, 16, std::nullopt).size() >= 101);
+}
 
 TEST_CASE("packets gather for a millisecond while none can complete a scan, and never afterwards",
           "[receive]") {

@@ -52,6 +52,10 @@ class ImuFrameFilter {
   };
 
   explicit ImuFrameFilter(std::vector<Identifier> identifiers) : identifiers_(std::move(identifiers)) {}
+  /// Also recognises the frames of another filter.
+  void merge(const ImuFrameFilter& other) {
+    identifiers_.insert(identifiers_.end(), other.identifiers_.begin(), other.identifiers_.end());
+  }
   [[nodiscard]] bool takes(const CanFrame& frame) const;
   /// "0x32, 0x1ABCDEF0".
   [[nodiscard]] std::string text() const;
