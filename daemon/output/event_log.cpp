@@ -101,4 +101,22 @@ std::optional<EventLog::Line> EventLog::take() {
   return std::nullopt;
 }
 
+const char* describe_clock(core::ClockSource source) {
+  switch (source) {
+    case core::ClockSource::kHost:
+      return "receive times of the host";
+    case core::ClockSource::kFreeRunning:
+      return "sensor clock, unsynchronised";
+    case core::ClockSource::kNmeaOnly:
+      return "sensor clock, GPS time without PPS";
+    case core::ClockSource::kPpsLocked:
+      return "sensor clock, PPS locked";
+    case core::ClockSource::kPtp:
+      return "sensor clock, in step with the host's without PPS: PTP, if the firmware has it";
+    case core::ClockSource::kHostAgreement:
+      break;
+  }
+  return "sensor clock, unsynchronised as far as its packets tell, in step with the host's";
+}
+
 }  // namespace nilio::daemon

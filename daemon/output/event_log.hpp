@@ -72,6 +72,10 @@ class EventLog {
 /// Human-readable stream status: "VLP-16: return mode single, 600.1 rpm, ...".
 std::string describe_status(std::string_view model, const drivers::ScanAssemblerStatus& status);
 
+/// Origin of a LiDAR's times for people: "sensor clock, unsynchronised". Agreement with the host's clock
+/// proves no synchronisation.
+const char* describe_clock(core::ClockSource source);
+
 /// Copies the name, truncated to the array, with terminating zero.
 template <std::size_t kSize>
 void copy_name(std::string_view name, std::array<char, kSize>& target) {

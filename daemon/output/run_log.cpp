@@ -24,7 +24,8 @@ void RunLog::report_state(const ipc::PoseRecord& record) {
     reported_state_ = record.state;
   }
   if (totals_.last() && totals_.last()->clock_source == record.clock_source) return;
-  spdlog::info("scan {}: LiDAR time source {}", record.sequence, core::name_of(record.clock_source));
+  spdlog::info("scan {}: LiDAR time source {}: {}", record.sequence, core::name_of(record.clock_source),
+               describe_clock(record.clock_source));
 }
 
 /// Logs each discontinuity of map or pose with its reason, once.

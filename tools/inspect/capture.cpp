@@ -163,11 +163,11 @@ class CaptureInspector {
       // Telemetry of a sender with several data streams belongs to the first.
       const auto telemetry = telemetry_.find(key.first);
       if (telemetry == telemetry_.end()) continue;
-      findings_.sensors.back().telemetry = telemetry->second.findings();
+      findings_.sensors.back().telemetry = telemetry->second.finish();
       telemetry_.erase(telemetry);
     }
-    for (const auto& [address, telemetry] : telemetry_)
-      findings_.lone_telemetry.emplace(address, telemetry.findings());
+    for (auto& [address, telemetry] : telemetry_)
+      findings_.lone_telemetry.emplace(address, telemetry.finish());
     return std::move(findings_);
   }
 

@@ -12,10 +12,9 @@ namespace {
 
 constexpr core::Duration kWindow{1'000'000'000};
 constexpr std::uint64_t kMinimumSamples = 10;
-/// Above an idling engine's vibration, below a driving vehicle's; the bias of a suitable gyro is far smaller
-/// than this mean rate.
+/// Above an idling engine's vibration, below a driving vehicle's.
 constexpr double kStillGyroDeviation = 0.02;
-constexpr double kStillGyroMean = 0.05;
+constexpr double kLargestHdl32eBias = 0.6;
 constexpr double kStillAccelerationDeviation = 0.3;
 
 }  // namespace
@@ -40,17 +39,27 @@ core::Result<ImuInspector> ImuInspector::create(const std::string& preset,
   if (!found) return found.error();
   core::Result<drivers::ImuDecoder> decoder = drivers::ImuDecoder::create(found->mapping, found->database);
   if (!decoder) return decoder.error();
-  ImuInspector inspector(std::move(decoder).value());
+  ImuInspector inspector;
+  inspector.decoder_.emplace(std::move(decoder).value());
   inspector.findings_.preset = preset;
   inspector.findings_.interface_name = interface_name;
   return inspector;
 }
 
-void ImuInspector::add(const drivers::CanFrame& frame) {
-  if (const auto sample = decoder_.add(frame)) add_sample(*sample);
+ImuInspector ImuInspector::of_hdl32e() {
+  ImuInspector inspector;
+  inspector.largest_bias_ = kLargestHdl32eBias;
+  inspector.findings_.preset = "hdl32e";
+  inspector.findings_.interface_name = "its position packets";
+  return inspector;
 }
 
-void ImuInspector::add_sample(const core::ImuSample& sample) {
+void ImuInspector::add(const drivers::CanFrame& frame) {
+  if (!decoder_) return;
+  if (const auto sample = decoder_->add(frame)) add(*sample);
+}
+
+void ImuInspector::add(const core::ImuSample& sample) {
   if (findings_.acceleration_m_s2.empty()) {
     findings_.first = sample.stamp;
     window_.start = sample.stamp;
@@ -76,7 +85,7 @@ void ImuInspector::close_window() {
   if (window_.angular_velocity[0].count() < kMinimumSamples) return;
   for (std::size_t i = 0; i < 3; ++i) {
     if (window_.angular_velocity[i].standard_deviation() > kStillGyroDeviation) return;
-    if (std::abs(window_.angular_velocity[i].mean()) > kStillGyroMean) return;
+    if (std::abs(window_.angular_velocity[i].mean()) > largest_bias_) return;
     if (window_.linear_acceleration[i].standard_deviation() > kStillAccelerationDeviation) return;
   }
   ++findings_.still_seconds;
@@ -87,7 +96,11 @@ void ImuInspector::close_window() {
 }
 
 ImuFindings ImuInspector::finish() {
-  findings_.stats = decoder_.stats();
+  if (decoder_) {
+    findings_.stats = decoder_->stats();
+  } else {
+    findings_.stats.samples = findings_.acceleration_m_s2.count();
+  }
   return std::move(findings_);
 }
 

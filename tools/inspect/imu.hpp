@@ -40,18 +40,20 @@ struct ImuFindings {
   [[nodiscard]] std::optional<double> tilt_deg() const;
 };
 
-/// Decodes the frames of one interface with one preset. One thread.
+/// Decodes the frames of one interface with one preset, or takes samples. One thread.
 class ImuInspector {
  public:
   static core::Result<ImuInspector> create(const std::string& preset, const std::string& interface_name);
+  /// For the samples of an HDL-32E, whose gyros' zero offsets reach 30 degrees a second.
+  static ImuInspector of_hdl32e();
 
   void add(const drivers::CanFrame& frame);
+  void add(const core::ImuSample& sample);
   /// At the end of the log, once.
   ImuFindings finish();
 
  private:
-  explicit ImuInspector(drivers::ImuDecoder decoder) : decoder_(std::move(decoder)) {}
-  void add_sample(const core::ImuSample& sample);
+  ImuInspector() = default;
   void close_window();
 
   /// About a second of samples.
@@ -61,7 +63,9 @@ class ImuInspector {
     std::array<Spread, 3> linear_acceleration;
   };
 
-  drivers::ImuDecoder decoder_;
+  std::optional<drivers::ImuDecoder> decoder_;
+  /// Maximum mean rate of a stationary axis, rad/s.
+  double largest_bias_ = 0.05;
   ImuFindings findings_;
   Window window_;
 };

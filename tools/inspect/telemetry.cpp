@@ -6,6 +6,7 @@
 
 #include <span>
 #include <string_view>
+#include <utility>
 
 namespace nilio::tools::inspect {
 
@@ -39,7 +40,15 @@ void TelemetryInspector::add(const drivers::Packet& packet) {
   if (health.top_board_degc != 0) findings_.top_board_degc.add(health.top_board_degc);
   if (health.bottom_board_degc != 0) findings_.bottom_board_degc.add(health.bottom_board_degc);
   findings_.thermal_shutdown = findings_.thermal_shutdown || health.thermal_status == 1;
-  if (position->motion) add_motion(*position->motion, findings_);
+  if (!position->motion) return;
+  add_motion(*position->motion, findings_);
+  imu_.add(*position->motion, packet.stamp);
+  while (const auto sample = imu_.take()) samples_.add(*sample);
+}
+
+TelemetryFindings TelemetryInspector::finish() {
+  if (findings_.motion) findings_.imu = samples_.finish();
+  return std::move(findings_);
 }
 
 void TelemetryInspector::add_nmea(const drivers::PositionPacket& position, core::Time stamp) {

@@ -1,12 +1,14 @@
 #pragma once
 
 #include "nilio/core/time.hpp"
+#include "nilio/drivers/imu/hdl32e_imu.hpp"
 #include "nilio/drivers/packet.hpp"
 #include "nilio/drivers/velodyne/clock/nmea.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 
 #include "tools/common/statistics.hpp"
+#include "tools/inspect/imu.hpp"
 
 #include <array>
 #include <cstdint>
@@ -48,6 +50,8 @@ struct TelemetryFindings {
   bool thermal_shutdown = false;
   /// HDL-32E only.
   std::optional<std::array<BoardMotion, 3>> motion;
+  /// Its motion in the LiDAR's axes.
+  std::optional<ImuFindings> imu;
 };
 
 /// Parses the telemetry packets of one sensor. One thread.
@@ -55,12 +59,15 @@ class TelemetryInspector {
  public:
   /// Ignores packets of other sizes than 512 bytes.
   void add(const drivers::Packet& packet);
-  [[nodiscard]] const TelemetryFindings& findings() const { return findings_; }
+  /// At the end of the capture, once.
+  TelemetryFindings finish();
 
  private:
   void add_nmea(const drivers::PositionPacket& position, core::Time stamp);
 
   TelemetryFindings findings_;
+  drivers::Hdl32eImu imu_;
+  ImuInspector samples_ = ImuInspector::of_hdl32e();
 };
 
 /// Contents of the status stream of an HDL-64E.

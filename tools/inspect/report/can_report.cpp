@@ -80,6 +80,8 @@ std::string level_text(double tilt_deg) {
   return format("tilted by %.1f deg: mounted so, on a slope, or accelerating", tilt_deg);
 }
 
+}  // namespace
+
 std::string imu_report(const ImuFindings& imu) {
   std::string text;
   if (imu.stats.samples == 0) {
@@ -115,8 +117,6 @@ std::string imu_report(const ImuFindings& imu) {
   if (const auto tilt = imu.tilt_deg()) text += row("attitude", level_text(*tilt));
   return text;
 }
-
-}  // namespace
 
 std::string can_report(const CanFindings& can) {
   std::string text = can.path + "\n";

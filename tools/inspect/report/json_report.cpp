@@ -1,3 +1,4 @@
+#include "daemon/output/event_log.hpp"
 #include "daemon/output/run_reports.hpp"
 #include "tools/inspect/report/report.hpp"
 #include "tools/inspect/text.hpp"
@@ -50,12 +51,30 @@ json stream_json(const StreamFindings& stream) {
 
 json clock_json(const SensorFindings& sensor) {
   json result = {{"source", nullptr}};
-  if (sensor.clock_source) result["source"] = clock_source_name(*sensor.clock_source);
+  if (sensor.clock_source) result["source"] = daemon::describe_clock(*sensor.clock_source);
   if (!sensor.clock) return result;
   result["offset_s"] = sensor.clock->offset_s;
   result["agrees"] = sensor.clock->agrees;
   result["drift_ppm"] = optional_json(sensor.clock->drift_ppm);
   return result;
+}
+
+json imu_json(const ImuFindings& imu) {
+  return {{"preset", imu.preset},
+          {"interface", imu.interface_name},
+          {"plausible", imu.plausible()},
+          {"samples", imu.stats.samples},
+          {"incomplete", imu.stats.incomplete},
+          {"short_frames", imu.stats.short_frames},
+          {"out_of_order", imu.stats.out_of_order},
+          {"rate_hz", imu.rate_hz()},
+          {"interval_s", spread_json(imu.interval_s)},
+          {"acceleration_m_s2", spread_json(imu.acceleration_m_s2)},
+          {"linear_acceleration_m_s2", axes_json(imu.linear_acceleration)},
+          {"angular_velocity_rad_s", axes_json(imu.angular_velocity)},
+          {"still_seconds", imu.still_seconds},
+          {"gyro_bias_rad_s", imu.still_seconds > 0 ? axes_json(imu.still_angular_velocity) : json(nullptr)},
+          {"tilt_deg", optional_json(imu.tilt_deg())}};
 }
 
 json telemetry_json(const TelemetryFindings& telemetry) {
@@ -74,7 +93,8 @@ json telemetry_json(const TelemetryFindings& telemetry) {
                  {"top_board_degc", spread_json(telemetry.top_board_degc)},
                  {"bottom_board_degc", spread_json(telemetry.bottom_board_degc)},
                  {"thermal_shutdown", telemetry.thermal_shutdown},
-                 {"boards", nullptr}};
+                 {"boards", nullptr},
+                 {"imu", nullptr}};
   if (telemetry.fix && telemetry.fix->utc) result["nmea"]["utc_ns"] = telemetry.fix->utc->ns;
   if (!telemetry.motion) return result;
   result["boards"] = json::array();
@@ -84,6 +104,7 @@ json telemetry_json(const TelemetryFindings& telemetry) {
                                 {"acceleration_x_m_s2", spread_json(board.acceleration_x_m_s2)},
                                 {"acceleration_y_m_s2", spread_json(board.acceleration_y_m_s2)}});
   }
+  if (telemetry.imu) result["imu"] = imu_json(*telemetry.imu);
   return result;
 }
 
@@ -118,6 +139,7 @@ json packets_json(const SensorFindings& sensor) {
           {"duplicate", stats.duplicate_packets},
           {"late", stats.late_packets},
           {"bad_length", stats.bad_length},
+          {"damaged_stamps", stats.damaged_stamps},
           {"firings", stats.firings},
           {"firings_bad", stats.firings_bad},
           {"time_jumps", stats.time_jumps},
@@ -178,24 +200,6 @@ json capture_json(const CaptureFindings& capture) {
   for (const auto& [address, telemetry] : capture.lone_telemetry)
     result["telemetry_without_data"][address_text(address)] = telemetry_json(telemetry);
   return result;
-}
-
-json imu_json(const ImuFindings& imu) {
-  return {{"preset", imu.preset},
-          {"interface", imu.interface_name},
-          {"plausible", imu.plausible()},
-          {"samples", imu.stats.samples},
-          {"incomplete", imu.stats.incomplete},
-          {"short_frames", imu.stats.short_frames},
-          {"out_of_order", imu.stats.out_of_order},
-          {"rate_hz", imu.rate_hz()},
-          {"interval_s", spread_json(imu.interval_s)},
-          {"acceleration_m_s2", spread_json(imu.acceleration_m_s2)},
-          {"linear_acceleration_m_s2", axes_json(imu.linear_acceleration)},
-          {"angular_velocity_rad_s", axes_json(imu.angular_velocity)},
-          {"still_seconds", imu.still_seconds},
-          {"gyro_bias_rad_s", imu.still_seconds > 0 ? axes_json(imu.still_angular_velocity) : json(nullptr)},
-          {"tilt_deg", optional_json(imu.tilt_deg())}};
 }
 
 json message_json(const CanMessageFindings& message) {

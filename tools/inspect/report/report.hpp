@@ -12,13 +12,12 @@ std::string inspect_report(const RecordingFindings& findings);
 /// One part of it.
 std::string sensor_report(const SensorFindings& sensor);
 std::string can_report(const CanFindings& can);
+std::string imu_report(const ImuFindings& imu);
 std::string imu_check_report(const DriveFindings& drive);
 
 /// The same as JSON; missing values are null.
 std::string inspect_json(const RecordingFindings& findings);
 
-/// "PPS locked", "free-running" and the like.
-const char* clock_source_name(core::ClockSource source);
 /// "single (strongest)": the return mode with the detail of the mode byte.
 std::string return_mode_text(const SensorFindings& sensor);
 

@@ -1,3 +1,4 @@
+#include "daemon/output/event_log.hpp"
 #include "tools/inspect/report/report.hpp"
 #include "tools/inspect/text.hpp"
 
@@ -46,6 +47,7 @@ std::string loss_text(const drivers::ScanAssemblerStats& stats) {
   add(stats.duplicate_packets, "duplicate");
   add(stats.late_packets, "late");
   add(stats.bad_length, "of wrong length");
+  add(stats.damaged_stamps, "with damaged stamps");
   add(stats.firings_bad, "firings damaged");
   return text;
 }
@@ -95,8 +97,8 @@ std::string clock_rows(const SensorFindings& sensor) {
   if (!sensor.clock) return row("time", "the sensor has no clock; receive times are used");
   std::string text;
   const ClockFindings& clock = *sensor.clock;
-  text += row("time", format("%s; sensor clock %s the capture's (%s, modulo 1 h)",
-                             sensor.clock_source ? clock_source_name(*sensor.clock_source) : "unknown",
+  text += row("time", format("%s; %s the capture's (%s, modulo 1 h)",
+                             sensor.clock_source ? daemon::describe_clock(*sensor.clock_source) : "unknown",
                              clock.agrees ? "agrees with" : "differs from",
                              ((clock.offset_s >= 0.0 ? "+" : "") + span_text(clock.offset_s)).c_str()));
   if (clock.drift_ppm)
@@ -154,6 +156,7 @@ std::string telemetry_rows(const TelemetryFindings& telemetry) {
                    board.temperature_degc.mean(), cell(board.acceleration_x_m_s2, 3).c_str(),
                    cell(board.acceleration_y_m_s2, 3).c_str());
   }
+  if (telemetry.imu) text += imu_report(*telemetry.imu);
   return text;
 }
 
@@ -193,24 +196,6 @@ std::string hdl64e_rows(const Hdl64eFindings& hdl64e) {
 }
 
 }  // namespace
-
-const char* clock_source_name(core::ClockSource source) {
-  switch (source) {
-    case core::ClockSource::kHost:
-      return "receive times";
-    case core::ClockSource::kFreeRunning:
-      return "free-running";
-    case core::ClockSource::kNmeaOnly:
-      return "GPS time without PPS";
-    case core::ClockSource::kPpsLocked:
-      return "PPS locked";
-    case core::ClockSource::kPtp:
-      return "in step with the recorder (PTP)";
-    case core::ClockSource::kHostAgreement:
-      break;
-  }
-  return "agrees with the recorder's clock, source unknown";
-}
 
 std::string return_mode_text(const SensorFindings& sensor) {
   std::string text(drivers::return_mode_name(sensor.status.mode));
