@@ -22,11 +22,13 @@ void explain_exit_status(CLI::App& app) {
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "nilio: record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial odometry"};
+      "nilio: set up, record, play, inspect, simulate, convert, evaluate, plot and watch LiDAR-inertial "
+      "odometry"};
   app.formatter(std::make_shared<nilio::HelpFormatter>());
   app.require_subcommand(1);
   app.set_version_flag("--version", NILIO_VERSION);
   int status = 0;
+  nilio::tools::add_init_command(app, status);
   nilio::tools::add_record_command(app, status);
   nilio::tools::add_play_command(app, status);
   nilio::tools::add_simulate_command(app, status);

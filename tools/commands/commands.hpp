@@ -13,6 +13,7 @@ void add_simulate_command(CLI::App& app, int& status);
 void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_inspect_command(CLI::App& app, int& status);
+void add_init_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
 void add_record_command(CLI::App& app, int& status);

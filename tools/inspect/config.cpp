@@ -166,7 +166,31 @@ void add_configured(const DriveFindings& drive, std::vector<Section>& sections) 
   }
 }
 
-Section imu_section(const CanFindings* can, const CaptureFindings& capture) {
+void add_mounting(const LidarMounting& mounting, Section& section) {
+  if (mounting.ground_scans == 0) {
+    section.note("extrinsic: no ground was found in the scans; measure height, roll, pitch and yaw");
+    return;
+  }
+  section.add("extrinsic.translation", numbers_text({0.0, 0.0, std::round(mounting.height_m * 1e3) * 1e-3}),
+              format("height above ground in %llu scans (single scans +- %.3f m); base_link is on the ground "
+                     "under the LiDAR: set x and y for another origin",
+                     static_cast<unsigned long long>(mounting.ground_scans), mounting.height_deviation_m));
+  std::string why =
+      format("roll and pitch from the ground (single scans +- %.2f deg); ", mounting.slope_deviation_deg);
+  if (mounting.is_yaw_observed()) {
+    why += format("yaw from %.0f m of straight driving, taken as forwards (each %.0f m +- %.2f deg)",
+                  mounting.straight_m, kStretchM, mounting.yaw_deviation_deg);
+  } else {
+    why += format("yaw was not observed: %.0f m of straight driving, %.0f m are needed", mounting.straight_m,
+                  kMinimumStraightM);
+  }
+  const auto hundredths = [](double value) { return std::round(value * 100.0) / 100.0; };
+  const core::Vector3& rpy = mounting.rotation_rpy_deg;
+  section.add("extrinsic.rotation_rpy_deg",
+              numbers_text({hundredths(rpy.x()), hundredths(rpy.y()), hundredths(rpy.z())}), why);
+}
+
+Section imu_section(const CanFindings* can, const CaptureFindings& capture, bool for_vehicle) {
   Section section("imu");
   if (can == nullptr) return section;
   const daemon::ImuConfig defaults;
@@ -180,8 +204,9 @@ Section imu_section(const CanFindings* can, const CaptureFindings& capture) {
   if (imu->preset != defaults.preset)
     section.add("preset", quoted(imu->preset),
                 format("its messages are in the CAN log, %.1f Hz", imu->rate_hz()));
-  if (can->interfaces.size() > 1)
-    section.add("interface", quoted(imu->interface_name), "the IMU's; the log has frames of others too");
+  if (can->interfaces.size() > 1 || for_vehicle)
+    section.add("interface", quoted(imu->interface_name),
+                can->interfaces.size() > 1 ? "the IMU's; the log has frames of others too" : "the IMU's");
   const double apart_s = relate(*can, capture).apart_s;
   if (apart_s > 0.0) {
     section.note(can->path + " and the capture do not overlap: they are " + span_text(apart_s) +
@@ -224,25 +249,29 @@ Result<ConfigSubject> choose_config_subject(const RecordingFindings& findings,
   return subject;
 }
 
-std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path,
-                                  const DriveFindings* drive) {
+std::string make_recording_config(const ConfigSubject& subject, const ConfigParts& parts) {
   Section lidar("lidar");
   add_model(*subject.sensor, lidar);
-  add_calibration(*subject.sensor, calibration_path, lidar);
+  add_calibration(*subject.sensor, parts.calibration_path, lidar);
   add_ports(subject, lidar);
   add_return_mode(*subject.sensor, lidar);
   add_time(subject, lidar);
+  if (parts.mounting != nullptr) add_mounting(*parts.mounting, lidar);
   std::vector<Section> sections{std::move(lidar)};
-  // The configuration of the drive takes precedence over the contents of the log.
-  sections.push_back(drive != nullptr ? Section("imu") : imu_section(subject.can, *subject.capture));
-  if (drive != nullptr) add_configured(*drive, sections);
+  // A configuration given for the drive takes precedence over the contents of the log.
+  const bool is_from_log =
+      parts.drive == nullptr ||
+      (parts.drive->config_path.empty() && subject.can != nullptr && subject.can->imu() != nullptr);
+  sections.push_back(is_from_log ? imu_section(subject.can, *subject.capture, parts.mounting != nullptr)
+                                 : Section("imu"));
+  if (parts.drive != nullptr) add_configured(*parts.drive, sections);
   std::string text;
   for (const Section& section : sections) text += section.text();
   std::string files = subject.capture->path;
   if (subject.can != nullptr) files += " and " + subject.can->path;
-  return "# For " + comment_text(files) +
-         ", made by nilio inspect.\n# Keys that are not here keep their defaults (niliod --help-config).\n" +
-         text;
+  return "# For " + comment_text(parts.source.empty() ? files : parts.source) + ", made by nilio " +
+         (parts.mounting != nullptr ? "init" : "inspect") +
+         ".\n# Keys that are not here keep their defaults (niliod --help-config).\n" + text;
 }
 
 }  // namespace nilio::tools::inspect

@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
+#include "tools/inspect/lidar_mounting.hpp"
 #include "tools/inspect/recording.hpp"
 
 #include <string>
@@ -22,10 +23,19 @@ struct ConfigSubject {
 core::Result<ConfigSubject> choose_config_subject(const RecordingFindings& findings,
                                                   const std::string& sensor_name);
 
-/// nilio.yaml for the recording: the keys that differ from the defaults, each with its reason as comment.
-/// `calibration_path` is that of a file written for the sensor, or empty. With a drive (may be null) also the
-/// keys it was configured with, with the corrections of its IMU.
-std::string make_recording_config(const ConfigSubject& subject, const std::string& calibration_path,
-                                  const DriveFindings* drive = nullptr);
+/// Findings beyond those of the files.
+struct ConfigParts {
+  /// File written for the sensor's calibration, or empty.
+  std::string calibration_path{};
+  /// Adds the keys that the drive was configured with, with the corrections of its IMU; may be null.
+  const DriveFindings* drive = nullptr;
+  /// For a vehicle: adds the LiDAR's mounting, and the IMU's CAN interface; may be null.
+  const LidarMounting* mounting = nullptr;
+  /// Where the findings come from; empty = the files.
+  std::string source{};
+};
+
+/// Configuration for the recording: the keys that differ from the defaults, each with its reason as comment.
+std::string make_recording_config(const ConfigSubject& subject, const ConfigParts& parts);
 
 }  // namespace nilio::tools::inspect

@@ -1,12 +1,11 @@
 #include "tools/inspect/drive.hpp"
 
 #include "daemon/config/convert.hpp"
-#include "daemon/odometry/pipeline.hpp"
+#include "tools/inspect/drive_replay.hpp"
 #include "tools/inspect/report/report.hpp"
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <memory>
 #include <optional>
 #include <span>
@@ -20,7 +19,6 @@ namespace {
 using core::Error;
 using core::Result;
 
-constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
 /// Margin for samples that the largest correctable offset moves into the drive.
 constexpr core::Duration kMargin = core::Duration::from_seconds(2.0 * kLargestCorrectableOffset);
 
@@ -30,7 +28,8 @@ Result<std::vector<core::ImuSample>> read_samples(const daemon::ReplayFiles& fil
   Result<daemon::Input> input = daemon::open_replay(files, config);
   if (!input) return input.error();
   std::vector<core::ImuSample> samples;
-  if (!input->frames) return Error{"imu.enabled is false: there is no IMU to check"};
+  if (!input->frames)
+    return Error{"there is no IMU on CAN to check: imu.enabled is false, or imu.source is not can"};
   const auto frames = std::make_unique<std::array<drivers::CanFrame, 64>>();
   for (;;) {
     const drivers::SourceRead read = input->frames->read(*frames, core::Duration{});
@@ -39,49 +38,7 @@ Result<std::vector<core::ImuSample>> read_samples(const daemon::ReplayFiles& fil
     }
     if (read.state != drivers::SourceState::kData) break;
   }
-  if (!samples.empty()) return samples;
-  const std::string name = config.imu.dbc.empty() ? config.imu.preset : config.imu.dbc;
-  const std::string& log = files.can_logs.empty() ? files.captures.front() : files.can_logs.front();
-  return Error{log + ": no sample of the configured IMU (" + name +
-               ") is in it; give a configuration with the IMU's preset, or its dbc and signals (--config)"};
-}
-
-/// Ends a recording early, at a stamp, so that the result is reproducible.
-class ShortenedSource : public drivers::PacketSource {
- public:
-  ShortenedSource(std::unique_ptr<drivers::PacketSource> source, core::Time end)
-      : source_(std::move(source)), end_(end) {}
-
-  drivers::SourceRead read(std::span<drivers::Packet> slots, core::Duration timeout) override {
-    if (shortened_.load()) return {drivers::SourceState::kEnd, 0};
-    drivers::SourceRead result = source_->read(slots, timeout);
-    for (std::size_t i = 0; i < result.count; ++i) {
-      if (slots[i].stamp < end_) continue;
-      shortened_.store(true);
-      return {i > 0 ? drivers::SourceState::kData : drivers::SourceState::kEnd, i};
-    }
-    return result;
-  }
-  [[nodiscard]] drivers::SourceStats stats() const override { return source_->stats(); }
-  [[nodiscard]] std::string status() const override { return source_->status(); }
-  [[nodiscard]] bool was_shortened() const { return shortened_.load(); }
-
- private:
-  std::unique_ptr<drivers::PacketSource> source_;
-  core::Time end_;
-  std::atomic<bool> shortened_{false};
-};
-
-/// Shortens all LiDARs; returns the first one's source.
-const ShortenedSource* shorten(daemon::Input& input, double seconds) {
-  if (!input.packets || !input.first_stamp) return nullptr;
-  const core::Time end = *input.first_stamp + core::Duration::from_seconds(seconds);
-  auto first = std::make_unique<ShortenedSource>(std::move(input.packets), end);
-  const ShortenedSource* const result = first.get();
-  input.packets = std::move(first);
-  for (daemon::ExtraLidar& lidar : input.more_lidars)
-    lidar.packets = std::make_unique<ShortenedSource>(std::move(lidar.packets), end);
-  return result;
+  return samples;
 }
 
 core::SE3 pose_of(const ipc::PoseRecord& record) {
@@ -107,12 +64,12 @@ core::RegisteredMotion motion_between(const ipc::PoseRecord& from, const ipc::Po
 /// Collects the outputs of the pipeline.
 class DriveRecorder {
  public:
-  DriveRecorder(daemon::Pipeline& pipeline, const DriveOptions& options, DriveFindings& findings)
-      : pipeline_(pipeline), options_(options), findings_(findings) {}
+  DriveRecorder(const DriveOptions& options, DriveFindings& findings)
+      : options_(options), findings_(findings) {}
 
-  void drain() {
-    while (const auto record = pipeline_.poses().try_pop()) add(*record);
-    while (const auto health = pipeline_.imu_health().try_pop()) findings_.health = *health;
+  void drain(daemon::Pipeline& pipeline) {
+    while (const auto record = pipeline.poses().try_pop()) add(*record);
+    while (const auto health = pipeline.imu_health().try_pop()) findings_.health = *health;
     if (options_.progress) options_.progress(findings_.seconds);
   }
   [[nodiscard]] const std::vector<core::RegisteredMotion>& motions() const { return motions_; }
@@ -129,7 +86,6 @@ class DriveRecorder {
     last_ = record;
   }
 
-  daemon::Pipeline& pipeline_;
   const DriveOptions& options_;
   DriveFindings& findings_;
   std::vector<core::RegisteredMotion> motions_;
@@ -152,21 +108,15 @@ Result<DriveFindings> drive_once(const daemon::ReplayFiles& files, const daemon:
   if (!samples) return samples.error();
   Result<daemon::Input> input = daemon::open_replay(files, config);
   if (!input) return input.error();
-  const ShortenedSource* const source = shorten(*input, options.seconds);
-  auto pipeline = daemon::Pipeline::create(config, std::move(input).value(), {}, nullptr);
-  if (!pipeline) return pipeline.error();
   DriveFindings findings;
   findings.config = config;
   findings.imu_samples = samples->size();
-  DriveRecorder recorder(**pipeline, options, findings);
-  if (const auto started = (*pipeline)->start(); !started) return started.error();
-  while (!(*pipeline)->finished()) {
-    (*pipeline)->output_event().wait(kPoll);
-    recorder.drain();
-  }
-  (*pipeline)->join();
-  recorder.drain();
-  findings.cut_short = source != nullptr && source->was_shortened();
+  DriveRecorder recorder(options, findings);
+  const Result<bool> cut_short =
+      replay_drive(config, std::move(input).value(),
+                   {options.seconds, {}, [&](daemon::Pipeline& pipeline) { recorder.drain(pipeline); }});
+  if (!cut_short) return cut_short.error();
+  findings.cut_short = *cut_short;
   if (findings.poses == 0) return Error{"no complete scan is in " + files.captures.front()};
   findings.calibration = calibrate_imu(recorder.motions(), samples_around(*samples, recorder.motions()),
                                        {daemon::to_transform(config.imu.extrinsic),

@@ -72,8 +72,10 @@ int write_files(const RecordingFindings& findings, const Options& options) {
   }
   if (options.config_path.empty()) return 0;
   const DriveFindings* const drive = findings.drive ? &*findings.drive : nullptr;
-  return write_text(options.config_path, make_recording_config(*subject, calibration, drive)) ? kDone
-                                                                                              : kFailed;
+  return write_text(options.config_path,
+                    make_recording_config(*subject, {.calibration_path = calibration, .drive = drive}))
+             ? kDone
+             : kFailed;
 }
 
 /// Files that niliod would replay; unset without a LiDAR and an IMU, for which there is no drive.
@@ -88,24 +90,12 @@ std::optional<daemon::ReplayFiles> drivable_files(const Options& options, const 
   return std::move(files).value();
 }
 
-/// Without a configuration the IMU is the one found in the log.
-void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config) {
-  for (const CanFindings& can : findings.can_logs) {
-    const ImuFindings* imu = can.imu();
-    if (imu == nullptr && !can.imus.empty() && can.imus.front().stats.samples > 0) imu = &can.imus.front();
-    if (imu == nullptr) continue;
-    config.imu.preset = imu->preset;
-    if (can.interfaces.size() > 1) config.imu.interface_name = imu->interface_name;
-    return;
-  }
-}
-
 std::function<void(double)> drive_progress(double seconds) {
   const auto progress = std::make_shared<Progress>("checking the IMU", static_cast<std::uint64_t>(seconds));
   return [progress](double done) { progress->update(static_cast<std::uint64_t>(done)); };
 }
 
-void check_imu(const Options& options, RecordingFindings& findings) {
+void check_configured_imu(const Options& options, RecordingFindings& findings) {
   if (options.imu_seconds <= 0.0) return;
   const auto files = drivable_files(options, findings);
   if (!files) return;
@@ -117,20 +107,35 @@ void check_imu(const Options& options, RecordingFindings& findings) {
   const std::string& config_path =
       options.drive_config_path.empty() ? files->configuration : options.drive_config_path;
   if (config_path.empty()) take_imu_from_log(findings, *config);
-  double recorded = 0.0;
-  for (const CaptureFindings& capture : findings.captures) recorded += capture.duration_s();
-  const double seconds = std::min(options.imu_seconds, std::max(recorded, 1.0));
-  const DriveOptions drive_options{options.imu_seconds, drive_progress(seconds)};
-  core::Result<DriveFindings> drive = inspect_drive(*files, *config, drive_options);
-  if (!drive) {
-    findings.drive_problem = drive.error().message;
-    return;
-  }
-  drive->config_path = config_path;
-  findings.drive = std::move(drive).value();
+  check_imu(*files, *config, options.imu_seconds, findings);
+  if (findings.drive) findings.drive->config_path = config_path;
 }
 
 }  // namespace
+
+void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config) {
+  for (const CanFindings& can : findings.can_logs) {
+    const ImuFindings* imu = can.imu();
+    if (imu == nullptr && !can.imus.empty() && can.imus.front().stats.samples > 0) imu = &can.imus.front();
+    if (imu == nullptr) continue;
+    config.imu.preset = imu->preset;
+    if (can.interfaces.size() > 1) config.imu.interface_name = imu->interface_name;
+    return;
+  }
+}
+
+void check_imu(const daemon::ReplayFiles& files, const daemon::Config& config, double seconds,
+               RecordingFindings& findings) {
+  double recorded = 0.0;
+  for (const CaptureFindings& capture : findings.captures) recorded += capture.duration_s();
+  const DriveOptions options{seconds, drive_progress(std::min(seconds, std::max(recorded, 1.0)))};
+  core::Result<DriveFindings> drive = inspect_drive(files, config, options);
+  if (drive) {
+    findings.drive = std::move(drive).value();
+  } else {
+    findings.drive_problem = drive.error().message;
+  }
+}
 
 int run(const Options& options) {
   std::optional<drivers::DbcDatabase> dbc;
@@ -147,7 +152,7 @@ int run(const Options& options) {
       return fail(applied.error().message);
   }
   RecordingFindings findings = inspect_recording(options.paths, dbc ? &*dbc : nullptr);
-  check_imu(options, findings);
+  check_configured_imu(options, findings);
   if (options.json_path != "-") std::cout << inspect_report(findings) << std::flush;
   if (!write_json(findings, options)) return kFailed;
   for (const std::string& problem : findings.problems) fail(problem);

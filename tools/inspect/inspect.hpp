@@ -1,5 +1,9 @@
 #pragma once
 
+#include "daemon/config/config.hpp"
+#include "daemon/input/replay_files.hpp"
+#include "tools/inspect/recording.hpp"
+
 #include <string>
 #include <vector>
 
@@ -28,5 +32,12 @@ struct Options {
 /// Reports what the recording contains and writes the requested files. Returns the exit status: 1 when no
 /// file is usable or a file could not be written, with messages on standard error.
 int run(const Options& options);
+
+/// Without a configuration the IMU is the one found in the log.
+void take_imu_from_log(const RecordingFindings& findings, daemon::Config& config);
+
+/// Runs the IMU check over the first `seconds` and adds its result to the findings.
+void check_imu(const daemon::ReplayFiles& files, const daemon::Config& config, double seconds,
+               RecordingFindings& findings);
 
 }  // namespace nilio::tools::inspect
