@@ -1,19 +1,23 @@
 #include "daemon/command_line.hpp"
 #include "daemon/config/schema.hpp"
+#include "daemon/log_format.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/output/log_output.hpp"
 #include "daemon/output/output_folder.hpp"
 #include "daemon/output/supervisor.hpp"
 #include "daemon/realtime/memory_plan.hpp"
 #include "daemon/realtime/thread_hook.hpp"
+#include "daemon/service/service_notifier.hpp"
 
 #include <atomic>
 #include <csignal>
 #include <dlfcn.h>
 #include <filesystem>
 #include <iostream>
+#include <linux/capability.h>
 #include <memory>
 #include <string>
+#include <sys/prctl.h>
 #include <system_error>
 #include <unistd.h>
 #include <vector>
@@ -29,17 +33,21 @@ using nilio::daemon::ReplayFiles;
 using nilio::daemon::RunOptions;
 using nilio::daemon::RunRules;
 
-// Signal handlers may only touch this flag.
-std::atomic<bool> stop_requested{false};
+// Signal handlers may only touch these flags.
+nilio::daemon::RunRequests requests;
 static_assert(std::atomic<bool>::is_always_lock_free);
 
-void request_stop(int /*signal*/) { stop_requested.store(true); }
+void request_stop(int /*signal*/) { requests.stop.store(true); }
+void request_reload(int /*signal*/) { requests.reload.store(true); }
 
 void install_signal_handlers() {
   struct sigaction action {};
   action.sa_handler = request_stop;
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  // Threads that receive are not interrupted for it.
+  action.sa_flags = SA_RESTART;
+  action.sa_handler = request_reload;
   sigaction(SIGHUP, &action, nullptr);
   action.sa_handler = SIG_IGN;
   sigaction(SIGPIPE, &action, nullptr);
@@ -105,7 +113,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
 }
 
 int fail(const std::string& message, nilio::ExitStatus status = nilio::kFailed) {
-  std::cerr << "niliod: " << message << '\n';
+  std::cerr << (nilio::is_journal(STDERR_FILENO) ? "<3>" : "niliod: ") << message << '\n';
   return status;
 }
 
@@ -171,7 +179,7 @@ int show_config(const Config& config, const Arguments& arguments) {
   return nilio::kDone;
 }
 
-int run(Arguments arguments) {
+int run(Arguments arguments, const nilio::daemon::ServiceNotifier& service) {
   if (const auto completed = complete_from_decisions(arguments); !completed)
     return fail(completed.error().message);
   ReplayFiles files;
@@ -200,6 +208,7 @@ int run(Arguments arguments) {
   options.record_folder = arguments.record;
   options.recording = arguments.replay;
   options.thread_hook = preloaded_hook();
+  options.load_config = [arguments, files] { return effective_config(arguments, files); };
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
   nilio::core::Result<nilio::daemon::RunResult> result = nilio::daemon::RunResult{};
@@ -210,7 +219,7 @@ int run(Arguments arguments) {
     nilio::daemon::write_log_before_dying();
     spdlog::info("{}", nilio::daemon::describe_sources(*config));
     for (const std::string& warning : config->sources.warnings) spdlog::warn("{}", warning);
-    result = nilio::daemon::supervise(*config, options, stop_requested);
+    result = nilio::daemon::supervise(*config, options, requests, service);
   }
   // Printed after the last line of the log.
   if (!result) return fail(result.error().message);
@@ -236,8 +245,10 @@ int main(int argc, char** argv) {
   if (const std::string problem = find_usage_error(arguments); !problem.empty())
     return fail(problem, nilio::kUsageError);
   install_signal_handlers();
+  // Set by a service that lets niliod configure CAN; nilio-publisher must not inherit it.
+  prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_LOWER, CAP_NET_ADMIN, 0, 0);
   try {
-    return run(arguments);
+    return run(arguments, nilio::daemon::ServiceNotifier::from_environment());
   } catch (const std::exception& exception) {
     return fail(std::string("unexpected error: ") + exception.what());
   }

@@ -45,6 +45,8 @@ class FileWriter {
   void add(const ipc::PoseRecord& record);
   /// A line about a disk that takes no data, or that takes them again; each once.
   std::optional<std::string> poll(std::int64_t now_ns);
+  /// The disk takes no data, by the last poll().
+  [[nodiscard]] bool is_slow() const { return slow_since_ns_ != 0; }
   /// Call after the pipeline ended: writes everything that waits and the final files. If the disk does not
   /// take them within `patience`, the thread is given up for the process to end, and the error says so.
   core::Result<std::monostate> finish(RunOutput::FinalFiles final_files, core::Duration patience);

@@ -1,5 +1,7 @@
 #include "daemon/output/log_output.hpp"
 
+#include "daemon/log_format.hpp"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -24,7 +26,6 @@ namespace nilio::daemon {
 
 namespace {
 
-constexpr const char* kPattern = "%Y-%m-%d %H:%M:%S.%e niliod %l: %v";
 constexpr int kPollMs = 100;
 // At the end of the program, a reader that takes no data for this time is given up.
 constexpr int kPatienceMs = 300;
@@ -141,7 +142,7 @@ LogOutput::LogOutput(const LogOutputConfig& config) : state_(std::make_unique<St
   state_->sink->watch(*state_->pool);
   auto logger = std::make_shared<spdlog::async_logger>("niliod", state_->sink, state_->pool,
                                                        spdlog::async_overflow_policy::overrun_oldest);
-  logger->set_pattern(kPattern);
+  logger->set_formatter(log_formatter("niliod", config.file_descriptor));
   logger->set_level(spdlog::level::from_str(config.level));
   state_->logger_before = spdlog::default_logger();
   spdlog::set_default_logger(std::move(logger));

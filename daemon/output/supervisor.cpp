@@ -9,9 +9,11 @@
 #include "daemon/output/run_log.hpp"
 #include "daemon/realtime/startup_priority.hpp"
 #include "daemon/realtime/watchdog.hpp"
+#include "daemon/service/service_report.hpp"
 #include "ipc/publisher_process.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -42,6 +44,10 @@ constexpr Duration kDiskPatience = Duration::from_seconds(0.8);
 // The end of a replay is not in a hurry.
 constexpr Duration kReplayPublisherPatience = Duration::from_seconds(2.0);
 constexpr Duration kReplayDiskPatience = Duration::from_seconds(60.0);
+// Beside publisher and disk: threads that end, and a reserve.
+constexpr Duration kStopReserve = Duration::from_seconds(5.0);
+constexpr std::int64_t kServicePeriodNs = 100'000'000;
+constexpr const char* kPublisherName = "nilio-publisher";
 
 spdlog::level::level_enum level_of(LogLevel level) {
   return level == LogLevel::kError     ? spdlog::level::err
@@ -52,10 +58,11 @@ spdlog::level::level_enum level_of(LogLevel level) {
 /// Starts, watches and ends the parts of one run. Never waits for a disk: files belong to the FileWriter.
 class Supervisor {
  public:
-  Supervisor(const Config& config, const RunOptions& options) : config_(config), options_(options) {}
+  Supervisor(const Config& config, const RunOptions& options, const ServiceNotifier& service)
+      : config_(config), options_(options), service_(service, monotonic_ns()) {}
 
   Result<std::monostate> open();
-  Result<RunResult> run(const std::atomic<bool>& stop);
+  Result<RunResult> run(RunRequests& requests);
 
  private:
   Result<std::monostate> open_publisher();
@@ -74,9 +81,12 @@ class Supervisor {
   [[nodiscard]] RunResult replay_result(bool stopped) const;
   Result<std::monostate> finish_files(bool stopped, const RunResult& result);
   Result<nlohmann::json> result_json(const RunResult& result) const;
+  void reload(std::atomic<bool>& requested);
+  void report_to_service();
   [[nodiscard]] nlohmann::json summary() const;
 
-  const Config& config_;
+  /// As the run uses it: a reload changes the keys that may change.
+  Config config_;
   const RunOptions& options_;
   /// Until the pipeline runs.
   std::optional<StartupPriority> startup_;
@@ -87,6 +97,12 @@ class Supervisor {
   RunLog log_;
   PublisherStarts publisher_starts_;
   Watchdog watchdog_;
+  ServiceReport service_;
+  ConfigReader config_reader_;
+  /// The bus's last event if it is a problem, else empty.
+  std::string can_problem_;
+  std::size_t refused_requests_ = 0;
+  std::int64_t next_service_ns_ = 0;
   std::int64_t started_ns_ = 0;
   std::int64_t next_status_ns_ = 0;
   std::int64_t last_pose_ns_ = 0;
@@ -201,6 +217,7 @@ void Supervisor::take_results() {
     const std::optional<ipc::PoseRecord> record = pipeline_->poses().try_pop();
     if (!record) break;
     log_.add(*record);
+    service_.add(*record);
     if (files_) files_->add(*record);
     last_pose_ns_ = monotonic_ns();
     next_silence_report_ns_ = 0;
@@ -226,8 +243,10 @@ void Supervisor::watch_publisher() {
 
 void Supervisor::watch_can() {
   if (!can_watch_) return;
-  for (const drivers::CanEvent& event : can_watch_->poll(monotonic_ns()))
+  for (const drivers::CanEvent& event : can_watch_->poll(monotonic_ns())) {
     spdlog::log(event.problem ? spdlog::level::warn : spdlog::level::info, "{}", event.message);
+    can_problem_ = event.problem ? event.message : "";
+  }
   if (const auto line = can_watch_->recognise(monotonic_ns()))
     spdlog::log(level_of(line->level), "{}", line->text);
 }
@@ -240,9 +259,15 @@ void Supervisor::watch_files() {
 void Supervisor::watch_threads() {
   for (const RealtimeThread& thread : pipeline_->threads())
     watchdog_.watch(name_of(thread.role()), [&thread] { return thread.heartbeat(); });
+  // Packets that wait and are not taken; the additional LiDARs' wait for the first one's scans.
+  if (!pipeline_->lidars().empty())
+    watchdog_.watch("processing of LiDAR packets", [&lidar = *pipeline_->lidars().front()] {
+      const bool waits = lidar.ring.size() > 0;
+      return waits ? std::optional(lidar.channel.packets_taken()) : std::nullopt;
+    });
   if (!publisher_) return;
   // DDS takes seconds to start: a process is watched from its first beat on.
-  watchdog_.watch("nilio-publisher", [this, pid = pid_t{-1}, first = std::uint64_t{0}]() mutable {
+  watchdog_.watch(kPublisherName, [this, pid = pid_t{-1}, first = std::uint64_t{0}]() mutable {
     const std::uint64_t beats = publisher_->state().heartbeat();
     if (std::exchange(pid, publisher_->pid()) != publisher_->pid()) first = beats;
     const bool runs = publisher_->running() && beats != first;
@@ -276,13 +301,58 @@ void Supervisor::report_silence(std::int64_t now) {
   next_silence_report_ns_ = now + kSilenceReportPeriodNs;
 }
 
-Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
+/// Reads the configuration when `requested`, and takes over what may change once it is read.
+void Supervisor::reload(std::atomic<bool>& requested) {
+  if (!config_reader_.is_reading() && requested.exchange(false)) {
+    service_.begin_reload(monotonic_ns());
+    config_reader_.start(options_.load_config);
+  }
+  const std::optional<Result<Config>> loaded = config_reader_.take();
+  if (!loaded) return;
+  const ReloadReport report = reload_config(config_, *loaded);
+  // Whoever asked for it wants the outcome, at any level.
+  spdlog::set_level(spdlog::level::info);
+  for (const std::string& line : report.lines)
+    spdlog::log(report.refused ? spdlog::level::err : spdlog::level::info, "{}", line);
+  spdlog::set_level(spdlog::level::from_str(config_.log.level));
+  service_.end_reload(report.problem());
+}
+
+void Supervisor::report_to_service() {
+  const std::int64_t now = monotonic_ns();
+  if (now < next_service_ns_) return;
+  next_service_ns_ = now + kServicePeriodNs;
+  ServiceHealth health;
+  const bool publishes = publisher_ && publisher_->state().heartbeat() > 0;
+  health.is_ready = !config_.publisher.enabled || publishes;
+  const std::vector<std::string> hanging = watchdog_.hanging();
+  for (const std::string& name : hanging) health.problems.push_back(name + " hangs");
+  // niliod itself restarts a publisher that hangs; a restart of both would lose the map.
+  const bool threads_run =
+      std::ranges::all_of(hanging, [](const std::string& name) { return name == kPublisherName; });
+  const bool is_silent = options_.rules.has_sensors() && now - last_pose_ns_ >= kSilenceNs;
+  health.makes_progress = threads_run && (!is_silent || next_silence_report_ns_ != 0);
+  if (publisher_ && !publisher_->running()) health.problems.emplace_back("nilio-publisher does not run");
+  if (is_silent)
+    health.problems.push_back("no scan for " + std::to_string((now - last_pose_ns_) / 1'000'000'000) +
+                              " s: " + pipeline_->input().packets->status());
+  if (!can_problem_.empty()) health.problems.push_back(can_problem_);
+  if (files_ && files_->is_slow()) health.problems.emplace_back("the disk takes no data");
+  if (refused_requests_ > 0)
+    health.problems.push_back(std::to_string(refused_requests_) + " real-time requests refused, see the log");
+  service_.update(now, health);
+}
+
+Result<RunResult> Supervisor::run(RunRequests& requests) {
+  const std::atomic<bool>& stop = requests.stop;
   started_ns_ = last_pose_ns_ = monotonic_ns();
   next_status_ns_ = started_ns_ + kStatusPeriodNs;
   const auto granted = pipeline_->start();
   startup_.reset();
   if (!granted) return granted.error();
   log_.add(*granted, options_.rules.has_sensors());
+  refused_requests_ = static_cast<std::size_t>(
+      std::ranges::count_if(*granted, [](const PlanOutcome& outcome) { return !outcome.granted; }));
   if (options_.rules.are_live()) watch_threads();
   while (!pipeline_->finished() && !stop.load()) {
     pipeline_->output_event().wait(kPollPeriod);
@@ -290,8 +360,13 @@ Result<RunResult> Supervisor::run(const std::atomic<bool>& stop) {
     report_events();
     watch();
     report_status();
+    reload(requests.reload);
+    report_to_service();
   }
   const bool stopped = stop.load();
+  service_.stop(
+      (stopped ? kPublisherPatience + kDiskPatience : kReplayPublisherPatience + kReplayDiskPatience) +
+      kStopReserve);
   pipeline_->request_stop();
   pipeline_->join();
   take_results();
@@ -385,10 +460,11 @@ nlohmann::json Supervisor::summary() const {
 
 }  // namespace
 
-Result<RunResult> supervise(const Config& config, const RunOptions& options, const std::atomic<bool>& stop) {
-  Supervisor supervisor(config, options);
+Result<RunResult> supervise(const Config& config, const RunOptions& options, RunRequests& requests,
+                            const ServiceNotifier& service) {
+  Supervisor supervisor(config, options, service);
   if (auto opened = supervisor.open(); !opened) return opened.error();
-  return supervisor.run(stop);
+  return supervisor.run(requests);
 }
 
 }  // namespace nilio::daemon

@@ -7,6 +7,8 @@
 #include "daemon/output/run_result.hpp"
 #include "daemon/realtime/run_rules.hpp"
 #include "daemon/realtime/thread_hook.hpp"
+#include "daemon/service/config_reload.hpp"
+#include "daemon/service/service_notifier.hpp"
 
 #include <atomic>
 #include <filesystem>
@@ -25,12 +27,21 @@ struct RunOptions {
   std::vector<std::string> recording;
   std::filesystem::path publisher_executable;
   ThreadHook thread_hook = nullptr;
+  /// Reads the configuration of this run again, for a reload.
+  ConfigReader::Load load_config;
 };
 
-/// Runs the daemon: opens the input, starts publisher and pipeline, supervises them, writes outputs and log.
-/// Returns when a replay is done or `stop` is set; an error if no pose could be computed or the files are
-/// incomplete. A replay that is done writes result.json. Call from the main thread.
-core::Result<RunResult> supervise(const Config& config, const RunOptions& options,
-                                  const std::atomic<bool>& stop);
+/// Requests of signal handlers to a run.
+struct RunRequests {
+  std::atomic<bool> stop{false};
+  std::atomic<bool> reload{false};
+};
+
+/// Runs the daemon: opens the input, starts publisher and pipeline, supervises them, writes outputs and log,
+/// and reports to the service manager. Returns when a replay is done or a stop is requested; an error if no
+/// pose could be computed or the files are incomplete. A replay that is done writes result.json. Call from the
+/// main thread.
+core::Result<RunResult> supervise(const Config& config, const RunOptions& options, RunRequests& requests,
+                                  const ServiceNotifier& service);
 
 }  // namespace nilio::daemon

@@ -6,6 +6,7 @@
 #include "nilio/core/time.hpp"
 
 #include "daemon/command_line.hpp"
+#include "daemon/log_format.hpp"
 #include "daemon/publisher/imu_pose_loop.hpp"
 #include "daemon/publisher/publisher_loop.hpp"
 #include "daemon/publisher/scan_pose_loop.hpp"
@@ -283,6 +284,6 @@ int main(int argc, char** argv) {
   nilio::daemon::add_imu_options(app, options);
   if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
   spdlog::set_default_logger(spdlog::stderr_logger_mt("nilio-publisher"));
-  spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e %l %n: %v");
+  spdlog::set_formatter(nilio::log_formatter("nilio-publisher", STDERR_FILENO));
   return nilio::daemon::run(options);
 }

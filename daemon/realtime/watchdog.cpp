@@ -42,4 +42,12 @@ std::vector<Watchdog::Event> Watchdog::poll(std::int64_t now_ns) {
   return events;
 }
 
+std::vector<std::string> Watchdog::hanging() const {
+  std::vector<std::string> names;
+  for (const Watched& thread : threads_) {
+    if (thread.hangs) names.push_back(thread.name);
+  }
+  return names;
+}
+
 }  // namespace nilio::daemon

@@ -26,6 +26,8 @@ class Watchdog {
   void watch(std::string name, Heartbeat heartbeat);
   /// New events. `now_ns`: CLOCK_MONOTONIC. Call several times per kLimit.
   std::vector<Event> poll(std::int64_t now_ns);
+  /// Names of the threads that hang now.
+  [[nodiscard]] std::vector<std::string> hanging() const;
   /// Number of hangs found.
   [[nodiscard]] std::uint64_t hangs() const { return hangs_; }
 

@@ -43,9 +43,10 @@ class NiliodProcess {
   using Environment = std::vector<std::pair<std::string, std::string>>;
 
   NiliodProcess(const TemporaryFolder& folder, const std::vector<std::string>& arguments,
-                const Environment& environment = {})
+                const Environment& environment = {},
+                const std::filesystem::path& program = std::filesystem::path(NILIO_BIN_DIR) / "niliod")
       : log_(folder.path() / "niliod.log") {
-    std::vector<std::string> words{std::string(NILIO_BIN_DIR) + "/niliod"};
+    std::vector<std::string> words{program.string()};
     words.insert(words.end(), arguments.begin(), arguments.end());
     pid_ = fork();
     if (pid_ == 0) {

@@ -2,10 +2,12 @@
 
 #include <array>
 #include <chrono>
+#include <cstdlib>
 #include <fcntl.h>
 #include <memory>
 #include <regex>
 #include <string>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <thread>
 #include <unistd.h>
@@ -133,4 +135,32 @@ TEST_CASE("lines logged before a fault are written, followed by the fatal signal
   CHECK(WIFSIGNALED(status));
   CHECK(text.find("line 299 before the fault\n") != std::string::npos);
   CHECK(text.ends_with("niliod: ended by signal 11\n"));
+}
+
+TEST_CASE("in the journal, lines have its priority instead of a time", "[log_output]") {
+  Pipe pipe;
+  // Room for all lines: nobody reads until they are written.
+  REQUIRE(fcntl(pipe.input(), F_SETPIPE_SZ, 65536) >= 65536);
+  struct stat status {};
+  REQUIRE(fstat(pipe.input(), &status) == 0);
+  const std::string stream = std::to_string(status.st_dev) + ":" + std::to_string(status.st_ino);
+  const bool is_journal = GENERATE(true, false);
+  // A program with another output keeps the variable of the journal.
+  setenv("JOURNAL_STREAM", is_journal ? stream.c_str() : "1:2", 1);
+  {
+    const LogOutput log({pipe.input()});
+    spdlog::info("is well");
+    spdlog::warn("is hot");
+    spdlog::error("burns");
+  }
+  unsetenv("JOURNAL_STREAM");
+  pipe.close_input();
+  const std::string text = pipe.read_slowly();
+  if (is_journal) {
+    CHECK(text == "<6>is well\n<4>is hot\n<3>burns\n");
+  } else {
+    const std::string time = "[0-9-]{10} [0-9:.]{12} niliod ";
+    CHECK(std::regex_match(
+        text, std::regex(time + "info: is well\n" + time + "warning: is hot\n" + time + "error: burns\n")));
+  }
 }
