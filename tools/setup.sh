@@ -12,7 +12,7 @@ packages=(
 if [[ ${1:-} == --tests ]]; then
   packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy xz-utils procps clang-format-14 clang-tidy-14
     clang-14 libclang-rt-14-dev
-    user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1)
+    user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1 systemd)
 fi
 
 # The kernel of tests/vm is only unpacked, not installed; without it those tests are skipped.

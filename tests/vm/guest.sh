@@ -41,17 +41,17 @@ run_guest() {
   { time timeout -k 5 "$kGuestLimit" "$@" </dev/null >"$folder/program.log" 2>&1 || guest_status=$?; } 2>"$folder/times"
 }
 
-# boot_debian_kernel FOLDER KERNEL [ARGUMENT...]: run_guest with Debian's own kernel, of tier3_prepare.sh, in QEMU; the arguments add
-# devices to the machine.
+# boot_debian_kernel FOLDER KERNEL START [ARGUMENT...]: run_guest with Debian's own kernel, of tier3_prepare.sh, in QEMU. START: what
+# tier3_init.sh starts; the arguments add devices to the machine.
 boot_debian_kernel() {
-  local folder=$1 kernel=$2
-  shift 2
+  local folder=$1 kernel=$2 start=$3
+  shift 3
   # The processor is emulated even with KVM: fast enough, and the same on every machine. One processor: with two, a
   # burst overruns the emulated controller's buffer.
   run_guest "$folder" qemu-system-x86_64 -M q35 -accel tcg,thread=multi -cpu max -smp 1 -m 1024 \
     -display none -vga none -nodefaults -no-user-config -no-reboot -monitor none -serial file:"$folder/console.log" \
     -kernel "$kernel/vmlinux" -initrd "$kernel/initrd.gz" \
-    -append "console=ttyS0 quiet panic=-1 mitigations=off no_timer_check nilio_run=$folder/command.sh" \
+    -append "console=ttyS0 quiet panic=-1 mitigations=off no_timer_check $start" \
     -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap -device virtio-9p-pci,fsdev=host,mount_tag=host "$@"
 }
 

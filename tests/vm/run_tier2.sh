@@ -40,6 +40,6 @@ if grep --quiet 'ptrace set fp regs failed' "$folder/console.log"; then
   echo "user-mode-linux cannot run processes on this processor, which has more registers than it knows; Debian's kernel does it, in QEMU"
   need qemu-system-x86_64:qemu-system-x86
   "$here/tier3_prepare.sh" --offline "$kernel"
-  boot_debian_kernel "$folder" "$kernel"
+  boot_debian_kernel "$folder" "$kernel" "nilio_run=$folder/command.sh"
 fi
 end_as_guest "$folder"

@@ -16,5 +16,5 @@ need qemu-system-x86_64:qemu-system-x86
 mkdir -p "$folder"
 write_command "$folder" "NILIO_KERNEL='$kernel'" "$@"
 
-boot_debian_kernel "$folder" "$kernel" -object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus
+boot_debian_kernel "$folder" "$kernel" "nilio_run=$folder/command.sh" -object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus
 end_as_guest "$folder"

@@ -1,5 +1,6 @@
 #!/bin/busybox sh
-# First process of the QEMU guest: its root becomes this computer's files, read-only, with an overlay in memory.
+# First process of the QEMU guest: its root becomes this computer's files, read-only, with an overlay in memory. Runs the command
+# nilio_run=FILE there, or systemd with the units of nilio_units=FOLDER instead of the computer's own.
 export PATH=/bin:/usr/sbin:/usr/bin:/sbin HOME=/root
 b=/bin/busybox
 
@@ -7,6 +8,8 @@ finish() {
   $b echo "nilio-guest-status=$1"
   $b poweroff -f
 }
+
+argument() { $b sed -n "s/.*$1=\([^ ]*\).*/\1/p" "$2"; }
 
 $b mount -t proc proc /proc
 $b mount -t sysfs sys /sys
@@ -19,11 +22,19 @@ $b mount -t tmpfs -o size=50% tmpfs /memory
 $b mkdir /memory/upper /memory/work
 $b mount -t overlay -o lowerdir=/host,upperdir=/memory/upper,workdir=/memory/work overlay /root || finish 97
 for folder in proc sys dev; do $b mount --move /$folder /root/$folder; done
+$b ip link set lo up
+
+units=$(argument nilio_units /root/proc/cmdline)
+if [ -n "$units" ]; then
+  $b rm -rf /root/etc/systemd/system
+  $b cp -a "/root$units" /root/etc/systemd/system || finish 97
+  $b printf '' >/root/etc/fstab
+  exec $b switch_root /root /lib/systemd/systemd --unit=nilio-test.target --show-status=0 --log-level=warning
+fi
+
 $b mkdir -p /root/dev/pts /root/dev/shm
 $b mount -t devpts -o ptmxmode=666 devpts /root/dev/pts
 $b mount -t tmpfs tmpfs /root/dev/shm
 $b mount -t tmpfs tmpfs /root/run
-$b ip link set lo up
-run=$($b sed 's/.*nilio_run=\([^ ]*\).*/\1/' /root/proc/cmdline)
-$b chroot /root "$run"
+$b chroot /root "$(argument nilio_run /root/proc/cmdline)"
 finish $?
