@@ -90,7 +90,7 @@ TEST_CASE("an identified IMU is reported once with its evidence", "[can_watch]")
   const auto line = recognition.observe(kSecondNs);
   REQUIRE(line.has_value());
   CHECK(line->level == LogLevel::kInfo);
-  CHECK_THAT(line->text, Contains("IMU oxts_rt3003 on CAN can0 identified by frames 0x605, 0x608") &&
+  CHECK_THAT(line->text, Contains("IMU oxts_rt3003 on CAN can0 identified by frames 0x608, 0x605") &&
                              Contains("specific force 9.81 m/s^2"));
   CHECK_FALSE(recognition.observe(10 * kSecondNs).has_value());
 }
