@@ -133,7 +133,7 @@ TEST_CASE("a sensor locked to GPS is distinguished from the recorder's clock wit
   REQUIRE(sensor.clock.has_value());
   CHECK_FALSE(sensor.clock->agrees);
   CHECK_FALSE(sensor.clock->drift_ppm.has_value());
-  const std::string config = make_recording_config({&capture, &sensor, nullptr}, "");
+  const std::string config = make_recording_config({&capture, &sensor, nullptr}, {});
   CHECK_THAT(config, Contains("time_source: \"sensor\""));
 }
 

@@ -147,7 +147,7 @@ TEST_CASE("a CAN log without overlap with the capture is reported with the time 
   CHECK(relation.apart_s == Approx(99.6).margin(0.01));
   CHECK_THAT(inspect_report(apart), Contains("NO OVERLAP") && Contains("99.602 s apart"));
   CHECK_THAT(
-      make_recording_config({&apart.captures[0], &apart.captures[0].sensors.at(0), &apart.can_logs[0]}, ""),
+      make_recording_config({&apart.captures[0], &apart.captures[0].sensors.at(0), &apart.can_logs[0]}, {}),
       Contains("and the capture do not overlap: they are 99.602 s apart"));
   write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing()));
   const RecordingFindings together = inspect_recording({folder.path().string()});
