@@ -2,8 +2,10 @@
 
 #include "daemon/command_line.hpp"
 
+#include <map>
 #include <sstream>
 #include <string>
+#include <utility>
 
 #include <CLI/CLI.hpp>
 
@@ -19,6 +21,16 @@ inline CLI::Validator number_between(double low, double high) {
     return good ? std::string() : "'" + given + "' is not a number from " + text;
   };
   return {check, range.str()};
+}
+
+/// Values of an enumeration by their names, in any case. --help lists the names only; CLI::CheckedTransformer
+/// itself lists the numbers behind them as well, or the bytes.
+template <typename Enum>
+CLI::Validator choice_of(std::map<std::string, Enum> values) {
+  std::string names;
+  for (const auto& [name, value] : values) names += (names.empty() ? "{" : ",") + name;
+  CLI::CheckedTransformer transformer(std::move(values), CLI::ignore_case);
+  return transformer.description(names + "}");
 }
 
 }  // namespace nilio::tools

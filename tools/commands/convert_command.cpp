@@ -1,10 +1,10 @@
 #include "daemon/exit_status.hpp"
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/convert/capture.hpp"
 #include "tools/convert/convert.hpp"
 
 #include <iostream>
-#include <map>
 #include <memory>
 #include <string>
 
@@ -34,11 +34,9 @@ void add_capture_command(CLI::App& parent, int& status) {
   command->add_option("recording", options->recording, "capture, or folder of a recording")->required();
   command->add_option("output", options->output, "folder for the scans, created if missing")->required();
   command->add_option("--format", options->format, "pcd (default), ply or csv")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, convert::PointFormat>{{"pcd", convert::PointFormat::kPcd},
-                                                      {"ply", convert::PointFormat::kPly},
-                                                      {"csv", convert::PointFormat::kCsv}},
-          CLI::ignore_case));
+      ->transform(choice_of<convert::PointFormat>({{"pcd", convert::PointFormat::kPcd},
+                                                   {"ply", convert::PointFormat::kPly},
+                                                   {"csv", convert::PointFormat::kCsv}}));
   command->add_option("--config", options->config_file, "configuration file of niliod (YAML)");
   command
       ->add_option("--set", options->overrides,

@@ -1,4 +1,5 @@
 #include "daemon/exit_status.hpp"
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/evaluate/metrics.hpp"
@@ -7,7 +8,6 @@
 #include <cmath>
 #include <fstream>
 #include <iostream>
-#include <map>
 #include <memory>
 
 #include <CLI/CLI.hpp>
@@ -135,18 +135,14 @@ void add_evaluate_command(CLI::App& app, int& status) {
   command
       ->add_option("--align", arguments->alignment,
                    "alignment that counts for the end drift; 'none' adds the unaligned APE (default: origin)")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, evaluate::Alignment>{{"none", evaluate::Alignment::kNone},
-                                                     {"origin", evaluate::Alignment::kOrigin},
-                                                     {"se3", evaluate::Alignment::kSe3}},
-          CLI::ignore_case));
+      ->transform(choice_of<evaluate::Alignment>({{"none", evaluate::Alignment::kNone},
+                                                  {"origin", evaluate::Alignment::kOrigin},
+                                                  {"se3", evaluate::Alignment::kSe3}}));
   command
       ->add_option("--associate", arguments->association,
                    "TUM: 'interpolate' the truth at the estimate's times (default), or 'nearest' as evo does")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, evaluate::Association>{{"interpolate", evaluate::Association::kInterpolate},
-                                                       {"nearest", evaluate::Association::kNearest}},
-          CLI::ignore_case));
+      ->transform(choice_of<evaluate::Association>({{"interpolate", evaluate::Association::kInterpolate},
+                                                    {"nearest", evaluate::Association::kNearest}}));
   command
       ->add_option(
           "--max-time-difference", arguments->max_time_difference_s,

@@ -1,3 +1,4 @@
+#include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/trajectory.hpp"
@@ -8,7 +9,6 @@
 
 #include <filesystem>
 #include <iostream>
-#include <map>
 #include <memory>
 
 #include <CLI/CLI.hpp>
@@ -93,19 +93,15 @@ void add_plot_command(CLI::App& app, int& status) {
                       "map points as .ply (binary) or .xyz, coloured by height");
   command->add_option("-o,--output", arguments->output_path, "picture to write, .png or .svg")->required();
   command->add_option("--align", arguments->alignment, "with --truth: none, origin (default) or se3")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, evaluate::Alignment>{{"none", evaluate::Alignment::kNone},
-                                                     {"origin", evaluate::Alignment::kOrigin},
-                                                     {"se3", evaluate::Alignment::kSe3}},
-          CLI::ignore_case));
+      ->transform(choice_of<evaluate::Alignment>({{"none", evaluate::Alignment::kNone},
+                                                  {"origin", evaluate::Alignment::kOrigin},
+                                                  {"se3", evaluate::Alignment::kSe3}}));
   command
       ->add_option(
           "--plane", arguments->plane,
           "plane seen from above: xy, xz (camera frame) or auto (default: xz for KITTI camera poses)")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, plot::Plane>{
-              {"auto", plot::Plane::kAuto}, {"xy", plot::Plane::kXy}, {"xz", plot::Plane::kXz}},
-          CLI::ignore_case));
+      ->transform(choice_of<plot::Plane>(
+          {{"auto", plot::Plane::kAuto}, {"xy", plot::Plane::kXy}, {"xz", plot::Plane::kXz}}));
   command->callback([arguments, &status] { status = run_plot(*arguments); });
 }
 
