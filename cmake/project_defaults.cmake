@@ -9,6 +9,12 @@ endif()
 set(CMAKE_CXX_FLAGS_RELEASE "-O3 -DNDEBUG -g1")
 # GCC collects its garbage later: a fourteenth of the time of a build.
 add_compile_options($<$<CXX_COMPILER_ID:GNU>:--param=ggc-min-expand=100> $<$<CXX_COMPILER_ID:GNU>:--param=ggc-min-heapsize=400000>)
+# One baseline for all computers: bits of results would differ between instruction sets, as Eigen's sums have another order
+# with wider registers. Never "native".
+set(NILIO_BASELINE x86-64-v2 CACHE STRING "Instruction set of the build on x86-64 (-march); empty: the compiler's")
+if(NILIO_BASELINE AND CMAKE_SYSTEM_PROCESSOR STREQUAL "x86_64")
+  add_compile_options(-march=${NILIO_BASELINE})
+endif()
 option(NILIO_FAST_BUILD "Build with ccache and link with mold, where they are installed" OFF)
 if(NILIO_FAST_BUILD)
   find_program(NILIO_CCACHE ccache)
@@ -22,6 +28,10 @@ if(NILIO_FAST_BUILD)
   endif()
 endif()
 
+# Debian's folder of libraries, with any prefix: its packages are made of the same build.
+if(EXISTS /etc/debian_version AND CMAKE_LIBRARY_ARCHITECTURE)
+  set(CMAKE_INSTALL_LIBDIR lib/${CMAKE_LIBRARY_ARCHITECTURE} CACHE PATH "Folder of libraries below the prefix")
+endif()
 include(GNUInstallDirs)
 include(CTest)
 find_package(Threads REQUIRED)

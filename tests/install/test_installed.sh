@@ -11,9 +11,16 @@ mkdir -p "$work"
 cmake --install "$build" --prefix "$work/prefix" >"$work/install.txt"
 
 for file in bin/niliod bin/nilio-publisher bin/nilio include/nilio/core/odometry.hpp include/nilio/drivers/velodyne/decoder.hpp \
-            share/nilio/vehicle.yaml share/nilio/reference.yaml share/nilio/nilio.schema.json share/nilio/dbc/xsens_mti.dbc share/doc/nilio/LICENSE; do
+            etc/nilio/vehicle.yaml share/nilio/reference.yaml share/nilio/nilio.schema.json share/nilio/dbc/xsens_mti.dbc \
+            lib/systemd/system/niliod.service lib/sysusers.d/nilio.conf share/man/man8/niliod.8 \
+            share/bash-completion/completions/nilio share/doc/nilio/LICENSE; do
   [[ -e $work/prefix/$file ]] || { echo "installed tree: $file is missing" >&2; exit 1; }
 done
+grep -q "^ExecStart=$work/prefix/bin/niliod --config $work/prefix/etc/nilio/vehicle.yaml" "$work/prefix/lib/systemd/system/niliod.service" ||
+  { echo "installed tree: niliod.service does not name the prefix" >&2; exit 1; }
+echo '# of the owner' >>"$work/prefix/etc/nilio/vehicle.yaml"
+cmake --install "$build" --prefix "$work/prefix" >>"$work/install.txt"
+grep -q '# of the owner' "$work/prefix/etc/nilio/vehicle.yaml" || { echo "installed tree: a second installation replaced vehicle.yaml" >&2; exit 1; }
 cmake -S "$source_dir/core/examples" -B "$work/examples" -DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_BUILD_TYPE=Release >"$work/configure.txt"
 cmake --build "$work/examples" >"$work/build.txt"
 
