@@ -37,6 +37,8 @@ constexpr std::array kRows{
         "a --max-... threshold is exceeded"},
     Row{"nilio report", "every run has a result and keeps every threshold", "the table cannot be written",
         "a run has no readable result or its own status is not 0, or a --max-... threshold is exceeded"},
+    Row{"nilio init", "the configuration is written",
+        "nothing was received or found, or the file could not be written", nullptr},
     Row{"nilio inspect", "at least one file is usable", "no file is usable, or a file could not be written",
         nullptr},
     Row{"nilio plot", "drawn", "a file cannot be read or written", nullptr},

@@ -2,6 +2,8 @@
 # Checks wording and include directions over the tree; prints file:line and the rule, exit status 1 on a finding.
 set -uo pipefail
 cd "$(dirname "$0")/.."
+# The last part of a pipe runs in this shell, so that report can set failed.
+shopt -s lastpipe
 failed=0
 # report RULE: prints the findings on standard input, if any.
 report() { local found; found=$(cat); [[ -z $found ]] || { printf '%s\n  rule: %s\n' "$found" "$1"; failed=1; }; }

@@ -21,13 +21,15 @@ std::optional<EventLog::Line> PublisherStarts::observe(const ipc::PublisherEvent
     if (event.kind == Kind::kStopped && event.unpublished == 0) return std::nullopt;
     return EventLog::Line{LogLevel::kWarning, event.message};
   }
-  if (heartbeat == 0) failure_ = event.message;
+  // The message may end with the time of the next start.
+  const std::string reason = event.message.substr(0, event.message.find(", next start"));
+  if (heartbeat == 0) failure_ = reason;
   if (failed_starts_++ > 0) return std::nullopt;
-  return EventLog::Line{LogLevel::kError,
-                        event.message +
-                            "; it cannot start, poses continue without DDS, and the start is "
-                            "repeated - see the line of nilio-publisher above, or set "
-                            "publisher.enabled to false"};
+  return EventLog::Line{
+      LogLevel::kError,
+      reason +
+          "; poses continue without DDS, and the start is repeated every second - check the "
+          "lines of nilio-publisher above, or set publisher.enabled to false"};
 }
 
 std::optional<EventLog::Line> PublisherStarts::observe(std::uint64_t heartbeat) {

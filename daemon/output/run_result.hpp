@@ -25,7 +25,7 @@ struct RunResult {
   std::string problem;
 };
 
-/// What the poses of a run add up to. One thread.
+/// Sums over the poses of a run. One thread.
 class RunTotals {
  public:
   /// More lost poses than this share are a bad result.

@@ -16,11 +16,9 @@ void add_init_command(CLI::App& app, int& status) {
       "Finds the LiDAR's model, ports and mounting, and the IMU's preset, CAN interface, mounting, units and "
       "clock, and writes what differs from the defaults with its reasons as comments. Height, roll and pitch "
       "of the LiDAR come from the ground around the vehicle, yaw from straight driving forwards; base_link "
-      "is "
-      "on the ground under the LiDAR, x forward.\n"
+      "is on the ground under the LiDAR, x forward.\n"
       "Drive a minute on level ground, with at least 10 m straight ahead and some bends. A nilio.yaml beside "
-      "a recording is not read.\n"
-      "Exit status: 0; 1 when nothing was received or found, or the file could not be written.");
+      "a recording is not read.");
   command->add_option("source", options->paths,
                       "captures, CAN logs, or folders of them (default: listen to live traffic)");
   command->add_option("--output", options->output, "file to write")->capture_default_str();

@@ -256,11 +256,11 @@ TEST_CASE("a clock that was set and another return mode are reported with their 
   run.decode(after, kSensor);
   REQUIRE(run.scans.size() > scans + 2);
   CHECK(run.count_lines(wanted) == 1);
-  const bool at_the_seam =
-      run.count_lines("scan " + std::to_string(run.scans[scans].sequence) + wanted) +
-          run.count_lines("scan " + std::to_string(run.scans[scans + 1].sequence) + wanted) ==
-      1;
-  CHECK(at_the_seam);
+  // Not before the seam: a step of the computer's clock is taken for one only after several packets.
+  std::size_t after_the_seam = 0;
+  for (std::size_t i = scans; i < run.scans.size(); ++i)
+    after_the_seam += run.count_lines("scan " + std::to_string(run.scans[i].sequence) + wanted);
+  CHECK(after_the_seam == 1);
   CHECK(run.count_lines("map and pose are kept") == 1);
 }
 

@@ -26,11 +26,11 @@ TEST_CASE("a publisher that never starts is one error, however often it is tried
   const Kind kind = exits ? Kind::kDied : Kind::kStartFailed;
   PublisherStarts starts;
   CHECK(starts.failure().empty());
-  const auto first = starts.observe(event(kind, 1, "publisher 7 ended with status 1"), 0);
+  const auto first =
+      starts.observe(event(kind, 1, "publisher 7 ended with status 1, next start in 990 ms"), 0);
   REQUIRE(first.has_value());
   CHECK(first->level == LogLevel::kError);
-  CHECK(first->text.find("publisher 7 ended with status 1; it cannot start, poses continue without DDS") ==
-        0);
+  CHECK(first->text.find("publisher 7 ended with status 1; poses continue without DDS") == 0);
   for (int i = 0; i < 5; ++i) {
     CHECK_FALSE(starts.observe(event(Kind::kStarted, -1, "started again"), 0).has_value());
     CHECK_FALSE(starts.observe(event(kind, 1, "the same"), 0).has_value());

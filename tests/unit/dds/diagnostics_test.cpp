@@ -43,7 +43,7 @@ struct Report {
 
 using Cause = std::function<void(Report&)>;
 
-/// What brings a row to a level.
+/// Cause that brings a row to a level.
 struct Drive {
   std::string row;
   Level level;
