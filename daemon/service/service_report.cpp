@@ -60,7 +60,9 @@ void ServiceReport::update(std::int64_t now_ns, const ServiceHealth& health) {
   if (!notifier_.is_connected()) return;
   const bool becomes_ready = !is_ready_ && health.is_ready;
   const core::Duration period = notifier_.ping_period();
-  const bool pings = period.ns > 0 && now_ns >= next_ping_ns_ && health.makes_progress;
+  // A ping before READY would start the watchdog, which the time limit of the start replaces.
+  const bool pings =
+      period.ns > 0 && (is_ready_ || becomes_ready) && now_ns >= next_ping_ns_ && health.makes_progress;
   const bool has_status = becomes_ready || now_ns - last_status_ns_ >= kStatusPeriodNs;
   if (!pings && !has_status) return;
   is_ready_ = is_ready_ || becomes_ready;

@@ -53,6 +53,7 @@ TEST_CASE("READY is sent once, when the run is ready, and a status line every se
   Service service;
   service.run(0.0, 2.0, {.is_ready = false, .makes_progress = true, .problems = {"the publisher starts"}});
   CHECK(service.socket.count("READY=1") == 0);
+  CHECK(service.socket.count("WATCHDOG=1") == 0);
   CHECK(service.socket.count("STATUS=starting; the publisher starts\n") == 1);
   service.run(2.0, 6.0, kGood);
   CHECK(service.socket.count("READY=1") == 1);
