@@ -58,7 +58,7 @@ TEST_CASE("the mounting of a LiDAR is found from the ground and straight driving
     const LidarMounting found = estimate_lidar_mounting(drive(mounting_of(height_m, rpy_deg), 40.0, 0.0));
     CHECK(found.is_yaw_observed());
     CHECK(found.straight_m >= 30.0);
-    CHECK(found.ground_scans == 40);
+    CHECK(found.ground_scans >= 30);
     CHECK(found.height_m == Approx(height_m).margin(0.01));
     for (int i = 0; i < 3; ++i) CHECK(found.rotation_rpy_deg[i] == Approx(rpy_deg[i]).margin(0.1));
   }
