@@ -1,6 +1,3 @@
-#include "nilio/drivers/can/can_files.hpp"
-#include "nilio/drivers/imu/decoder.hpp"
-
 #include "daemon/input/input.hpp"
 #include "tests/support/hdl64e_packets.hpp"
 #include "tests/support/room_drive.hpp"
@@ -88,30 +85,6 @@ TEST_CASE("an unfinished recording is not replayed and is named", "[replay_files
   const auto files = find_replay_files({folder.text()});
   REQUIRE_FALSE(files.ok());
   CHECK_THAT(files.error().message, Contains("lidar.pcap.partial: is unfinished"));
-}
-
-TEST_CASE("the IMU preset of a replay is the one whose messages are in its CAN log", "[replay_files]") {
-  const TemporaryFolder folder;
-  tests::write_room_drive(folder.path(), tests::s_curve, 0.3, false);
-  const auto preset = drivers::imu_preset("oxts_rt3003");
-  REQUIRE(preset.ok());
-  std::string log;
-  for (int i = 0; i < 50; ++i) {
-    const core::ImuSample sample{
-        core::Time{1'767'268'800'000'000'000 + std::int64_t{i} * 10'000'000}, {}, {0.0, 0.0, 9.81}};
-    for (const drivers::CanFrame& frame : drivers::encode_imu_sample(sample, *preset))
-      log += drivers::format_candump_line(frame, "can0") + "\n";
-  }
-  REQUIRE_FALSE(folder.write("imu.log", log).empty());
-  const auto files = find_replay_files({folder.text()});
-  REQUIRE(files.ok());
-  const auto detected = replay_config(*files, "");
-  REQUIRE(detected.ok());
-  CHECK(detected->imu.preset == "oxts_rt3003");
-  // A configuration file has precedence.
-  const auto configured = replay_config(*files, folder.write("mine.yaml", "imu:\n  preset: sbg_ellipse\n"));
-  REQUIRE(configured.ok());
-  CHECK(configured->imu.preset == "sbg_ellipse");
 }
 
 TEST_CASE("a missing part of a recording causes a warning", "[replay_files]") {
