@@ -65,8 +65,12 @@ TEST_CASE("the service manager is told readiness, state and the end, and the pub
   NiliodProcess niliod = service.start({tests::own_domain(), "publisher.interfaces=[\"127.0.0.1\"]"});
   const std::string publisher = niliod.await("nilio-publisher started, pid ([0-9]+)");
   REQUIRE_FALSE(publisher.empty());
-  const std::string environment = read_file("/proc/" + publisher + "/environ");
-  CHECK_THAT(environment, Contains("PATH="));
+  // Empty until the process has become nilio-publisher.
+  std::string environment;
+  CHECK(tests::eventually([&] {
+    environment = read_file("/proc/" + publisher + "/environ");
+    return environment.find("PATH=") != std::string::npos;
+  }));
   CHECK_THAT(environment, !Contains("NOTIFY_SOCKET") && !Contains("WATCHDOG"));
   REQUIRE(service.socket.await("READY=1\n"));
   CHECK_THAT(niliod.output(), Contains("publishing on DDS domain"));

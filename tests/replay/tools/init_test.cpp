@@ -69,5 +69,6 @@ TEST_CASE("init says that yaw was not observed at standstill", "[init][drives]")
   daemon::Config found;
   REQUIRE(daemon::apply_file(found, config).ok());
   CHECK(found.lidar.extrinsic.rotation_rpy_deg.at(2) == 0.0);
-  CHECK(found.lidar.extrinsic.translation.at(2) == Approx(1.9).margin(0.1));
+  // From one place, higher ground beside the road counts, too.
+  CHECK(found.lidar.extrinsic.translation.at(2) == Approx(1.9).margin(0.15));
 }
