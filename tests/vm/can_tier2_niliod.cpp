@@ -86,7 +86,7 @@ TEST_CASE("niliod reports a missing CAN interface, continues without the IMU, an
 TEST_CASE("niliod starts before its CAN interface exists, and reports the frames of a wrong IMU",
           "[can_tier2_niliod]") {
   const NiliodRun run;
-  const auto niliod = run.start_niliod({"imu.interface=vcan0", "imu.bitrate=500000"});
+  const auto niliod = run.start_niliod({"imu.preset=xsens_mti", "imu.interface=vcan0", "imu.bitrate=500000"});
   CHECK(niliod->has_line("warning: CAN vcan0: gone; waiting for it"));
   CHECK(niliod->has_line("warning: IMU silent.*the bus is gone, no other frames on the bus"));
   const VirtualBus bus("vcan0");
