@@ -202,6 +202,7 @@ TEST_CASE("a thread that hangs during a drive is named, and the watchdog starts 
   fs::remove("/run/nilio-hang");
   CHECK(niliod.has_line("Watchdog timeout"));
   CHECK(niliod.await("StatusText", kTracking));
+  fs::remove(library);
 }
 
 TEST_CASE("a second vehicle runs beside the first", "[service_systemd]") {
