@@ -1,4 +1,4 @@
-#include "tests/support/tools_record_support.hpp"
+#include "tests/support/tools/record_support.hpp"
 
 #include <algorithm>
 

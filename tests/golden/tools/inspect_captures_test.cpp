@@ -1,6 +1,6 @@
 #include "daemon/config/schema.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/tools_inspect_support.hpp"
+#include "tests/support/tools/inspect_support.hpp"
 #include "tools/inspect/config.hpp"
 #include "tools/inspect/report/report.hpp"
 #include "tools/inspect/text.hpp"

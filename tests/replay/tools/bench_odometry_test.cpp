@@ -1,6 +1,6 @@
 #include "core/src/registration/methods.hpp"
 #include "daemon/config/convert.hpp"
-#include "tests/support/tools_town_drive.hpp"
+#include "tests/support/tools/town_drive.hpp"
 #include "tools/bench/basin/trials.hpp"
 #include "tools/bench/common/memory_use.hpp"
 #include "tools/bench/odometry/measure.hpp"

@@ -2,7 +2,7 @@
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "tests/support/read_all.hpp"
-#include "tests/support/tools_town_drive.hpp"
+#include "tests/support/tools/town_drive.hpp"
 #include "tools/bench/common/sensor_drive.hpp"
 #include "tools/commands/commands.hpp"
 

@@ -1,5 +1,5 @@
 #include "tests/support/read_all.hpp"
-#include "tests/support/tools_town_drive.hpp"
+#include "tests/support/tools/town_drive.hpp"
 #include "tools/bench/common/looping_source.hpp"
 #include "tools/bench/soak/soak_run.hpp"
 #include "tools/commands/commands.hpp"

@@ -1,6 +1,6 @@
 #include "daemon/config/schema.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "tests/support/tools_run_command.hpp"
+#include "tests/support/tools/run_command.hpp"
 
 #include <string>
 #include <vector>

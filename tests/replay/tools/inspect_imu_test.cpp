@@ -1,6 +1,6 @@
 #include "daemon/config/schema.hpp"
 #include "tests/support/room_drive.hpp"
-#include "tests/support/tools_inspect_support.hpp"
+#include "tests/support/tools/inspect_support.hpp"
 #include "tools/simulate/faults/imu_faults.hpp"
 
 #include <algorithm>

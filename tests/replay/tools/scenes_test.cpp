@@ -1,4 +1,4 @@
-#include "tests/support/tools_trajectory_support.hpp"
+#include "tests/support/tools/trajectory_support.hpp"
 #include "tools/bench/odometry/measure.hpp"
 #include "tools/bench/odometry/run.hpp"
 #include "tools/commands/commands.hpp"

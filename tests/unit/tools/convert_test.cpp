@@ -4,7 +4,7 @@
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/support/test_data.hpp"
-#include "tests/support/tools_trajectory_support.hpp"
+#include "tests/support/tools/trajectory_support.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/convert/kitti_raw.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"

@@ -1,5 +1,5 @@
 #include "tests/support/room_drive.hpp"
-#include "tests/support/tools_record_support.hpp"
+#include "tests/support/tools/record_support.hpp"
 
 #include <algorithm>
 #include <cstdlib>

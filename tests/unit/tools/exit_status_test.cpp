@@ -1,6 +1,6 @@
 #include "daemon/exit_status.hpp"
 
-#include "tests/support/tools_record_support.hpp"
+#include "tests/support/tools/record_support.hpp"
 
 #include <fstream>
 #include <iterator>

@@ -1,7 +1,7 @@
 #include "tools/simulate/faults/imu_faults.hpp"
 
-#include "tests/support/tools_run_command.hpp"
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/run_command.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 #include "tools/commands/commands.hpp"
 
 #include <algorithm>

@@ -4,8 +4,8 @@
 #include "daemon/config/schema.hpp"
 #include "daemon/input/input.hpp"
 #include "tests/support/hdl64e_support.hpp"
-#include "tests/support/tools_inspect_support.hpp"
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/inspect_support.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 #include "tools/inspect/config.hpp"
 #include "tools/inspect/report/report.hpp"
 

@@ -1,6 +1,6 @@
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 
-#include "tests/support/tools_inspect_support.hpp"
+#include "tests/support/tools/inspect_support.hpp"
 #include "tools/inspect/clock.hpp"
 #include "tools/inspect/report/report.hpp"
 

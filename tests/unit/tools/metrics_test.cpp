@@ -1,7 +1,7 @@
 #include "tools/evaluate/metrics.hpp"
 
 #include "tests/support/test_data.hpp"
-#include "tests/support/tools_trajectory_support.hpp"
+#include "tests/support/tools/trajectory_support.hpp"
 #include "tools/commands/commands.hpp"
 
 #include <cmath>

@@ -1,6 +1,6 @@
 #include "nilio/drivers/network/udp.hpp"
 
-#include "tests/support/tools_record_support.hpp"
+#include "tests/support/tools/record_support.hpp"
 #include "tools/play/session.hpp"
 #include "tools/play/timeline.hpp"
 

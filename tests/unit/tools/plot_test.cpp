@@ -1,4 +1,4 @@
-#include "tests/support/tools_trajectory_support.hpp"
+#include "tests/support/tools/trajectory_support.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/plot/figure.hpp"
 #include "tools/plot/map.hpp"

@@ -1,6 +1,6 @@
 #include "nilio/drivers/capture/record_parts.hpp"
 
-#include "tests/support/tools_record_support.hpp"
+#include "tests/support/tools/record_support.hpp"
 #include "tools/record/channel.hpp"
 
 #include <algorithm>

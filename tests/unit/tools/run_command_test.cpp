@@ -1,4 +1,4 @@
-#include "tests/support/tools_run_command.hpp"
+#include "tests/support/tools/run_command.hpp"
 
 #include <algorithm>
 #include <iostream>

@@ -1,7 +1,7 @@
 #include "tools/evaluate/run_table.hpp"
 
 #include "tests/support/temporary_folder.hpp"
-#include "tests/support/tools_run_command.hpp"
+#include "tests/support/tools/run_command.hpp"
 
 #include <fstream>
 #include <iterator>

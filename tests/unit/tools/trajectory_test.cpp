@@ -1,6 +1,6 @@
 #include "tools/common/trajectory.hpp"
 
-#include "tests/support/tools_trajectory_support.hpp"
+#include "tests/support/tools/trajectory_support.hpp"
 
 #include <cmath>
 

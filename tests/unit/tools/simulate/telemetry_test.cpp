@@ -3,8 +3,8 @@
 #include "nilio/drivers/velodyne/clock/nmea.hpp"
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 
-#include "tests/support/tools_simulate_room.hpp"
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/simulate_room.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 #include "tools/simulate/sensors/imu_model.hpp"
 #include "tools/simulate/sensors/position_model.hpp"
 #include "tools/simulate/sensors/recording.hpp"

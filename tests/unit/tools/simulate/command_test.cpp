@@ -2,8 +2,8 @@
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
-#include "tests/support/tools_run_command.hpp"
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/run_command.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/common/trajectory.hpp"
 

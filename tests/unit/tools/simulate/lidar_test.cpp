@@ -1,7 +1,7 @@
 #include "nilio/core/scan.hpp"
 #include "nilio/drivers/velodyne/decoder.hpp"
 
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 #include "tools/simulate/sensors/lidar_model.hpp"
 
 #include <algorithm>

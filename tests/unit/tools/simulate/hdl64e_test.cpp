@@ -1,6 +1,6 @@
 #include "nilio/drivers/velodyne/hdl64e/status.hpp"
 
-#include "tests/support/tools_simulate_room.hpp"
+#include "tests/support/tools/simulate_room.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/sensors/lidar_beam.hpp"
 

@@ -1,6 +1,6 @@
 #include "nilio/core/se3.hpp"
 
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 #include "tools/simulate/sensors/imu_model.hpp"
 #include "tools/simulate/town/town_drive.hpp"
 #include "tools/simulate/vehicle/recorded_drive.hpp"

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "tests/support/temporary_folder.hpp"
-#include "tests/support/tools_run_command.hpp"
+#include "tests/support/tools/run_command.hpp"
 
 #include <array>
 #include <cstdio>

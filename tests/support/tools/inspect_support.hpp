@@ -1,7 +1,7 @@
 #pragma once
 
 #include "tests/support/drivers_support.hpp"
-#include "tests/support/tools_run_command.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/inspect/recording.hpp"
 

@@ -1,4 +1,4 @@
-#include "tests/support/tools_simulate_room.hpp"
+#include "tests/support/tools/simulate_room.hpp"
 #include "tools/simulate/sensors/echo.hpp"
 
 #include <vector>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "tests/support/tools_trajectory_support.hpp"
+#include "tests/support/tools/trajectory_support.hpp"
 #include "tools/commands/commands.hpp"
 
 #include <string>

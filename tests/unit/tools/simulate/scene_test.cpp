@@ -1,4 +1,4 @@
-#include "tests/support/tools_simulate_support.hpp"
+#include "tests/support/tools/simulate_support.hpp"
 
 #include <cmath>
 #include <numbers>

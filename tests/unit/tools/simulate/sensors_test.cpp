@@ -1,7 +1,7 @@
 #include "nilio/core/units.hpp"
 #include "nilio/drivers/velodyne/detect.hpp"
 
-#include "tests/support/tools_simulate_room.hpp"
+#include "tests/support/tools/simulate_room.hpp"
 #include "tools/simulate/sensors/position_model.hpp"
 
 #include <cstddef>
