@@ -39,8 +39,8 @@ struct RunRequests {
 
 /// Runs the daemon: opens the input, starts publisher and pipeline, supervises them, writes outputs and log,
 /// and reports to the service manager. Returns when a replay is done or a stop is requested; an error if no
-/// pose could be computed or the files are incomplete. A replay that is done writes result.json. Call from the
-/// main thread.
+/// pose could be computed or the files are incomplete. A replay that is done writes result.json. Call from
+/// the main thread.
 core::Result<RunResult> supervise(const Config& config, const RunOptions& options, RunRequests& requests,
                                   const ServiceNotifier& service);
 

@@ -87,25 +87,17 @@ Finding find_registration(const Input& input) {
                      std::to_string(period.poses) + " poses"};
 }
 
-Finding find_superseded(const Input& input) {
-  const std::uint64_t skipped = input.period.superseded;
-  return {skipped > 0 ? Level::kWarn : Level::kOk, std::to_string(skipped) + " since the last report"};
+/// A count of the period, with the level that any of them has.
+Finding count_finding(std::uint64_t count, Level level) {
+  return {count > 0 ? level : Level::kOk, std::to_string(count) + " since the last report"};
 }
 
-Finding find_late(const Input& input) {
-  const std::uint64_t late = input.period.late;
-  return {late > 0 ? Level::kWarn : Level::kOk, std::to_string(late) + " since the last report"};
-}
-
+Finding find_superseded(const Input& input) { return count_finding(input.period.superseded, Level::kWarn); }
+Finding find_late(const Input& input) { return count_finding(input.period.late, Level::kWarn); }
 Finding find_failed_writes(const Input& input) {
-  const std::uint64_t failed = input.period.failed_writes;
-  return {failed > 0 ? Level::kError : Level::kOk, std::to_string(failed) + " since the last report"};
+  return count_finding(input.period.failed_writes, Level::kError);
 }
-
-Finding find_dropped(const Input& input) {
-  const std::uint64_t dropped = input.period.ring_dropped;
-  return {dropped > 0 ? Level::kWarn : Level::kOk, std::to_string(dropped) + " since the last report"};
-}
+Finding find_dropped(const Input& input) { return count_finding(input.period.ring_dropped, Level::kWarn); }
 
 Finding find_imu_use(const Input& input) {
   const core::ImuHealth& health = input.latest.imu_health;
