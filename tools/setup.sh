@@ -10,7 +10,7 @@ packages=(
   libembree-dev libcairo2-dev libssl-dev
 )
 if [[ ${1:-} == --tests ]]; then
-  packages+=(catch2 cyclonedds-dev cyclonedds-tools python3 python3-numpy python3-jsonschema python3-yaml xz-utils procps clang-format-14 clang-tidy-14
+  packages+=(catch2 ccache cyclonedds-dev cyclonedds-tools python3 python3-numpy python3-jsonschema python3-yaml xz-utils procps clang-format-14 clang-tidy-14
     clang-14 libclang-rt-14-dev
     mmdebstrap lintian groff-base
     user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1 systemd)
