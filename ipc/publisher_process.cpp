@@ -1,85 +1,30 @@
 #include "ipc/publisher_process.hpp"
 
+#include "ipc/child_process.hpp"
+
 #include <algorithm>
 #include <array>
-#include <csignal>
 #include <cstdio>
-#include <cstring>
-#include <fcntl.h>
-#include <sched.h>
-#include <spawn.h>
 #include <unistd.h>
 #include <utility>
 
 namespace nilio::ipc {
 namespace {
 
-// First inherited descriptor of the child: after standard input, output and error, and no gaps.
-constexpr int kFirstDescriptor = 3;
-constexpr std::array<const char*, 6> kDescriptorOptions{
-    "--ring-fd=", "--wake-fd=", "--imu-pose-ring-fd=", "--imu-ring-fd=", "--imu-wake-fd=", "--state-fd="};
+// In the order of the inherited descriptors.
+constexpr std::array<const char*, 9> kDescriptorOptions{
+    "--ring-fd=",  "--wake-fd=",      "--imu-pose-ring-fd=", "--imu-ring-fd=",  "--imu-wake-fd=",
+    "--state-fd=", "--scan-ring-fd=", "--path-ring-fd=",     "--cloud-wake-fd="};
 // Scan poses for the IMU-rate thread, which reads them at once; they queue up only during a restart.
 constexpr std::size_t kImuPoseSlots = 64;
+// A scan is read within milliseconds, or superseded.
+constexpr std::size_t kScanSlots = 4;
 // After a restart, queued poses wait this long until subscribers have found the new process.
 constexpr core::Duration kRediscovery{1'000'000'000};
 
 std::chrono::nanoseconds chrono(core::Duration duration) { return std::chrono::nanoseconds(duration.ns); }
 
 std::string describe(core::Duration duration) { return std::to_string(duration.ns / 1'000'000) + " ms"; }
-
-// Copy of a descriptor above the numbers that the child's descriptors will use.
-class DescriptorCopy {
- public:
-  explicit DescriptorCopy(int original) : copy_(fcntl(original, F_DUPFD_CLOEXEC, 16)) {}
-  DescriptorCopy(DescriptorCopy&& other) noexcept : copy_(std::exchange(other.copy_, -1)) {}
-  ~DescriptorCopy() {
-    if (copy_ >= 0) close(copy_);
-  }
-  DescriptorCopy(const DescriptorCopy&) = delete;
-  DescriptorCopy& operator=(const DescriptorCopy&) = delete;
-  DescriptorCopy& operator=(DescriptorCopy&&) = delete;
-  [[nodiscard]] int get() const { return copy_; }
-
- private:
-  int copy_;
-};
-
-// Spawn attributes of the child. Signals have their defaults; SIGTERM and SIGINT are blocked until the child
-// reads them from its signalfd. It has its own process group: Ctrl-C on the terminal reaches only niliod,
-// which then stops it in order. Normal scheduling, whatever the calling thread has.
-void set_attributes(posix_spawnattr_t& attributes) {
-  sigset_t blocked;
-  sigemptyset(&blocked);
-  sigaddset(&blocked, SIGTERM);
-  sigaddset(&blocked, SIGINT);
-  sigset_t defaults;
-  sigfillset(&defaults);
-  const sched_param normal{};
-  posix_spawnattr_setsigmask(&attributes, &blocked);
-  posix_spawnattr_setsigdefault(&attributes, &defaults);
-  posix_spawnattr_setpgroup(&attributes, 0);
-  posix_spawnattr_setschedpolicy(&attributes, SCHED_OTHER);
-  posix_spawnattr_setschedparam(&attributes, &normal);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
-                                            POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSCHEDULER);
-}
-
-int spawn_with_descriptors(const std::string& executable, char* const* argv,
-                           const std::vector<DescriptorCopy>& descriptors, pid_t& pid) {
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  int next = kFirstDescriptor;
-  for (const DescriptorCopy& descriptor : descriptors)
-    posix_spawn_file_actions_adddup2(&actions, descriptor.get(), next++);
-  posix_spawn_file_actions_addclosefrom_np(&actions, next);
-  posix_spawnattr_t attributes;
-  posix_spawnattr_init(&attributes);
-  set_attributes(attributes);
-  const int failure = posix_spawn(&pid, executable.c_str(), &actions, &attributes, argv, environ);
-  posix_spawnattr_destroy(&attributes);
-  posix_spawn_file_actions_destroy(&actions);
-  return failure;
-}
 
 // 17 digits reproduce a double exactly.
 std::string exact(double value) {
@@ -119,12 +64,19 @@ core::Result<PublisherRings> PublisherRings::create(std::size_t pose_slots, std:
   if (!samples) return core::Error{"IMU ring for the publisher: " + samples.error().message};
   auto state = SharedObject<PublisherState>::create();
   if (!state) return core::Error{"state of the publisher: " + state.error().message};
-  auto wake = WakeEvent::create();
-  auto imu_wake = WakeEvent::create();
-  if (!wake || !imu_wake)
-    return core::Error{"wake event for the publisher: " + (wake ? imu_wake : wake).error().message};
-  return PublisherRings{std::move(poses).value(),   std::move(wake).value(),     std::move(imu_poses).value(),
-                        std::move(samples).value(), std::move(imu_wake).value(), std::move(state).value()};
+  auto scans = OverwritingRing<ScanCloud>::in_shared_memory(kScanSlots);
+  if (!scans) return core::Error{"scan ring for the publisher: " + scans.error().message};
+  auto path = OverwritingRing<PathPose>::in_shared_memory(kMaxPathPoses + 1);
+  if (!path) return core::Error{"path ring for the publisher: " + path.error().message};
+  std::array<core::Result<WakeEvent>, 3> events{WakeEvent::create(), WakeEvent::create(),
+                                                WakeEvent::create()};
+  for (const auto& event : events) {
+    if (!event) return core::Error{"wake event for the publisher: " + event.error().message};
+  }
+  return PublisherRings{
+      std::move(poses).value(),   std::move(events[0]).value(), std::move(imu_poses).value(),
+      std::move(samples).value(), std::move(events[1]).value(), std::move(state).value(),
+      std::move(scans).value(),   std::move(path).value(),      std::move(events[2]).value()};
 }
 
 core::Result<std::unique_ptr<PublisherProcess>> PublisherProcess::create(PublisherProcessConfig config) {
@@ -158,6 +110,11 @@ bool PublisherProcess::publish_sample(const ImuRecord& record) noexcept {
   return pushed;
 }
 
+void PublisherProcess::publish_scan(const ScanCloud& scan) noexcept {
+  rings_.scans.push(scan, scan.bytes());
+  rings_.cloud_wake.notify();
+}
+
 std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_subscribers) const {
   std::vector<std::string> arguments{
       config_.executable.string(),
@@ -172,8 +129,11 @@ std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_sub
   if (!config_.transform) arguments.emplace_back("--no-transform");
   for (const std::string& address : config_.interface_whitelist)
     arguments.push_back("--interface=" + address);
-  int descriptor = kFirstDescriptor;
+  int descriptor = kFirstInheritedDescriptor;
   for (const char* option : kDescriptorOptions) arguments.push_back(option + std::to_string(descriptor++));
+  arguments.push_back("--scan-points=" + std::to_string(config_.scan_points));
+  arguments.push_back("--scan-rate-max-hz=" + exact(config_.scan_rate_max_hz));
+  arguments.push_back("--path-poses=" + std::to_string(config_.path_poses));
   if (config_.priority > 0) arguments.push_back("--priority=" + std::to_string(config_.priority));
   if (!config_.imu_poses) return arguments;
   add_imu_arguments(*config_.imu_poses, arguments);
@@ -183,21 +143,12 @@ std::vector<std::string> PublisherProcess::arguments(core::Duration wait_for_sub
 }
 
 core::Result<pid_t> PublisherProcess::spawn(core::Duration wait_for_subscribers) {
-  // In the order of kDescriptorOptions.
-  std::vector<DescriptorCopy> descriptors;
-  for (const int descriptor :
-       {rings_.poses.file_descriptor(), rings_.wake.file_descriptor(), rings_.imu_poses.file_descriptor(),
-        rings_.samples.file_descriptor(), rings_.imu_wake.file_descriptor(), rings_.state.file_descriptor()})
-    descriptors.emplace_back(descriptor);
-  std::vector<std::string> strings = arguments(wait_for_subscribers);
-  std::vector<char*> argv;
-  argv.reserve(strings.size() + 1);
-  for (std::string& argument : strings) argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  pid_t pid = -1;
-  const int failure = spawn_with_descriptors(strings.front(), argv.data(), descriptors, pid);
-  if (failure != 0)
-    return core::Error{"cannot start the publisher " + strings.front() + ": " + std::strerror(failure)};
+  const auto pid = spawn_child(
+      arguments(wait_for_subscribers),
+      {rings_.poses.file_descriptor(), rings_.wake.file_descriptor(), rings_.imu_poses.file_descriptor(),
+       rings_.samples.file_descriptor(), rings_.imu_wake.file_descriptor(), rings_.state.file_descriptor(),
+       rings_.scans.file_descriptor(), rings_.path.file_descriptor(), rings_.cloud_wake.file_descriptor()});
+  if (!pid) return core::Error{"cannot start the publisher " + pid.error().message};
   reset_progress(Clock::now() + chrono(wait_for_subscribers));
   return pid;
 }

@@ -4,10 +4,12 @@
 #include "nilio/core/time.hpp"
 
 #include "ipc/imu_pose_stream.hpp"
+#include "ipc/overwriting_ring.hpp"
 #include "ipc/publisher_state.hpp"
 #include "ipc/records.hpp"
 #include "ipc/restarted_process.hpp"
 #include "ipc/ring.hpp"
+#include "ipc/scan_cloud.hpp"
 #include "ipc/shared_object.hpp"
 #include "ipc/wake_event.hpp"
 
@@ -34,6 +36,9 @@ struct PublisherProcessConfig {
   std::size_t ring_capacity = 1024;  ///< poses kept while the publisher restarts
   /// If set, IMU-rate poses are published.
   std::optional<ImuPoseConfig> imu_poses;
+  std::size_t scan_points = ScanCloud::kCapacity;  ///< maximum points of a published scan; 0: no scans
+  double scan_rate_max_hz = 10.0;                  ///< maximum rate of published scans
+  std::size_t path_poses = 10'000;          ///< maximum poses of the published path, the newest; 0: no path
   std::size_t sample_ring_capacity = 4096;  ///< IMU samples kept while the publisher restarts
   int nice = -5;  ///< nice value of the process; without the privilege it stays 0 with a warning
   /// SCHED_FIFO priority of its scan pose thread; 0: none of its threads is FIFO.
@@ -47,6 +52,9 @@ struct PublisherProcessConfig {
   core::Duration hang_timeout =
       core::Duration::from_seconds(5.0);  ///< killed if it reads nothing for this time
 };
+
+/// Maximum of path_poses.
+inline constexpr std::size_t kMaxPathPoses = 16'383;
 
 struct PublisherEvent : ProcessEvent {
   std::size_t unpublished = 0;  ///< kStopped: poses left in the ring
@@ -62,14 +70,20 @@ struct PublisherRings {
   Ring<ImuRecord> samples;
   WakeEvent imu_wake;
   SharedObject<PublisherState> state;
+  /// For the thread of large samples. The path ring holds the whole published path, also for a restarted
+  /// process.
+  OverwritingRing<ScanCloud> scans;
+  OverwritingRing<PathPose> path;
+  WakeEvent cloud_wake;
 
   static core::Result<PublisherRings> create(std::size_t poses, std::size_t samples);
 };
 
 /// Starts, supervises and restarts `nilio-publisher`, and owns the shared memory with it.
 ///
-/// publish() belongs to the odometry thread, publish_sample() to the IMU receive thread, start(), poll() and
-/// stop() to one supervising thread (see RestartedProcess), the getters to any thread.
+/// publish(), publish_scan() and publish_path_pose() belong to the odometry thread, publish_sample() to the
+/// IMU receive thread, start(), poll() and stop() to one supervising thread (see RestartedProcess), the
+/// getters to any thread.
 class PublisherProcess {
  public:
   /// Creates the rings and wake events; starts nothing.
@@ -91,6 +105,12 @@ class PublisherProcess {
   /// Pushes an IMU sample; drops are counted in samples().dropped(). No effect without imu_poses in the
   /// configuration.
   bool publish_sample(const ImuRecord& record) noexcept;
+  /// Whether somebody subscribes to scans.
+  [[nodiscard]] bool wants_scans() const { return rings_.scans.wanted(); }
+  /// Pushes a scan or a pose of the path, overwriting older ones; never waits. Both for the odometry thread.
+  void publish_scan(const ScanCloud& scan) noexcept;
+  void publish_path_pose(const PathPose& pose) noexcept { rings_.path.push(pose); }
+  [[nodiscard]] const OverwritingRing<ScanCloud>& scans() const { return rings_.scans; }
   [[nodiscard]] const Ring<PoseRecord>& ring() const { return rings_.poses; }
   [[nodiscard]] Ring<PoseRecord>& ring() { return rings_.poses; }
   [[nodiscard]] const Ring<ImuRecord>& samples() const { return rings_.samples; }

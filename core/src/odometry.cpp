@@ -30,6 +30,8 @@ const ImuHealth& Odometry::imu_health() const { return state_->monitor.health();
 
 const std::vector<Eigen::Vector3f>& Odometry::deskewed_points() const { return state_->deskewed; }
 
+float Odometry::deskewed_intensity(std::size_t index) const { return state_->sweep[index].intensity; }
+
 OdometryResult Odometry::State::result_for(const Scan& scan) {
   OdometryResult result;
   result.sequence = scan.sequence;

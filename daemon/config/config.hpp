@@ -134,6 +134,9 @@ struct PublisherSection {
   double wait_for_subscribers_s = 0.0;
   bool imu_rate = true;
   double imu_rate_max_hz = 0.0;
+  int scan_points = 10'000;
+  double scan_rate_max_hz = 10.0;
+  int path_poses = 10'000;
   ImuPoseSection imu_pose;
 };
 

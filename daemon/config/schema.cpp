@@ -4,6 +4,8 @@
 #include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "ipc/publisher_process.hpp"
+
 #include <algorithm>
 #include <array>
 #include <string_view>
@@ -219,6 +221,11 @@ void add_publisher(Section s, PublisherSection& c) {
   s.add("imu_rate", &c.imu_rate, "also publish a pose for every IMU sample; not in an unpaced replay");
   s.number("imu_rate_max_hz", &c.imu_rate_max_hz, "Hz", 0, 10000,
            "maximum rate of these poses; 0 = one per sample");
+  s.number("scan_points", &c.scan_points, "", 0, ipc::ScanCloud::kCapacity,
+           "maximum points of a registered scan; 0 = no registered scans");
+  s.number("scan_rate_max_hz", &c.scan_rate_max_hz, "Hz", 0.1, 1000, "maximum rate of registered scans");
+  s.number("path_poses", &c.path_poses, "", 0, ipc::kMaxPathPoses,
+           "maximum poses of the path, about one per metre, the newest; 0 = no path");
   Section pose = s.below("imu_pose");
   ImuPoseSection& p = c.imu_pose;
   pose.number("max_slew_m_s", &p.max_slew_m_s, "m/s", 0.01, 100, "maximum slew rate of position corrections");

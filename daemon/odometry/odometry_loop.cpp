@@ -98,7 +98,8 @@ OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<co
       data_event_(data_event),
       imu_state_(imu_state),
       outputs_(outputs),
-      config_(config) {}
+      config_(config),
+      cloud_feed_(outputs.publisher) {}
 
 bool OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
   if (stop.load(std::memory_order_relaxed)) return false;
@@ -329,6 +330,7 @@ void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecisi
   record.iteration_ns = runtime_.budget().iteration_ns();
   stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
   push_pose(record, stop);
+  cloud_feed_.add(result, odometry_);
   if (outputs_.clouds != nullptr) push_cloud(result, stop);
   push_imu_health(false);
   if (outputs_.observer) outputs_.observer(scan, result, odometry_);

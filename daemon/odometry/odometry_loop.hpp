@@ -5,6 +5,7 @@
 
 #include "daemon/input/receive.hpp"
 #include "daemon/input/scan_feed.hpp"
+#include "daemon/odometry/cloud_feed.hpp"
 #include "daemon/odometry/deadline_guard.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/sample_period.hpp"
@@ -123,6 +124,7 @@ class OdometryLoop {
   ReceiveState* imu_state_;
   OdometryOutputs outputs_;
   OdometryLoopConfig config_;
+  CloudFeed cloud_feed_;
   core::Scan scan_;
   core::ImuHealth pushed_health_;
   std::uint64_t imu_samples_taken_ = 0;  ///< samples passed to the odometry

@@ -120,6 +120,9 @@ Result<std::monostate> Supervisor::open_publisher() {
   config.base_frame = config_.publisher.base_frame;
   config.topic_prefix = config_.publisher.topic_prefix;
   config.transform = config_.publisher.transform;
+  config.scan_points = static_cast<std::size_t>(config_.publisher.scan_points);
+  config.scan_rate_max_hz = config_.publisher.scan_rate_max_hz;
+  config.path_poses = static_cast<std::size_t>(config_.publisher.path_poses);
   config.ring_capacity = kPublisherSlots;
   if (config_.imu.enabled && config_.publisher.imu_rate) config.imu_poses = imu_pose_config(config_);
   const Result<ThreadPlan> plan = make_thread_plan(config_, options_.rules);
@@ -437,6 +440,8 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_dropped", publisher_ ? publisher_->ring().dropped() : 0},
       {"publisher_samples", publisher_ ? publisher_->samples().written() : 0},
       {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
+      {"publisher_scans", publisher_ ? publisher_->scans().written() : 0},
+      {"publisher_scans_dropped", publisher_ ? publisher_->scans().dropped() : 0},
       {"watchdog_hangs", watchdog_.hangs()},
   });
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));

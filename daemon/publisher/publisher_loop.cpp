@@ -31,12 +31,14 @@ Time monotonic_now() { return {monotonic_ns()}; }
 
 PublisherLoop::PublisherLoop(pid_t parent, int signals, std::unique_ptr<dds::OdometryPublisher> publisher,
                              std::unique_ptr<dds::ScanPoseLoop> scan_poses,
-                             std::unique_ptr<dds::ImuPoseLoop> imu_poses)
+                             std::unique_ptr<dds::ImuPoseLoop> imu_poses,
+                             std::unique_ptr<dds::CloudLoop> clouds)
     : parent_(parent),
       signals_(signals),
       publisher_(std::move(publisher)),
       scan_poses_(std::move(scan_poses)),
-      imu_poses_(std::move(imu_poses)) {
+      imu_poses_(std::move(imu_poses)),
+      clouds_(std::move(clouds)) {
   report_.stages.resize(dds::PublishLatency::kRows + (imu_poses_ ? dds::ImuPoseLoop::kLatencyRows : 0));
 }
 
@@ -49,13 +51,15 @@ int PublisherLoop::run() {
     }
     if (!stopping_) sleep_until(next_report);
   }
+  if (clouds_) clouds_->stop();
   scan_poses_->stop();
   if (imu_poses_) imu_poses_->stop();
   publish_reports();
   const bool acknowledged = publisher_->wait_for_acknowledgments(kLastAcknowledgments);
   const dds::ScanPoseLoop::Counts counts = scan_poses_->counts();
-  spdlog::info("stopped: {} poses published, {} writes failed{}{}", counts.published, counts.failed_writes,
-               acknowledged ? "" : ", not all acknowledged by every subscriber", imu_summary());
+  spdlog::info("stopped: {} poses published, {} writes failed{}{}{}", counts.published, counts.failed_writes,
+               acknowledged ? "" : ", not all acknowledged by every subscriber", imu_summary(),
+               cloud_summary());
   return 0;
 }
 
@@ -68,6 +72,13 @@ std::string PublisherLoop::imu_summary() const {
       "{:.0f}, max {:.0f} us",
       counts.published, counts.failed_writes, counts.ring_dropped, counts.jumps, latency.p50_us,
       latency.p99_us, latency.max_us);
+}
+
+std::string PublisherLoop::cloud_summary() const {
+  const dds::CloudLoop::Counts counts = clouds_ ? clouds_->counts() : dds::CloudLoop::Counts{};
+  if (counts.scans + counts.paths + counts.failed_writes == 0) return "";
+  return fmt::format("; {} registered scans ({} superseded), {} paths, {} writes failed", counts.scans,
+                     counts.dropped, counts.paths, counts.failed_writes);
 }
 
 bool PublisherLoop::report() {

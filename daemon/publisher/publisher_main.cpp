@@ -7,11 +7,13 @@
 
 #include "daemon/command_line.hpp"
 #include "daemon/log_format.hpp"
+#include "daemon/publisher/cloud_loop.hpp"
 #include "daemon/publisher/imu_pose_loop.hpp"
 #include "daemon/publisher/publisher_loop.hpp"
 #include "daemon/publisher/scan_pose_loop.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/kernel_requests.hpp"
+#include "ipc/publisher_process.hpp"
 #include "ipc/publisher_state.hpp"
 #include "ipc/records.hpp"
 #include "ipc/ring.hpp"
@@ -30,6 +32,7 @@
 #include <sys/resource.h>
 #include <sys/signalfd.h>
 #include <sys/types.h>
+#include <thread>
 #include <unistd.h>
 #include <utility>
 #include <vector>
@@ -54,6 +57,11 @@ struct PublisherOptions {
   bool lock_memory = false;
   double wait_for_subscribers_s = 0.0;
   dds::OdometryPublisherConfig publisher;
+
+  int scan_ring_descriptor = -1;
+  int path_ring_descriptor = -1;
+  int cloud_wake_descriptor = -1;
+  dds::CloudLimits clouds;
 
   bool imu_rate = false;
   int imu_priority = 0;
@@ -91,6 +99,21 @@ void add_publisher_options(CLI::App& app, PublisherOptions& options) {
   app.add_option("--wait-for-subscribers", options.wait_for_subscribers_s,
                  "Maximum wait for a first subscriber before reading the ring, s")
       ->check(CLI::Range(0.0, 3600.0));
+}
+
+void add_cloud_options(CLI::App& app, PublisherOptions& options) {
+  app.add_option("--scan-ring-fd", options.scan_ring_descriptor,
+                 "Inherited memfd of the ring of registered scans");
+  app.add_option("--path-ring-fd", options.path_ring_descriptor, "Inherited memfd of the poses of the path");
+  app.add_option("--cloud-wake-fd", options.cloud_wake_descriptor, "Inherited eventfd of registered scans");
+  app.add_option("--scan-points", options.clouds.scan_points,
+                 "Maximum points of a registered scan; 0: no scans")
+      ->check(CLI::Range(std::size_t{0}, ipc::ScanCloud::kCapacity));
+  app.add_option("--scan-rate-max-hz", options.clouds.scan_rate_max_hz,
+                 "Maximum rate of registered scans, Hz")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--path-poses", options.clouds.path_poses, "Maximum poses of the path; 0: no path")
+      ->check(CLI::Range(std::size_t{0}, ipc::kMaxPathPoses));
 }
 
 void add_imu_options(CLI::App& app, PublisherOptions& options) {
@@ -179,6 +202,12 @@ void take_precedence(const char* thread, int fifo_priority, int process_nice) {
   setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), std::max(process_nice + kPoseNice, kMinNice));
 }
 
+/// Normal priority for the calling thread.
+void leave_precedence() {
+  ipc::leave_fifo();
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), 0);
+}
+
 core::Result<dds::ScanPoseInputs> attach_scan_poses(const PublisherOptions& options) {
   auto poses = ipc::Ring<ipc::PoseRecord>::attach(options.ring_descriptor);
   if (!poses) return poses.error();
@@ -213,11 +242,37 @@ core::Result<std::unique_ptr<dds::ImuPoseLoop>> make_imu_poses(const PublisherOp
       config, std::move(writers).value());
 }
 
+/// Null if there is nothing to publish, or if it is impossible: poses are published without clouds, too. Fast
+/// DDS's threads inherit the calling thread's scheduling, which must be normal.
+std::unique_ptr<dds::CloudLoop> make_clouds(const PublisherOptions& options) {
+  if (options.clouds.scan_points == 0 && options.clouds.path_poses == 0) return nullptr;
+  auto scans = ipc::OverwritingRing<ipc::ScanCloud>::attach(options.scan_ring_descriptor);
+  auto path = ipc::OverwritingRing<ipc::PathPose>::attach(options.path_ring_descriptor);
+  auto wake = ipc::WakeEvent::adopt(options.cloud_wake_descriptor);
+  if (!scans || !path || !wake) {
+    spdlog::warn("registered scans and path: not published: {}", (!scans  ? scans.error()
+                                                                  : !path ? path.error()
+                                                                          : wake.error())
+                                                                     .message);
+    return nullptr;
+  }
+  auto publisher = dds::CloudPublisher::create(
+      {options.publisher.participant, options.publisher.odom_frame, options.publisher.topic_prefix});
+  if (!publisher) {
+    spdlog::warn("registered scans and path: not published: {}", publisher.error().message);
+    return nullptr;
+  }
+  return std::make_unique<dds::CloudLoop>(
+      dds::CloudInputs{std::move(scans).value(), std::move(path).value(), std::move(wake).value()},
+      std::move(publisher).value(), options.clouds);
+}
+
 /// The DDS entities and the loops that use them.
 struct Publishing {
   std::unique_ptr<dds::OdometryPublisher> publisher;
   std::unique_ptr<dds::ScanPoseLoop> scan_poses;
   std::unique_ptr<dds::ImuPoseLoop> imu_poses;
+  std::unique_ptr<dds::CloudLoop> clouds;
 };
 
 /// Creates everything, starts nothing of its own. Fast DDS's threads inherit the calling thread's scheduling.
@@ -229,7 +284,8 @@ core::Result<Publishing> create_publishing(const PublisherOptions& options) {
   auto imu_poses = make_imu_poses(options, **publisher);
   if (!imu_poses) return core::Error{"IMU-rate poses: " + imu_poses.error().message};
   auto scan_poses = std::make_unique<dds::ScanPoseLoop>(std::move(inputs).value(), **publisher);
-  return Publishing{std::move(publisher).value(), std::move(scan_poses), std::move(imu_poses).value()};
+  return Publishing{std::move(publisher).value(), std::move(scan_poses), std::move(imu_poses).value(),
+                    nullptr};
 }
 
 int run(const PublisherOptions& options) {
@@ -265,9 +321,16 @@ int run(const PublisherOptions& options) {
   if (publishing->imu_poses)
     publishing->imu_poses->start(
         [&options] { take_precedence("imu-poses", options.imu_priority, options.nice); });
+  // The calling thread may be FIFO.
+  std::thread([&] {
+    leave_precedence();
+    publishing->clouds = make_clouds(options);
+  }).join();
+  if (publishing->clouds) publishing->clouds->start(leave_precedence);
   spdlog::info("publishing on DDS domain {}", options.publisher.participant.domain);
   return PublisherLoop(options.parent, signals, std::move(publishing->publisher),
-                       std::move(publishing->scan_poses), std::move(publishing->imu_poses))
+                       std::move(publishing->scan_poses), std::move(publishing->imu_poses),
+                       std::move(publishing->clouds))
       .run();
 }
 
@@ -281,6 +344,7 @@ int main(int argc, char** argv) {
   nilio::daemon::PublisherOptions options;
   options.publisher.participant.name = "nilio";
   nilio::daemon::add_publisher_options(app, options);
+  nilio::daemon::add_cloud_options(app, options);
   nilio::daemon::add_imu_options(app, options);
   if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
   spdlog::set_default_logger(spdlog::stderr_logger_mt("nilio-publisher"));

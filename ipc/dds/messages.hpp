@@ -167,4 +167,51 @@ struct DiagnosticArray {
   friend bool operator==(const DiagnosticArray&, const DiagnosticArray&) = default;
 };
 
+/// sensor_msgs/PointField.
+struct PointField {
+  static constexpr std::uint8_t kFloat32 = 7;
+
+  std::string name;
+  std::uint32_t offset = 0;  ///< bytes from the start of a point
+  std::uint8_t datatype = kFloat32;
+  std::uint32_t count = 1;
+
+  friend bool operator==(const PointField&, const PointField&) = default;
+};
+
+/// sensor_msgs/PointCloud2.
+struct PointCloud2 {
+  core::Time stamp;
+  std::string frame_id;
+  std::uint32_t height = 1;
+  std::uint32_t width = 0;
+  std::vector<PointField> fields;
+  bool is_bigendian = false;
+  std::uint32_t point_step = 0;  ///< bytes of a point
+  std::uint32_t row_step = 0;    ///< bytes of a row
+  std::vector<std::uint8_t> data;
+  bool is_dense = true;  ///< no point is NaN
+
+  friend bool operator==(const PointCloud2&, const PointCloud2&) = default;
+};
+
+/// geometry_msgs/PoseStamped.
+struct PoseStamped {
+  core::Time stamp;
+  std::string frame_id;
+  std::array<double, 3> position{};
+  std::array<double, 4> orientation_xyzw{0.0, 0.0, 0.0, 1.0};
+
+  friend bool operator==(const PoseStamped&, const PoseStamped&) = default;
+};
+
+/// nav_msgs/Path.
+struct Path {
+  core::Time stamp;
+  std::string frame_id;
+  std::vector<PoseStamped> poses;
+
+  friend bool operator==(const Path&, const Path&) = default;
+};
+
 }  // namespace nilio::dds

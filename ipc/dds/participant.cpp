@@ -177,6 +177,8 @@ core::Result<TopicNames> topic_names(const std::string& prefix) {
                     path + "nilio/scan_report",
                     path + "nilio/odometry_imu",
                     path + "nilio/odometry_imu_status",
+                    path + "registered_scan",
+                    path + "path",
                     "rt/diagnostics"};
 }
 

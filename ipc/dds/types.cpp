@@ -1,22 +1,13 @@
-#include "ipc/dds/types.hpp"
+#include "ipc/dds/type_support.hpp"
 
 #include <cstddef>
-#include <exception>
-#include <stdexcept>
+#include <cstdint>
 #include <string>
-
-#include <fastcdr/Cdr.h>
-#include <fastcdr/FastBuffer.h>
-#include <fastdds/rtps/common/SerializedPayload.h>
 
 namespace nilio::dds {
 namespace {
 
-using eprosima::fastcdr::Cdr;
-
-constexpr std::size_t kEncapsulationBytes = 4;
 // Typical lengths for the preallocation of payloads; longer ones cost one reallocation.
-constexpr std::size_t kTypicalName = 64;
 constexpr std::size_t kTypicalStages = 16;
 constexpr std::size_t kTypicalBuckets = 80;
 // Minimum sizes, with empty names.
@@ -28,43 +19,11 @@ constexpr std::size_t kSmallestStatus = 1 + 4 * 4;
 constexpr std::size_t kSmallestKeyValue = 2 * 4;
 constexpr std::size_t kTypicalStatuses = 2;
 constexpr std::size_t kTypicalValues = 24;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
-// Counts the bytes that the same calls on a Cdr would write, including alignment.
-class SizeCounter {
- public:
-  SizeCounter& operator<<(bool) { return add(1, 1); }
-  SizeCounter& operator<<(std::uint8_t) { return add(1, 1); }
-  SizeCounter& operator<<(std::int32_t) { return add(4, 4); }
-  SizeCounter& operator<<(std::uint32_t) { return add(4, 4); }
-  SizeCounter& operator<<(std::int64_t) { return add(8, 8); }
-  SizeCounter& operator<<(std::uint64_t) { return add(8, 8); }
-  SizeCounter& operator<<(float) { return add(4, 4); }
-  SizeCounter& operator<<(double) { return add(8, 8); }
-  SizeCounter& operator<<(const std::string& text) { return add(4, 4).add(1, text.size() + 1); }
-  template <std::size_t N>
-  SizeCounter& operator<<(const std::array<double, N>&) {
-    return add(8, 8 * N);
-  }
-  [[nodiscard]] std::size_t bytes() const { return bytes_; }
-
- private:
-  SizeCounter& add(std::size_t alignment, std::size_t size) {
-    bytes_ = (bytes_ + alignment - 1) / alignment * alignment + size;
-    return *this;
-  }
-  std::size_t bytes_ = 0;
-};
+}  // namespace
 
 template <class Out>
-void put(Out& out, core::Time time) {
-  const std::int64_t nanoseconds = ((time.ns % kNsPerSecond) + kNsPerSecond) % kNsPerSecond;
-  out << static_cast<std::int32_t>((time.ns - nanoseconds) / kNsPerSecond)
-      << static_cast<std::uint32_t>(nanoseconds);
-}
-
-template <class Out>
-void put(Out& out, const Odometry& message) {
+static void put(Out& out, const Odometry& message) {
   put(out, message.stamp);
   out << message.frame_id << message.child_frame_id << message.position << message.orientation_xyzw
       << message.pose_covariance << message.linear_velocity << message.angular_velocity
@@ -72,7 +31,7 @@ void put(Out& out, const Odometry& message) {
 }
 
 template <class Out>
-void put(Out& out, const TransformMessage& message) {
+static void put(Out& out, const TransformMessage& message) {
   out << static_cast<std::uint32_t>(message.transforms.size());
   for (const TransformStamped& transform : message.transforms) {
     put(out, transform.stamp);
@@ -81,7 +40,7 @@ void put(Out& out, const TransformMessage& message) {
 }
 
 template <class Out>
-void put(Out& out, const LatencyReport& message) {
+static void put(Out& out, const LatencyReport& message) {
   put(out, message.stamp);
   out << static_cast<std::uint32_t>(message.stages.size());
   for (const StageLatency& stage : message.stages) {
@@ -94,7 +53,7 @@ void put(Out& out, const LatencyReport& message) {
 }
 
 template <class Out>
-void put(Out& out, const ScanReport& message) {
+static void put(Out& out, const ScanReport& message) {
   put(out, message.stamp);
   put(out, message.scan_start);
   out << message.sequence << message.state << message.stop_reason;
@@ -108,7 +67,7 @@ void put(Out& out, const ScanReport& message) {
 }
 
 template <class Out>
-void put(Out& out, const ImuPoseStatus& message) {
+static void put(Out& out, const ImuPoseStatus& message) {
   put(out, message.stamp);
   put(out, message.scan_stamp);
   out << message.scan_sequence << message.correction_m << message.correction_rad << message.jumped
@@ -116,7 +75,7 @@ void put(Out& out, const ImuPoseStatus& message) {
 }
 
 template <class Out>
-void put(Out& out, const DiagnosticArray& message) {
+static void put(Out& out, const DiagnosticArray& message) {
   put(out, message.stamp);
   out << message.frame_id << static_cast<std::uint32_t>(message.statuses.size());
   for (const DiagnosticStatus& status : message.statuses) {
@@ -126,36 +85,14 @@ void put(Out& out, const DiagnosticArray& message) {
   }
 }
 
-// Input of a payload: the Cdr, and the maximum number of bytes of a sequence.
-struct Input {
-  Cdr& cdr;
-  std::size_t payload_bytes;
-};
-
-void get(Input& in, core::Time& time) {
-  std::int32_t seconds = 0;
-  std::uint32_t nanoseconds = 0;
-  in.cdr >> seconds >> nanoseconds;
-  time.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + nanoseconds;
-}
-
-// Reads a sequence length; throws if the elements cannot fit into the rest of the payload.
-std::uint32_t get_length(Input& in, std::size_t smallest_element) {
-  std::uint32_t length = 0;
-  in.cdr >> length;
-  const std::size_t left = in.payload_bytes - std::min(in.payload_bytes, in.cdr.getSerializedDataLength());
-  if (length > left / smallest_element) throw std::length_error("sequence longer than its payload");
-  return length;
-}
-
-void get(Input& in, Odometry& message) {
+static void get(Input& in, Odometry& message) {
   get(in, message.stamp);
   in.cdr >> message.frame_id >> message.child_frame_id >> message.position >> message.orientation_xyzw >>
       message.pose_covariance >> message.linear_velocity >> message.angular_velocity >>
       message.twist_covariance;
 }
 
-void get(Input& in, TransformMessage& message) {
+static void get(Input& in, TransformMessage& message) {
   message.transforms.resize(get_length(in, kSmallestTransform));
   for (TransformStamped& transform : message.transforms) {
     get(in, transform.stamp);
@@ -164,7 +101,7 @@ void get(Input& in, TransformMessage& message) {
   }
 }
 
-void get(Input& in, LatencyReport& message) {
+static void get(Input& in, LatencyReport& message) {
   get(in, message.stamp);
   message.stages.resize(get_length(in, kSmallestStage));
   for (StageLatency& stage : message.stages) {
@@ -178,7 +115,7 @@ void get(Input& in, LatencyReport& message) {
       message.imu_ring_high_water;
 }
 
-void get(Input& in, ScanReport& message) {
+static void get(Input& in, ScanReport& message) {
   get(in, message.stamp);
   get(in, message.scan_start);
   in.cdr >> message.sequence >> message.state >> message.stop_reason;
@@ -192,14 +129,14 @@ void get(Input& in, ScanReport& message) {
       message.superseded >> message.degradation_level >> message.guarded >> message.overshoot_ns;
 }
 
-void get(Input& in, ImuPoseStatus& message) {
+static void get(Input& in, ImuPoseStatus& message) {
   get(in, message.stamp);
   get(in, message.scan_stamp);
   in.cdr >> message.scan_sequence >> message.correction_m >> message.correction_rad >> message.jumped >>
       message.follows_gyro >> message.jumps >> message.published >> message.thinned >> message.withheld;
 }
 
-void get(Input& in, DiagnosticArray& message) {
+static void get(Input& in, DiagnosticArray& message) {
   get(in, message.stamp);
   in.cdr >> message.frame_id;
   message.statuses.resize(get_length(in, kSmallestStatus));
@@ -212,20 +149,6 @@ void get(Input& in, DiagnosticArray& message) {
   }
 }
 
-template <class Message>
-std::uint32_t serialized_bytes(const Message& message) {
-  SizeCounter counter;
-  put(counter, message);
-  return static_cast<std::uint32_t>(kEncapsulationBytes + counter.bytes());
-}
-
-struct RosType {
-  const char* name;
-  std::string_view hash;
-};
-// Hashes of ipc/idl/nilio.idl; tests/support/type_hashes.py computes them.
-template <class Message>
-constexpr RosType kRosType{};
 template <>
 constexpr RosType kRosType<Odometry>{
     "nav_msgs::msg::dds_::Odometry_",
@@ -252,92 +175,38 @@ constexpr RosType kRosType<DiagnosticArray>{
     "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"};
 
 // Typical message for preallocation.
-void make_typical(Odometry& message) {
+static void make_typical(Odometry& message) {
   message.frame_id.assign(kTypicalName, 'x');
   message.child_frame_id.assign(kTypicalName, 'x');
 }
-void make_typical(TransformMessage& message) {
+static void make_typical(TransformMessage& message) {
   message.transforms.resize(1);
   message.transforms.front().frame_id.assign(kTypicalName, 'x');
   message.transforms.front().child_frame_id.assign(kTypicalName, 'x');
 }
-void make_typical(LatencyReport& message) {
+static void make_typical(LatencyReport& message) {
   message.stages.resize(kTypicalStages);
   for (StageLatency& stage : message.stages) {
     stage.name.assign(kTypicalName, 'x');
     stage.buckets.resize(kTypicalBuckets);
   }
 }
-void make_typical(ScanReport& message) {
+static void make_typical(ScanReport& message) {
   for (std::string* text :
        {&message.state, &message.stop_reason, &message.host_id, &message.degradation_level})
     text->assign(kTypicalName, 'x');
   message.stages.resize(kTypicalStages);
   for (StageStamp& stage : message.stages) stage.name.assign(kTypicalName, 'x');
 }
-void make_typical(ImuPoseStatus&) {}
+static void make_typical(ImuPoseStatus&) {}
 
-void make_typical(DiagnosticArray& message) {
+static void make_typical(DiagnosticArray& message) {
   message.statuses.resize(kTypicalStatuses);
   for (DiagnosticStatus& status : message.statuses) {
     status.name.assign(kTypicalName, 'x');
     status.message.assign(kTypicalName, 'x');
     status.values.assign(kTypicalValues, {std::string(kTypicalName, 'x'), std::string(kTypicalName, 'x')});
   }
-}
-
-}  // namespace
-
-template <class Message>
-MessageType<Message>::MessageType() {
-  Message typical;
-  make_typical(typical);
-  setName(kRosType<Message>.name);
-  m_typeSize = serialized_bytes(typical);
-  m_isGetKeyDefined = false;
-  auto_fill_type_information(false);
-  auto_fill_type_object(false);
-}
-
-template <class Message>
-std::string_view MessageType<Message>::type_hash() {
-  return kRosType<Message>.hash;
-}
-
-template <class Message>
-bool MessageType<Message>::serialize(void* data, Payload* payload) {
-  try {
-    eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(payload->data), payload->max_size);
-    Cdr cdr(buffer, Cdr::DEFAULT_ENDIAN, Cdr::DDS_CDR);
-    payload->encapsulation = cdr.endianness() == Cdr::BIG_ENDIANNESS ? CDR_BE : CDR_LE;
-    cdr.serialize_encapsulation();
-    put(cdr, *static_cast<const Message*>(data));
-    payload->length = static_cast<std::uint32_t>(cdr.getSerializedDataLength());
-    return true;
-  } catch (const std::exception&) {
-    return false;  // larger than the payload: Fast DDS reports the failed write
-  }
-}
-
-template <class Message>
-bool MessageType<Message>::deserialize(Payload* payload, void* data) {
-  try {
-    if (payload->length < kEncapsulationBytes || payload->data[0] != 0 || payload->data[1] > 1) return false;
-    eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(payload->data), payload->length);
-    Cdr cdr(buffer, Cdr::DEFAULT_ENDIAN, Cdr::DDS_CDR);
-    cdr.read_encapsulation();
-    payload->encapsulation = cdr.endianness() == Cdr::BIG_ENDIANNESS ? CDR_BE : CDR_LE;
-    Input in{cdr, payload->length};
-    get(in, *static_cast<Message*>(data));
-    return true;
-  } catch (const std::exception&) {
-    return false;
-  }
-}
-
-template <class Message>
-std::function<std::uint32_t()> MessageType<Message>::getSerializedSizeProvider(void* data) {
-  return [data] { return serialized_bytes(*static_cast<const Message*>(data)); };
 }
 
 template class MessageType<Odometry>;

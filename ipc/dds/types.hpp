@@ -38,6 +38,8 @@ extern template class MessageType<LatencyReport>;
 extern template class MessageType<DiagnosticArray>;
 extern template class MessageType<ScanReport>;
 extern template class MessageType<ImuPoseStatus>;
+extern template class MessageType<PointCloud2>;
+extern template class MessageType<Path>;
 
 using OdometryType = MessageType<Odometry>;
 using TransformType = MessageType<TransformMessage>;
@@ -45,5 +47,7 @@ using LatencyReportType = MessageType<LatencyReport>;
 using DiagnosticArrayType = MessageType<DiagnosticArray>;
 using ScanReportType = MessageType<ScanReport>;
 using ImuPoseStatusType = MessageType<ImuPoseStatus>;
+using PointCloud2Type = MessageType<PointCloud2>;
+using PathType = MessageType<Path>;
 
 }  // namespace nilio::dds

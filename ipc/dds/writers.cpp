@@ -16,7 +16,8 @@ fastdds::DataWriterQos writer_qos(std::string_view type_hash, const WriterOption
       options.reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
   // Maximum wait of a write for Fast DDS's other threads; the default is 100 ms.
   qos.reliability().max_blocking_time = eprosima::fastrtps::Duration_t(0, 20'000'000);
-  qos.durability().kind = fastdds::VOLATILE_DURABILITY_QOS;
+  qos.durability().kind =
+      options.transient_local ? fastdds::TRANSIENT_LOCAL_DURABILITY_QOS : fastdds::VOLATILE_DURABILITY_QOS;
   qos.history().kind = fastdds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = options.depth;
   qos.publish_mode().kind = fastdds::SYNCHRONOUS_PUBLISH_MODE;
@@ -24,7 +25,7 @@ fastdds::DataWriterQos writer_qos(std::string_view type_hash, const WriterOption
   qos.data_sharing().off();
   // A lost pose is requested again within one scan period; the default is 3 s.
   qos.reliable_writer_qos().times.heartbeatPeriod = eprosima::fastrtps::Duration_t(0, 100'000'000);
-  qos.deadline().period = dds_duration(options.deadline);
+  if (options.deadline.ns > 0) qos.deadline().period = dds_duration(options.deadline);
   qos.liveliness().kind = fastdds::AUTOMATIC_LIVELINESS_QOS;
   qos.liveliness().lease_duration = dds_duration(kLivelinessLease);
   qos.liveliness().announcement_period = dds_duration(core::Duration{kLivelinessLease.ns / 4});

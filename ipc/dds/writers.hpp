@@ -17,8 +17,10 @@ struct WriterOptions {
   int depth = 10;
   bool reliable = true;
   /// Promised maximum time between two samples; a reader that requests no shorter one is told when it is
-  /// exceeded.
+  /// exceeded. 0: none is promised.
   core::Duration deadline{500'000'000};
+  /// Late readers receive the last `depth` samples.
+  bool transient_local = false;
   /// `key=value;` pairs of the writer's user data, beside the type hash.
   std::string user_data;
 };
@@ -26,7 +28,7 @@ struct WriterOptions {
 /// Time after which readers are told that a writer's process has ended or hangs.
 inline constexpr core::Duration kLivelinessLease{2'000'000'000};
 
-/// Creates a volatile writer that keeps the last `depth` samples and sends from the writing thread. Deadline
+/// Creates a writer that keeps the last `depth` samples and sends from the writing thread. Deadline
 /// and liveliness are finite, which matches readers with ROS 2's defaults and readers that request as much.
 /// Takes ownership of `type`. Null if Fast DDS refuses.
 eprosima::fastdds::dds::DataWriter* create_writer(eprosima::fastdds::dds::DomainParticipant& participant,

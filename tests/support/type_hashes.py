@@ -6,7 +6,7 @@ import re
 import sys
 
 # type_description_interfaces/msg/FieldType.
-PRIMITIVES = {'int32': 6, 'uint32': 7, 'int64': 8, 'uint64': 9, 'float': 10, 'double': 11, 'boolean': 15, 'octet': 16,
+PRIMITIVES = {'uint8': 3, 'int32': 6, 'uint32': 7, 'int64': 8, 'uint64': 9, 'float': 10, 'double': 11, 'boolean': 15, 'octet': 16,
               'string': 17}
 NESTED, ARRAY, UNBOUNDED_SEQUENCE = 1, 48, 144
 

@@ -87,7 +87,7 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
     const float beam = numbered ? static_cast<float>(point.ring) : p.z() / p.norm() / scan.beam_spacing_rad;
     if (sine != 0.0F) p = raise_beam(p, cosine, sine);
     const float time_s = static_cast<float>(static_cast<double>(point.time_offset_ns - sweep_ns) * 1e-9);
-    output.push_back({R_base_lidar * p + t_base_lidar, time_s, beam});
+    output.push_back({R_base_lidar * p + t_base_lidar, time_s, beam, point.intensity});
   });
 }
 

@@ -20,6 +20,8 @@ struct SweepPoint {
   float time_s = 0.0F;
   /// Identifies the beam: its number, or the sine of its elevation in beam spacings.
   float beam = 0.0F;
+  /// Reflectivity as the sensor reports it.
+  float intensity = 0.0F;
 };
 
 struct ScanFilterConfig {

@@ -2,10 +2,11 @@
 // and prints each field of what it receives on one line, floating-point numbers in hexadecimal so that
 // nothing is lost.
 //
-//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu|arrivals|promises]
+//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu|clouds|arrivals|promises]
 //
 // Ends after COUNT poses and transforms and one array of diagnostics (status 0) or after TIMEOUT_S (status
-// 1). With "imu": after COUNT poses at IMU rate, one status of them and one report of a scan.
+// 1). With "imu": after COUNT poses at IMU rate, one status of them and one report of a scan. With "clouds":
+// after COUNT registered scans for a reliable and for a best-effort reader, and one path.
 //
 // With "arrivals": prints CLOCK_MONOTONIC, in ns, of every odometry message and of every change of the
 // publisher's state as soon as they arrive, and ends after COUNT messages:
@@ -106,6 +107,37 @@ static int print_report(const void* sample) {
          report->coarse_iterations, report->fine_iterations, report->map_voxels, report->lost_packets,
          report->missing_firings, report->superseded, report->degradation_level, (int)report->guarded,
          report->overshoot_ns);
+  return 1;
+}
+
+static int print_cloud(const void* sample) {
+  const sensor_msgs_msg_dds__PointCloud2_* cloud = sample;
+  print_header("cloud", &cloud->header, "-");
+  printf(" %" PRIu32 " %" PRIu32, cloud->height, cloud->width);
+  for (uint32_t i = 0; i < cloud->fields._length; ++i) {
+    const sensor_msgs_msg_dds__PointField_* field = &cloud->fields._buffer[i];
+    printf(" [%s %" PRIu32 " %u %" PRIu32 "]", field->name, field->offset, (unsigned)field->datatype,
+           field->count);
+  }
+  printf(" %d %" PRIu32 " %" PRIu32 " %d ", (int)cloud->is_bigendian, cloud->point_step, cloud->row_step,
+         (int)cloud->is_dense);
+  for (uint32_t i = 0; i < cloud->data._length; ++i) printf("%02x", cloud->data._buffer[i]);
+  printf("\n");
+  return 1;
+}
+
+static int print_path(const void* sample) {
+  const nav_msgs_msg_dds__Path_* path = sample;
+  print_header("path", &path->header, "-");
+  for (uint32_t i = 0; i < path->poses._length; ++i) {
+    const geometry_msgs_msg_dds__PoseStamped_* stamped = &path->poses._buffer[i];
+    const geometry_msgs_msg_dds__Pose_* pose = &stamped->pose;
+    print_header(" pose", &stamped->header, "-");
+    print_numbers((double[]){pose->position.x, pose->position.y, pose->position.z}, 3);
+    print_numbers(
+        (double[]){pose->orientation.x, pose->orientation.y, pose->orientation.z, pose->orientation.w}, 4);
+  }
+  printf("\n");
   return 1;
 }
 
@@ -262,10 +294,11 @@ static bool all_received(const topic_t* topics, size_t count) {
 int main(int argc, char** argv) {
   const char* const mode = argc == 5 ? argv[4] : "";
   const bool imu = strcmp(mode, "imu") == 0;
+  const bool clouds = strcmp(mode, "clouds") == 0;
   const bool promises = strcmp(mode, "promises") == 0;
   const bool arrivals = promises || strcmp(mode, "arrivals") == 0;
-  if (argc != 4 && !imu && !arrivals) {
-    fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S [imu|arrivals|promises]\n", argv[0]);
+  if (argc != 4 && !imu && !clouds && !arrivals) {
+    fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S [imu|clouds|arrivals|promises]\n", argv[0]);
     return 2;
   }
   const int wanted = atoi(argv[2]);
@@ -281,7 +314,12 @@ int main(int argc, char** argv) {
        print_odometry, wanted, 0, 0},
       {"rt/nilio/odometry_imu_status", &nilio_msg_dds__ImuPoseStatus__desc, reliable, print_status, 1, 0, 0},
       {"rt/nilio/scan_report", &nilio_msg_dds__ScanReport__desc, reliable, print_report, 1, 0, 0}};
-  topic_t* const topics = imu ? imu_rate : scans;
+  topic_t large[] = {
+      {"rt/registered_scan", &sensor_msgs_msg_dds__PointCloud2__desc, reliable, print_cloud, wanted, 0, 0},
+      {"rt/registered_scan", &sensor_msgs_msg_dds__PointCloud2__desc, DDS_RELIABILITY_BEST_EFFORT,
+       print_cloud, wanted, 0, 0},
+      {"rt/path", &nav_msgs_msg_dds__Path__desc, reliable, print_path, 1, 0, 0}};
+  topic_t* const topics = imu ? imu_rate : clouds ? large : scans;
   const size_t count = 3;
   const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
   for (size_t i = 0; i < count; ++i) {

@@ -97,6 +97,30 @@ ScanReport sample_scan_report() {
   return report;
 }
 
+PointCloud2 sample_cloud() {
+  PointCloud2 cloud;
+  cloud.stamp = {1'700'000'000'000'000'009};
+  cloud.frame_id = "odom";
+  cloud.width = 3;
+  cloud.fields = {{"x", 0, PointField::kFloat32, 1}, {"", 4, 2, 7}};
+  cloud.point_step = 5;
+  cloud.row_step = 15;
+  for (std::uint8_t i = 0; i < 15; ++i) cloud.data.push_back(static_cast<std::uint8_t>(17 * i));
+  return cloud;
+}
+
+Path sample_path() {
+  Path path;
+  path.stamp = {2'000'000'003};
+  path.frame_id = "map";
+  for (int i = 0; i < 3; ++i)
+    path.poses.push_back({{i * 1'000'000'001},
+                          std::string(static_cast<std::size_t>(i), 'm'),
+                          {1.5 * i, -2.0, 1e-9},
+                          {0.5, -0.5, 0.5, -0.5}});
+  return path;
+}
+
 ImuPoseStatus sample_imu_status() { return {{5}, {4}, 6, 0.25, -0.125, true, false, 7, 8, 9, 10}; }
 
 template <class Type, class Message>
@@ -154,6 +178,8 @@ TEST_CASE("the types have their ROS 2 names in DDS", "[types]") {
   CHECK(std::string(DiagnosticArrayType().getName()) == "diagnostic_msgs::msg::dds_::DiagnosticArray_");
   CHECK(std::string(ScanReportType().getName()) == "nilio::msg::dds_::ScanReport_");
   CHECK(std::string(ImuPoseStatusType().getName()) == "nilio::msg::dds_::ImuPoseStatus_");
+  CHECK(std::string(PointCloud2Type().getName()) == "sensor_msgs::msg::dds_::PointCloud2_");
+  CHECK(std::string(PathType().getName()) == "nav_msgs::msg::dds_::Path_");
 }
 
 TEST_CASE("messages are unchanged after serialization and deserialization", "[types]") {
@@ -168,6 +194,10 @@ TEST_CASE("messages are unchanged after serialization and deserialization", "[ty
   check_round_trip<ScanReportType>(sample_scan_report());
   check_round_trip<ScanReportType>(ScanReport{});
   check_round_trip<ImuPoseStatusType>(sample_imu_status());
+  check_round_trip<PointCloud2Type>(sample_cloud());
+  check_round_trip<PointCloud2Type>(PointCloud2{});
+  check_round_trip<PathType>(sample_path());
+  check_round_trip<PathType>(Path{});
 }
 
 TEST_CASE("times before 1970 have nanoseconds in the valid range", "[types]") {
@@ -245,6 +275,8 @@ TEST_CASE("truncated and damaged payloads are rejected without an exception", "[
   check_survives_damage<DiagnosticArrayType>(sample_diagnostics());
   check_survives_damage<ScanReportType>(sample_scan_report());
   check_survives_damage<ImuPoseStatusType>(sample_imu_status());
+  check_survives_damage<PointCloud2Type>(sample_cloud());
+  check_survives_damage<PathType>(sample_path());
 }
 
 TEST_CASE("a sequence length beyond the payload is rejected before any allocation", "[types]") {
@@ -284,6 +316,8 @@ TEST_CASE("topic names follow the prefix and ROS's naming rules", "[types]") {
   CHECK(topic_names("car").value().imu_status == "rt/car/nilio/odometry_imu_status");
   CHECK(topic_names("car").value().scan_report == "rt/car/nilio/scan_report");
   CHECK(topic_names("car").value().diagnostics == "rt/diagnostics");
+  CHECK(topic_names("").value().registered_scan == "rt/registered_scan");
+  CHECK(topic_names("car").value().path == "rt/car/path");
   CHECK(topic_names("/car_1//front/").value().odometry == "rt/car_1/front/odom");
   CHECK(topic_names("car").value().transform == "rt/tf");
   for (const char* bad : {"a b", "1car", "car/2", "caf\xC3\xA9", "a-b"})

@@ -95,9 +95,14 @@ TEST_CASE("type hashes are those of the IDL, and of ROS 2 where it has the type"
   CHECK(DiagnosticArrayType::type_hash() == hashes["diagnostic_msgs/msg/DiagnosticArray"]);
   CHECK(LatencyReportType::type_hash() == hashes["nilio/msg/LatencyReport"]);
   CHECK(ScanReportType::type_hash() == hashes["nilio/msg/ScanReport"]);
+  CHECK(PointCloud2Type::type_hash() == hashes["sensor_msgs/msg/PointCloud2"]);
+  CHECK(PathType::type_hash() == hashes["nav_msgs/msg/Path"]);
   CHECK(ImuPoseStatusType::type_hash() == hashes["nilio/msg/ImuPoseStatus"]);
   // Published by ROS 2 with its message packages.
-  CHECK(hashes["nav_msgs/msg/Path"].empty());
+  CHECK(hashes["nav_msgs/msg/Path"] ==
+        "RIHS01_1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b");
+  CHECK(hashes["sensor_msgs/msg/PointCloud2"] ==
+        "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5");
   CHECK(hashes["nav_msgs/msg/Odometry"] ==
         "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0");
   CHECK(hashes["diagnostic_msgs/msg/DiagnosticArray"] ==

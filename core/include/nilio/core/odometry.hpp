@@ -5,6 +5,7 @@
 #include "nilio/core/odometry_result.hpp"
 #include "nilio/core/scan.hpp"
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -43,6 +44,8 @@ class Odometry {
   void update_map(OdometryResult& result);
   /// The last registered scan, deskewed and filtered, in base_link at its end. Valid after update_map().
   [[nodiscard]] const std::vector<Eigen::Vector3f>& deskewed_points() const;
+  /// Reflectivity of deskewed_points()[index] as the sensor reports it.
+  [[nodiscard]] float deskewed_intensity(std::size_t index) const;
 
  private:
   friend class OdometryRuntime;
