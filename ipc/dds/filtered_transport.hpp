@@ -1,8 +1,6 @@
 #pragma once
 
 #include <atomic>
-#include <cstddef>
-#include <cstdint>
 #include <memory>
 
 #include <fastdds/rtps/transport/ChainingTransport.h>
@@ -10,17 +8,10 @@
 
 namespace nilio::dds {
 
-/// Number of bytes of an RTPS datagram before its first submessage that Fast DDS 2.9.1 does not survive; all
-/// bytes if there is none: statistics (0x80, vendor-specific), on which it aborts; data whose inline QoS is
-/// longer than the submessage, which it copies as 4 GiB; heartbeats and gaps with sequence numbers that no
-/// writer reaches, which it counts through one by one; fragments of samples beyond 16 MiB, which it
-/// allocates.
-std::size_t harmless_bytes(const std::uint8_t* data, std::size_t bytes);
-
 /// UDP transport with workarounds for three defects of Fast DDS 2.9.1.
 ///
-/// A single datagram of anybody on the network can abort or occupy it. Datagrams are truncated to their
-/// harmless_bytes().
+/// A single datagram of anybody on the network can abort, occupy or deafen it. Datagrams are truncated to
+/// their harmless_bytes().
 ///
 /// A participant announces itself before it listens. It misses the immediate answers of the others and finds
 /// them only at their next periodic announcement, up to 3 s later. Therefore nothing is sent before open().

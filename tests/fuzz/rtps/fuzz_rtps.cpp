@@ -4,12 +4,12 @@
 //
 // The traffic is recorded at the start, from a real participant that is matched with the child, so that
 // identifiers and sequence numbers are those that the child expects. A batch is sent when the child has read
-// the previous one. Exit status 1 if the child has died, stopped reading, or no longer publishes at the end;
-// the datagrams before a death are in fuzz_rtps-death-N.bin, each after its length (4 bytes, little endian).
-// The first two participants of the domain are hit: a program that has joined DOMAIN before, such as `nilio
-// watch --domain DOMAIN --interface 127.0.0.1`, is one of them.
+// the previous one. Exit status 1 if the child has died, stopped reading, or a new subscriber gets no pose:
+// in another process, whose identifiers are random, every 250,000 datagrams, and at the end also in this one,
+// whose identifiers the datagrams may name. The datagrams before a death are in fuzz_rtps-death-N.bin, each
+// after its length (4 bytes, little endian). The first two participants of the domain are hit: a program that
+// has joined DOMAIN before, such as `nilio watch --domain DOMAIN --interface 127.0.0.1`, is one of them.
 
-#include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/dds/participant.hpp"
 #include "tests/fuzz/rtps/mutations.hpp"
 #include "tests/fuzz/rtps/recording_participant.hpp"
@@ -44,6 +44,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kBatch = 128;
 constexpr auto kPatience = std::chrono::seconds(30);
+constexpr core::Duration kPosePatience = core::Duration::from_seconds(30.0);
 
 std::uint32_t own_domain() { return 100 + static_cast<std::uint32_t>(getpid()) % 100; }
 
@@ -79,18 +80,24 @@ Queues read_queues(const std::array<std::uint16_t, 4>& ports) {
   return queues;
 }
 
+/// Starts this program again as `role`, "--victim" or "--subscriber".
+pid_t start(const char* program, const char* role, std::uint32_t domain, int output) {
+  const std::string number = std::to_string(domain);
+  const pid_t pid = fork();
+  if (pid == 0) {
+    dup2(output, STDOUT_FILENO);
+    execl("/proc/self/exe", program, role, number.c_str(), nullptr);
+    _exit(127);
+  }
+  return pid;
+}
+
 class Victim {
  public:
   Victim(const char* program, std::uint32_t domain) {
     std::array<int, 2> ready{};
     if (pipe2(ready.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe");
-    pid_ = fork();
-    if (pid_ == 0) {
-      dup2(ready[1], STDOUT_FILENO);
-      const std::string number = std::to_string(domain);
-      execl("/proc/self/exe", program, "--victim", number.c_str(), nullptr);
-      _exit(127);
-    }
+    pid_ = start(program, "--victim", domain, ready[1]);
     close(ready[1]);
     char byte = 0;
     const bool started = read(ready[0], &byte, 1) == 1;
@@ -151,7 +158,7 @@ class Fuzzer {
 
   int run() {
     const auto begin = Clock::now();
-    while (sent_ < wanted_ && deaths_ < kMaxDeaths) attack();
+    while (sent_ < wanted_ && deaths_ < kMaxDeaths && publishes_) attack();
     const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     std::printf(
         "%llu mutated datagrams of %zu recorded (seed %llu) in %.0f s, %llu not read; %d deaths, %s\n",
@@ -188,12 +195,14 @@ class Fuzzer {
       std::string end = wait_until_read(victim);
       if (end.empty()) end = victim.death();
       if (!end.empty()) return report_death(end, previous, batch);
-      if (sent_ / kProgress != (sent_ - batch.size()) / kProgress)
-        std::fprintf(stderr, "%llu datagrams, child has %ld MiB\n", static_cast<unsigned long long>(sent_),
-                     victim.resident_mib());
+      if (sent_ / kProgress == (sent_ - batch.size()) / kProgress) continue;
+      std::fprintf(stderr, "%llu datagrams, child has %ld MiB\n", static_cast<unsigned long long>(sent_),
+                   victim.resident_mib());
+      publishes_ = is_publishing_to_new_program();
+      if (!publishes_) break;
     }
     dropped_ += read_queues(ports_).dropped - before.dropped;
-    publishes_ = is_publishing();
+    publishes_ = publishes_ && is_publishing_to_new_program() && is_publishing_to_this_program();
     if (const std::string end = victim.death(); !end.empty()) report_death(end, {}, batch);
   }
 
@@ -234,14 +243,19 @@ class Fuzzer {
     std::fflush(stdout);
   }
 
-  /// A new subscriber receives poses from the child.
-  bool is_publishing() {
-    dds::OdometrySubscriberConfig config;
-    config.participant.domain = domain_;
-    config.participant.interface_whitelist = {"127.0.0.1"};
-    auto subscriber = dds::OdometrySubscriber::create(config);
-    return subscriber.ok() &&
-           (*subscriber)->next(core::Duration{std::chrono::nanoseconds(kPatience).count()});
+  [[nodiscard]] bool is_publishing_to_new_program() const {
+    int status = 0;
+    const pid_t pid = start(program_, "--subscriber", domain_, STDERR_FILENO);
+    if (pid > 0 && waitpid(pid, &status, 0) == pid && WIFEXITED(status) && WEXITSTATUS(status) == 0)
+      return true;
+    std::printf("after %llu datagrams: a new program gets no pose\n", static_cast<unsigned long long>(sent_));
+    return false;
+  }
+  [[nodiscard]] bool is_publishing_to_this_program() const {
+    if (receives_pose(domain_, kPosePatience)) return true;
+    std::printf("after %llu datagrams: a new participant of this program gets no pose\n",
+                static_cast<unsigned long long>(sent_));
+    return false;
   }
 
   const char* program_;
@@ -254,7 +268,7 @@ class Fuzzer {
   std::uint64_t dropped_ = 0;
   std::size_t recorded_ = 0;
   int deaths_ = 0;
-  bool publishes_ = false;
+  bool publishes_ = true;
 };
 
 }  // namespace
@@ -263,11 +277,15 @@ class Fuzzer {
 int main(int argc, char** argv) {
   if (argc == 3 && std::strcmp(argv[1], "--victim") == 0)
     nilio::fuzz::run_victim(static_cast<std::uint32_t>(std::strtoul(argv[2], nullptr, 10)));
+  nilio::dds::set_fastdds_log_handler([](const std::string&) {});
+  if (argc == 3 && std::strcmp(argv[1], "--subscriber") == 0) {
+    const auto domain = static_cast<std::uint32_t>(std::strtoul(argv[2], nullptr, 10));
+    return nilio::fuzz::receives_pose(domain, nilio::fuzz::kPosePatience) ? 0 : 1;
+  }
   if (argc < 2 || argc > 4) {
     std::fprintf(stderr, "usage: %s DATAGRAMS [SEED [DOMAIN]]\n", argv[0]);
     return 2;
   }
-  nilio::dds::set_fastdds_log_handler([](const std::string&) {});
   const auto number = [&](int index, std::uint64_t otherwise) {
     return argc > index ? std::strtoull(argv[index], nullptr, 10) : otherwise;
   };

@@ -1,6 +1,6 @@
 #include "tests/fuzz/rtps/recording_participant.hpp"
 
-#include "ipc/dds/filtered_transport.hpp"
+#include "ipc/dds/rtps_filter.hpp"
 #include "ipc/dds/types.hpp"
 #include "ipc/dds/writers.hpp"
 

@@ -50,4 +50,12 @@ void run_victim(std::uint32_t domain) {
   }
 }
 
+bool receives_pose(std::uint32_t domain, core::Duration patience) {
+  dds::OdometrySubscriberConfig config;
+  config.participant.domain = domain;
+  config.participant.interface_whitelist = {"127.0.0.1"};
+  const auto subscriber = dds::OdometrySubscriber::create(config);
+  return subscriber.ok() && (*subscriber)->next(patience);
+}
+
 }  // namespace nilio::fuzz

@@ -1,9 +1,9 @@
 #include "ipc/dds/diagnostics.hpp"
-#include "ipc/dds/filtered_transport.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/dds/participant.hpp"
 #include "ipc/dds/reports.hpp"
+#include "ipc/dds/rtps_filter.hpp"
 #include "ipc/dds/types.hpp"
 #include "ipc/histogram.hpp"
 #include "ipc/publisher_process.hpp"
@@ -411,6 +411,87 @@ TEST_CASE("heartbeats and gaps that would occupy Fast DDS for minutes are filter
     CHECK(bytes_of(gap, little_endian, 1, 1'000'000) == 32);
     CHECK(bytes_of(gap, little_endian, std::uint64_t{1} << 62U, (std::uint64_t{1} << 62U) + 1) == 32);
   }
+}
+
+TEST_CASE("an announcement in the name of another participant is filtered out", "[transport]") {
+  using Bytes = std::vector<std::uint8_t>;
+  const auto append = [](Bytes& to, const Bytes& bytes) { to.insert(to.end(), bytes.begin(), bytes.end()); };
+  const auto guid = [](std::uint8_t participant) {
+    Bytes bytes(12, participant);
+    bytes.insert(bytes.end(), {0, 0, 1, 0xC1});
+    return bytes;
+  };
+  struct Announcement {
+    std::uint8_t header = 1;  ///< participant
+    std::uint8_t payload = 1;
+    std::optional<std::uint8_t> info_source{};
+    std::optional<std::uint8_t> key{};  ///< in the inline QoS
+    std::uint8_t writer = 0xC2;         ///< SPDP
+    std::uint8_t kind = 0x15;           ///< data
+  };
+  const auto is_filtered = [&](const Announcement& announcement) {
+    Bytes datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
+    append(datagram, Bytes(12, announcement.header));
+    if (announcement.info_source) {
+      append(datagram, {0x0C, 0x01, 20, 0, 0, 0, 0, 0, 2, 3, 1, 15});
+      append(datagram, Bytes(12, *announcement.info_source));
+    }
+    Bytes body{0, 0, 16, 0, 0, 0, 0, 0, 0, 1, 0, announcement.writer, 0, 0, 0, 0, 1, 0, 0, 0};
+    if (announcement.kind == 0x16) append(body, {1, 0, 0, 0, 1, 0, 64, 0, 64, 0, 0, 0});
+    if (announcement.key) {
+      append(body, {0x70, 0, 16, 0});
+      append(body, guid(*announcement.key));
+      append(body, {1, 0, 0, 0});
+    }
+    append(body, {0, 3, 0, 0, 0x15, 0, 4, 0, 2, 3, 0, 0, 0x50, 0, 16, 0});  // version, participant
+    append(body, guid(announcement.payload));
+    append(body, {1, 0, 0, 0});
+    const std::size_t begin = datagram.size();
+    const std::uint8_t flags = announcement.key ? 0x07 : 0x05;
+    append(datagram, {announcement.kind, flags, static_cast<std::uint8_t>(body.size()), 0});
+    append(datagram, body);
+    const std::size_t harmless = harmless_bytes(datagram.data(), datagram.size());
+    CHECK((harmless == begin || harmless == datagram.size()));
+    return harmless == begin;
+  };
+  CHECK_FALSE(is_filtered({}));
+  CHECK_FALSE(is_filtered({.key = 1}));
+  CHECK_FALSE(is_filtered({.header = 2, .info_source = 1}));
+  CHECK(is_filtered({.header = 2}));
+  CHECK(is_filtered({.payload = 2}));
+  CHECK(is_filtered({.info_source = 2}));
+  CHECK(is_filtered({.key = 2}));
+  CHECK(is_filtered({.kind = 0x16}));
+  // Data of other writers is not about a participant.
+  CHECK_FALSE(is_filtered({.payload = 2, .writer = 0xC7}));
+}
+
+TEST_CASE("a participant is heard although its announcement was forged before it came", "[transport]") {
+  const std::uint32_t domain = test_domain();
+  const auto publisher = make_publisher(domain);
+  // Participants of a process have consecutive numbers: the next one's prefix is known.
+  std::array<std::uint8_t, 12> next{};
+  const auto& last = publisher->participant().get().guid().guidPrefix;
+  std::copy(std::begin(last.value), std::end(last.value), next.begin());
+  ++next[8];
+  std::vector<std::uint8_t> datagram{'R', 'T', 'P', 'S', 2, 3, 1, 15};
+  datagram.insert(datagram.end(), next.begin(), next.end());
+  // Announcement number 1000 of nobody in particular.
+  datagram.insert(datagram.end(), {0x15, 0x05, 48,   0, 0, 0, 16, 0, 0, 0, 0,    0,    0,  1, 0, 0xC2, 0, 0,
+                                   0,    0,    0xE8, 3, 0, 0, 0,  3, 0, 0, 0x50, 0,    16, 0, 9, 9,    9, 9,
+                                   9,    9,    9,    9, 9, 9, 9,  9, 0, 0, 1,    0xC1, 1,  0, 0, 0});
+  const int sender = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  for (std::uint32_t offset = 10; offset < 30; offset += 2) {  // discovery ports of the first participants
+    to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
+    sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+  }
+  close(sender);
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  const auto subscriber = make_subscriber(domain);
+  REQUIRE(wait_for_subscriber(*publisher));
 }
 
 TEST_CASE("data whose inline QoS is longer than the submessage is filtered out", "[transport]") {
