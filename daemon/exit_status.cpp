@@ -32,6 +32,8 @@ constexpr std::array kRows{
     Row{"nilio record", "recorded", "no data were recorded, or the disk did not take all of them", nullptr},
     Row{"nilio play", "played", "a packet or frame could not be sent", nullptr},
     Row{"nilio simulate", "the recording is written", "a file cannot be read or written", nullptr},
+    Row{"nilio mangle", "the copy is written",
+        "a file cannot be read or written, or the recording cannot have the fault", nullptr},
     Row{"nilio convert", "converted", "a file cannot be read or written, or nothing was written", nullptr},
     Row{"nilio evaluate", "compared", "a file cannot be used, or a threshold cannot be checked",
         "a --max-... threshold is exceeded"},

@@ -32,6 +32,7 @@ int main(int argc, char** argv) {
   nilio::tools::add_record_command(app, status);
   nilio::tools::add_play_command(app, status);
   nilio::tools::add_simulate_command(app, status);
+  nilio::tools::add_mangle_command(app, status);
   nilio::tools::add_convert_command(app, status);
   nilio::tools::add_evaluate_command(app, status);
   nilio::tools::add_report_command(app, status);

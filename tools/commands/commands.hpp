@@ -10,6 +10,7 @@ namespace nilio::tools {
 /// Each adds one command to `nilio`. The command runs while the line is parsed and leaves its exit status in
 /// `status` (nilio::ExitStatus; one message on standard error where it failed).
 void add_simulate_command(CLI::App& app, int& status);
+void add_mangle_command(CLI::App& app, int& status);
 void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_inspect_command(CLI::App& app, int& status);
