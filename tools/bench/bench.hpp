@@ -59,6 +59,28 @@ struct BasinOptions {
 };
 core::Result<bool> run_basin_bench(const BasinOptions& options);
 
+/// `nilio bench matrix`: success, drift and silent errors over scenes, sensors, IMU and faults.
+struct MatrixOptions {
+  bool quick = false;                ///< short drives, fixed seeds
+  bool list = false;                 ///< only print the names of the rows
+  std::string rows;                  ///< pattern of a shell; empty = all
+  std::size_t runs = 12;             ///< drawn seeds of a simulated drive
+  std::vector<std::uint64_t> seeds;  ///< instead of drawn ones
+  std::string commit;                ///< that the seeds are drawn from; empty = of the working folder
+  std::string data;                  ///< real recordings; empty = NILIO_DATA
+  std::string drives;                ///< folder to keep the drives in; empty = temporary
+  std::vector<std::string> peers;    ///< "NAME=FOLDER"
+  std::string baseline;              ///< result to compare with; empty = none
+  std::vector<std::string> overrides;
+  std::size_t jobs = 2;
+  std::string json;
+  ResultsPage::Options page;
+};
+/// Status of a benchmark that a signal stopped, with the page of what was done: 128 + SIGINT, as shells have it.
+inline constexpr int kInterrupted = 130;
+/// The exit status: 0, 3 where it is worse than the baseline, or kInterrupted.
+core::Result<int> run_matrix_bench(const MatrixOptions& options);
+
 /// Length and settings of soak runs.
 struct SoakPlan {
   double minutes = 0.0;             ///< recorded time of driving; 0 = none

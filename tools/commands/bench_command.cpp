@@ -159,6 +159,64 @@ void add_basin(CLI::App& bench) {
   on_command(command, options, bench::run_basin_bench);
 }
 
+void add_matrix_run_options(CLI::App& command, bench::MatrixOptions& o) {
+  CLI::Option* const quick =
+      command.add_flag("--quick", o.quick, "short drives and the seeds 1 and 2: for every change");
+  command
+      .add_flag_callback(
+          "--full", [&o] { o.quick = false; },
+          "every scene, sensor, IMU and fault, which takes hours (default)")
+      ->excludes(quick);
+  command.add_flag("--list", o.list, "print the names of the rows");
+  command.add_option("--rows", o.rows,
+                     "only rows that match this pattern of a shell, such as 'town*no IMU*'");
+  command.add_option("--runs", o.runs, "seeds to draw for each simulated drive")
+      ->check(number_between(1, 1000))
+      ->capture_default_str()
+      ->excludes(quick);
+  command.add_option("--seeds", o.seeds, "these seeds instead, such as 1,2: repeats runs")->delimiter(',');
+  command.add_option("--commit", o.commit,
+                     "commit to draw the seeds from; default: that of the folder, or the version");
+  command.add_option("--jobs", o.jobs, "runs at the same time")
+      ->check(number_between(1, 64))
+      ->capture_default_str();
+}
+
+void add_matrix(CLI::App& bench) {
+  CLI::App& command = *bench.add_subcommand(
+      "matrix", "success, drift and silent errors over scenes, sensors, IMU and faults");
+  const auto options = std::make_shared<bench::MatrixOptions>();
+  command.footer(
+      "The seed of a run is the first 64 bits of SHA-256(commit, drive, run number): nobody can tune to it. "
+      "Rows that "
+      "differ in IMU or fault share their drives. Ctrl-C keeps what is done and ends with status 130.");
+  add_matrix_run_options(command, *options);
+  command.add_option("--data", options->data, "folder of the real recordings (default: NILIO_DATA)")
+      ->check(CLI::ExistingDirectory);
+  command.add_option("--drives", options->drives,
+                     "keep the drives in this folder, for peers, and use those that are there");
+  command
+      .add_option("--peer", options->peers,
+                  "NAME=FOLDER with trajectories of another method, ROW_SEED.tum: poses of base_link; may be "
+                  "repeated")
+      ->take_all()
+      ->expected(1);
+  command
+      .add_option(
+          "--baseline", options->baseline,
+          "earlier --json to compare with, run by run; status 3 for a new failure, a drift 1.10 times the "
+          "baseline's over all rows, or twice in one row")
+      ->check(CLI::ExistingFile);
+  command.add_option("--json", options->json, "file for every run");
+  add_page_options(command, options->page);
+  add_override_option(command, options->overrides, "configuration of all runs; may be repeated");
+  command.callback([options] {
+    const core::Result<int> status = bench::run_matrix_bench(*options);
+    if (!status) std::fprintf(stderr, "nilio bench matrix: %s\n", status.error().message.c_str());
+    if (!status || *status != kDone) throw CLI::RuntimeError(status ? *status : static_cast<int>(kFailed));
+  });
+}
+
 void add_soak(CLI::App& bench) {
   CLI::App& command = *bench.add_subcommand(
       "soak", "hours of drives in minutes: does the memory grow, is every pose counted");
@@ -268,6 +326,7 @@ void add_bench_command(CLI::App& app) {
   add_odometry(bench);
   add_realtime(bench);
   add_receive(bench);
+  add_matrix(bench);
   add_soak(bench);
 }
 

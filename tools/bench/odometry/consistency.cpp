@@ -1,6 +1,7 @@
 #include "tools/bench/odometry/consistency.hpp"
 
 #include <optional>
+#include <utility>
 
 #include <Eigen/Cholesky>
 
@@ -57,14 +58,14 @@ Matrix6 adjoint(const SE3& T_to_from) {
   return result;
 }
 
-/// Adds the error of the motion between two scans.
-void add_motion(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
-                const SE3& true_to, NeesSum& sum) {
+/// Error of the motion between two scans, and its covariance.
+std::pair<Vector6, Matrix6> motion_error(const OdometryResult& from, const SE3& true_from,
+                                         const OdometryResult& to, const SE3& true_to) {
   const SE3 T_to_from = to.T_odom_base.inverse() * from.T_odom_base;
   const SE3 true_motion = true_from.inverse() * true_to;
   const Matrix6 A = adjoint(T_to_from);
-  sum.add(core::se3_log(true_motion.inverse() * T_to_from.inverse()),
-          body_covariance(to) + A * body_covariance(from) * A.transpose());
+  return {core::se3_log(true_motion.inverse() * T_to_from.inverse()),
+          body_covariance(to) + A * body_covariance(from) * A.transpose()};
 }
 
 void add_twist(const OdometryResult& result, const SE3& true_start, const SE3& true_end, NeesSum& sum) {
@@ -75,6 +76,12 @@ void add_twist(const OdometryResult& result, const SE3& true_start, const SE3& t
 }
 
 }  // namespace
+
+double motion_nees(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
+                   const SE3& true_to) {
+  const auto [error, covariance] = motion_error(from, true_from, to, true_to);
+  return error.dot(covariance.ldlt().solve(error)) / kDegreesOfFreedom;
+}
 
 Consistency evaluate_consistency(const Trajectory& truth, std::span<const OdometryResult> results) {
   NeesSum steps;
@@ -89,7 +96,9 @@ Consistency evaluate_consistency(const Trajectory& truth, std::span<const Odomet
   const auto add_since = [&](std::size_t before, std::size_t i, const SE3& true_end, NeesSum& sum) {
     if (i < before || !is_registered(results[i - before])) return;
     const std::optional<SE3> true_before = true_at(results[i - before].scan_end);
-    if (true_before) add_motion(results[i - before], *true_before, results[i], true_end, sum);
+    if (!true_before) return;
+    const auto [error, covariance] = motion_error(results[i - before], *true_before, results[i], true_end);
+    sum.add(error, covariance);
   };
   for (std::size_t i = 0; i < results.size(); ++i) {
     if (!is_registered(results[i])) continue;

@@ -28,6 +28,11 @@ struct Consistency {
   Nees twist;
 };
 
+/// Normalised estimation error squared of the motion from `from` to `to`, for each degree of freedom; the
+/// covariances of the two poses are taken as independent.
+double motion_nees(const core::OdometryResult& from, const core::SE3& true_from,
+                   const core::OdometryResult& to, const core::SE3& true_to);
+
 /// Evaluates all registered scans after the initialisation. Counts are 0 where the truth has no poses within
 /// a sweep (KITTI).
 Consistency evaluate_consistency(const Trajectory& truth, std::span<const core::OdometryResult> results);

@@ -1,12 +1,8 @@
 #include "tools/bench/odometry/run.hpp"
 
-#include "daemon/config/convert.hpp"
-#include "daemon/config/schema.hpp"
-#include "daemon/input/input.hpp"
-#include "daemon/odometry/pipeline.hpp"
-#include "daemon/output/run_output.hpp"
 #include "daemon/output/sha256.hpp"
 #include "tools/bench/common/memory_use.hpp"
+#include "tools/bench/common/replay.hpp"
 #include "tools/common/progress.hpp"
 
 #include <algorithm>
@@ -22,14 +18,13 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
 constexpr std::uint64_t kProgressParts = 1000;
 
 /// Share of the drive that is done, by the truth's length: a recording's own is not known before its end.
-std::uint64_t done_parts(const Trajectory& truth, const std::vector<core::OdometryResult>& results) {
-  if (truth.format == TrajectoryFormat::kKitti) return kProgressParts * results.size() / truth.poses.size();
+std::uint64_t done_parts(const Trajectory& truth, std::uint64_t scans, core::Time scan_end) {
+  if (truth.format == TrajectoryFormat::kKitti) return kProgressParts * scans / truth.poses.size();
   const double length = (truth.stamps.back() - truth.stamps.front()).seconds();
-  const double done = (results.back().scan_end - truth.stamps.front()).seconds();
+  const double done = (scan_end - truth.stamps.front()).seconds();
   if (length <= 0.0) return 0;
   return static_cast<std::uint64_t>(static_cast<double>(kProgressParts) *
                                     std::clamp(done / length, 0.0, 1.0));
@@ -67,15 +62,7 @@ Result<BenchDataset> open_bench_dataset(const std::string& argument) {
 }
 
 Result<daemon::Config> bench_config(const BenchDataset& dataset, const std::vector<std::string>& overrides) {
-  daemon::Config config;
-  daemon::apply_recording_defaults(dataset.files, config);
-  if (!dataset.files.configuration.empty()) {
-    const auto applied = daemon::apply_file(config, dataset.files.configuration);
-    if (!applied) return applied.error();
-  }
-  const auto applied = daemon::apply_overrides(config, overrides);
-  if (!applied) return applied.error();
-  return config;
+  return recording_config(dataset.files, overrides);
 }
 
 Trajectory make_trajectory(const BenchDataset& dataset, const BenchRun& run,
@@ -99,39 +86,26 @@ Result<BenchRun> run_odometry(const BenchDataset& dataset, const daemon::Config&
                               core::Odometry::ClockFunction clock, const daemon::ScanObserver& observer) {
   BenchRun run;
   run.resident_before_bytes = reset_peak_resident();
-  Result<daemon::Input> input = daemon::open_replay(dataset.files, config);
-  if (!input) return input.error();
-  if (input->T_camera_lidar)
-    run.T_camera_base = *input->T_camera_lidar * daemon::to_transform(config.lidar.extrinsic).inverse();
-  std::string tum;
   Progress progress(dataset.name, kProgressParts);
-  daemon::PipelineOptions options;
-  options.clock = clock;
-  options.observer = [&](const core::Scan& scan, const core::OdometryResult& result,
-                         const core::Odometry& odometry) {
-    tum += daemon::tum_line(daemon::make_pose_record(result, scan));
-    run.results.push_back(result);
-    progress.update(done_parts(dataset.truth, run.results));
+  std::uint64_t scans = 0;
+  const auto observe = [&](const core::Scan& scan, const core::OdometryResult& result,
+                           const core::Odometry& odometry) {
+    progress.update(done_parts(dataset.truth, ++scans, scan.end));
     if (observer) observer(scan, result, odometry);
   };
-  auto pipeline = daemon::Pipeline::create(config, std::move(input).value(), options, nullptr);
-  if (!pipeline) return pipeline.error();
-  const auto started = (*pipeline)->start();
-  if (!started) return started.error();
-  while (!(*pipeline)->finished()) {
-    (*pipeline)->output_event().wait(kPoll);
-    while ((*pipeline)->poses().try_pop()) {
-    }
-  }
-  (*pipeline)->join();
-  if (run.results.size() < 2)
+  Result<Replay> replayed = replay(dataset.files, config, clock, observe);
+  if (!replayed) return replayed.error();
+  if (replayed->results.size() < 2)
     return Error{dataset.name + ": has fewer than two scans to register - give a longer recording"};
-  run.scans_with_imu = (*pipeline)->counters().scans_with_imu.load();
+  if (replayed->T_camera_lidar)
+    run.T_camera_base = *replayed->T_camera_lidar * replayed->T_base_lidar.inverse();
+  run.results = std::move(replayed->results);
+  run.scans_with_imu = replayed->scans_with_imu;
   run.peak_resident_bytes = peak_resident();
   std::vector<core::SE3> poses;
   for (const core::OdometryResult& result : run.results) poses.push_back(result.T_odom_base);
   run.trajectory = make_trajectory(dataset, run, poses);
-  run.sha256 = daemon::sha256(tum);
+  run.sha256 = daemon::sha256(replayed->tum);
   return run;
 }
 

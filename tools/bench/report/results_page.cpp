@@ -41,8 +41,16 @@ std::string describe_machine() {
          date.data();
 }
 
-/// Command line of this process, quoted where a shell needs it.
-std::string command_line() {
+Result<std::monostate> write_text(const fs::path& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (file.flush()) return std::monostate{};
+  return Error{path.string() + ": cannot be written - check the folder and the space on the disk"};
+}
+
+}  // namespace
+
+std::string current_command_line() {
   std::ifstream file("/proc/self/cmdline", std::ios::binary);
   std::string line;
   std::string word;
@@ -53,15 +61,6 @@ std::string command_line() {
   }
   return line;
 }
-
-Result<std::monostate> write_text(const fs::path& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  if (file.flush()) return std::monostate{};
-  return Error{path.string() + ": cannot be written - check the folder and the space on the disk"};
-}
-
-}  // namespace
 
 std::string to_text(const Table& table) {
   std::vector<std::size_t> widths;
@@ -111,8 +110,8 @@ Result<ResultsPage> ResultsPage::create(const Options& options, const std::strin
   fs::create_directories(options.folder, error);
   if (error)
     return Error{options.folder + ": cannot be created (" + error.message() + ") - choose another --output"};
-  page.text_ =
-      "# " + title + "\n\nMade by\n\n```sh\n" + command_line() + "\n```\n\non " + describe_machine() + ".\n";
+  page.text_ = "# " + title + "\n\nMade by\n\n```sh\n" + current_command_line() + "\n```\n\non " +
+               describe_machine() + ".\n";
   return page;
 }
 

@@ -23,6 +23,9 @@ std::string to_markdown(const Table& table);
 /// A number with that many decimals; "-" when it is not finite.
 std::string fixed(double value, int digits);
 
+/// Command line of this process, quoted where a shell needs it.
+std::string current_command_line();
+
 /// Report of a benchmark: printed as it grows and, if a folder is given, written as a page of Markdown with
 /// figures (a picture and its data as CSV). The page begins with the command line, the machine and the
 /// version.

@@ -1,0 +1,203 @@
+#include "daemon/output/sha256.hpp"
+#include "tools/bench/matrix/row.hpp"
+#include "tools/simulate/scenes/scene.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <fnmatch.h>
+#include <string_view>
+
+namespace nilio::tools::bench {
+
+namespace {
+
+using mangle::Faults;
+using mangle::TimedFault;
+
+// Bounds of the mean translation error, per cent. A benchmark's lowest places on real drives are below 1 %;
+// with faults, or where the scene hides the motion, twice and five times that still serves a vehicle.
+constexpr double kBound = 1.0;
+constexpr double kFaultBound = 2.0;
+constexpr double kUnobservableBound = 5.0;
+
+constexpr const char* kNoImu = ", no IMU";
+constexpr const char* kKitti04 = "KITTI 04";
+constexpr const char* kRaw0009 = "KITTI raw 0009";
+
+struct NamedFaults {
+  std::string name;
+  Faults faults;
+};
+
+template <class Set>
+NamedFaults named(const char* name, Set set) {
+  NamedFaults result{name, {}};
+  set(result.faults);
+  return result;
+}
+
+/// Faults of the stream, for drives of at least 30 s.
+std::vector<NamedFaults> stream_faults() {
+  const auto gap = [](double seconds) { return [seconds](Faults& f) { f.gaps = {{seconds, 15.0}}; }; };
+  return {named("gap 0.5 s", gap(0.5)),
+          named("gap 1.5 s", gap(1.5)),
+          named("gap 3 s", gap(3.0)),
+          named("20 % of packets lost", [](Faults& f) { f.loss = 0.2; }),
+          named("bursts of 40 packets",
+                [](Faults& f) {
+                  f.burst = mangle::BurstLoss{40, 1.0};
+                }),
+          named("duplicated and reordered", [](Faults& f) { f.duplicate = f.reorder = 0.05; }),
+          named("host clock steps 1 s",
+                [](Faults& f) {
+                  f.clock_steps = {{1.0, 15.0}};
+                }),
+          named("every 2nd scan", [](Faults& f) { f.drop_scans = 2; })};
+}
+
+std::vector<NamedFaults> return_faults() {
+  return {named("25 % of returns", [](Faults& f) { f.thin = 0.25; }),
+          named("5 % of returns", [](Faults& f) { f.thin = 0.05; }),
+          named("2000 returns", [](Faults& f) { f.points = 2000; }),
+          named("300 returns", [](Faults& f) { f.points = 300; }),
+          named("8 rings", [](Faults& f) { f.rings = 8; }),
+          named("noise 10 cm", [](Faults& f) { f.noise_m = 0.1; }),
+          named("noise 30 cm", [](Faults& f) { f.noise_m = 0.3; }),
+          named("180 degrees", [](Faults& f) { f.field_of_view_deg = 180.0; }),
+          named("1 % ghosts", [](Faults& f) { f.ghosts = 0.01; }),
+          named("vegetation only", [](Faults& f) { f.vegetation_only = true; })};
+}
+
+/// Of the real drives, which have 5 s.
+std::vector<NamedFaults> short_faults(bool reversible) {
+  const auto gap = [](double seconds, double at) { return [=](Faults& f) { f.gaps = {{seconds, at}}; }; };
+  std::vector<NamedFaults> faults{named("gap 0.5 s", gap(0.5, 2.0)), named("gap 1 s", gap(1.0, 2.0)),
+                                  named("gap 2 s", gap(2.0, 1.5)), named("gap 4 s", gap(4.0, 0.6)),
+                                  named("every 2nd scan", [](Faults& f) { f.drop_scans = 2; })};
+  if (reversible) faults.push_back(named("reversed", [](Faults& f) { f.reverse = true; }));
+  const std::vector<NamedFaults> more = return_faults();
+  faults.insert(faults.end(), more.begin(), more.end());
+  return faults;
+}
+
+class MatrixBuilder {
+ public:
+  void add_drive(const std::string& name, DriveKind kind, std::vector<std::string> options = {}) {
+    matrix_.drives.push_back({name, kind, std::move(options)});
+  }
+  /// A row of the last drive.
+  void add(const std::string& suffix, bool imu, double bound, const Faults& faults = {}) {
+    const std::string& drive = matrix_.drives.back().name;
+    matrix_.rows.push_back({drive + suffix, drive, imu, faults, bound});
+  }
+  /// Rows with and without an IMU.
+  void add_both(double bound) {
+    add("", true, bound);
+    add(kNoImu, false, bound);
+  }
+  void add_faults(const std::vector<NamedFaults>& list, const std::string& suffix, bool imu) {
+    for (const NamedFaults& fault : list) add(suffix + ", " + fault.name, imu, kFaultBound, fault.faults);
+  }
+  Matrix take() { return std::move(matrix_); }
+
+ private:
+  Matrix matrix_;
+};
+
+double bound_of(const std::string& scene) { return scene == "tunnel" ? kUnobservableBound : kBound; }
+
+std::vector<std::string> scene_options(const std::string& scene, const std::string& sensor,
+                                       const std::string& seconds) {
+  return {"--scene", scene, "--sensor", sensor, "--duration", seconds};
+}
+
+std::vector<std::string> with(std::vector<std::string> options, std::initializer_list<const char*> more) {
+  options.insert(options.end(), more.begin(), more.end());
+  return options;
+}
+
+void add_scenes(MatrixBuilder& builder, const std::string& seconds) {
+  for (const char* sensor : {"vlp16", "hdl64e"}) {
+    for (const simulate::SceneInfo& scene : simulate::scene_infos()) {
+      builder.add_drive(std::string(scene.name) + " " + sensor, DriveKind::kSimulated,
+                        scene_options(scene.name, sensor, seconds));
+      builder.add_both(bound_of(scene.name));
+      const bool has_faults =
+          std::string_view(sensor) == "vlp16" &&
+          (scene.kind == simulate::SceneKind::kTown || scene.kind == simulate::SceneKind::kHighway);
+      if (!has_faults) continue;
+      builder.add_faults(stream_faults(), "", true);
+      builder.add_faults(stream_faults(), kNoImu, false);
+      builder.add_faults(return_faults(), "", true);
+    }
+  }
+}
+
+void add_variants(MatrixBuilder& builder, const std::string& seconds) {
+  const auto highway = scene_options("highway", "vlp16", seconds);
+  builder.add_drive("highway vlp16, moving start", DriveKind::kSimulated, with(highway, {"--moving-start"}));
+  builder.add_both(kBound);
+  const auto manoeuvres = scene_options("manoeuvres", "vlp16", seconds);
+  for (const char* fault : {"time_offset=50", "mounting_yaw=15", "gyro_range=60", "axes=xy-z"}) {
+    builder.add_drive(std::string("manoeuvres vlp16, IMU ") + fault, DriveKind::kSimulated,
+                      with(manoeuvres, {"--imu-fault", fault}));
+    builder.add("", true, kFaultBound);
+  }
+}
+
+void add_real(MatrixBuilder& builder) {
+  builder.add_drive(kKitti04, DriveKind::kKitti04);
+  builder.add("", false, kBound);
+  builder.add_faults(short_faults(true), "", false);
+  builder.add_drive(kRaw0009, DriveKind::kKittiRaw0009);
+  builder.add_both(kBound);
+  builder.add_faults(short_faults(false), kNoImu, false);
+}
+
+}  // namespace
+
+Matrix full_matrix() {
+  MatrixBuilder builder;
+  add_real(builder);
+  add_scenes(builder, "40");
+  add_variants(builder, "40");
+  return builder.take();
+}
+
+Matrix quick_matrix() {
+  MatrixBuilder builder;
+  add_real(builder);
+  builder.add_drive("town vlp16", DriveKind::kSimulated, scene_options("town", "vlp16", "15"));
+  builder.add_both(kBound);
+  builder.add(std::string(kNoImu) + ", 20 % of packets lost", false, kFaultBound, stream_faults()[3].faults);
+  builder.add_drive("highway vlp16", DriveKind::kSimulated, scene_options("highway", "vlp16", "15"));
+  builder.add_both(kBound);
+  return builder.take();
+}
+
+Matrix select_rows(Matrix matrix, const std::string& pattern) {
+  std::erase_if(matrix.rows,
+                [&](const MatrixRow& row) { return fnmatch(pattern.c_str(), row.name.c_str(), 0) != 0; });
+  std::erase_if(matrix.drives, [&](const DriveSpec& drive) {
+    return std::none_of(matrix.rows.begin(), matrix.rows.end(),
+                        [&](const MatrixRow& row) { return row.drive == drive.name; });
+  });
+  return matrix;
+}
+
+std::uint64_t draw_seed(const std::string& commit, const std::string& drive, std::size_t run) {
+  const std::string digest = daemon::sha256(commit + drive + std::to_string(run));
+  return std::stoull(digest.substr(0, 16), nullptr, 16);
+}
+
+std::string slug(const std::string& name) {
+  std::string result;
+  for (const char c : name) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '.';
+    if (plain) result += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    if (!plain && !result.empty() && result.back() != '_') result += '_';
+  }
+  return result;
+}
+
+}  // namespace nilio::tools::bench
