@@ -19,7 +19,7 @@ struct Options {
   Faults faults;
 };
 
-/// What was done to a recording.
+/// Counts of a copy.
 struct Summary {
   PacketCounts packets;  ///< zero for a KITTI sequence
   ReturnCounts returns;  ///< zero where the returns were not changed

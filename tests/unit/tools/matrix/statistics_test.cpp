@@ -39,7 +39,7 @@ TEST_CASE("a mean ratio weighs rows equally and repeats to the bit", "[statistic
   const MeanRatio first = mean_ratio(rows);
   CHECK(first.ratio == Approx(2.0));
   CHECK(first.values == 10);
-  // Nothing varies within a row, so that the interval is a point.
+  // Equal values within each row: the interval is a point.
   CHECK(first.interval.low == Approx(2.0));
   CHECK(first.interval.high == Approx(2.0));
 
