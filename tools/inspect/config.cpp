@@ -178,8 +178,16 @@ void add_mounting(const LidarMounting& mounting, Section& section) {
   std::string why =
       format("roll and pitch from the ground (single scans +- %.2f deg); ", mounting.slope_deviation_deg);
   if (mounting.is_yaw_observed()) {
-    why += format("yaw from %.0f m of straight driving, taken as forwards (each %.0f m +- %.2f deg)",
-                  mounting.straight_m, kStretchM, mounting.yaw_deviation_deg);
+    why += format(
+        "yaw from %.0f m of straight driving, most of it (all but %.0f m) taken as forwards (each %.0f m +- "
+        "%.2f deg): "
+        "add 180 if the vehicle drove in reverse",
+        mounting.straight_m, mounting.reversed_m, kStretchM, mounting.yaw_deviation_deg);
+  } else if (mounting.is_direction_ambiguous()) {
+    why += format(
+        "yaw was not observed: of %.0f m of straight driving %.0f m went the other way, which does not tell "
+        "forwards from reverse; drive forwards",
+        mounting.straight_m, mounting.reversed_m);
   } else {
     why += format("yaw was not observed: %.0f m of straight driving, %.0f m are needed", mounting.straight_m,
                   kMinimumStraightM);

@@ -150,10 +150,12 @@ std::optional<Surface> fit_lane(const std::vector<Eigen::Vector3f>& points,
   return surface;
 }
 
-/// Direction of travel in the LiDAR's frame, from stretches without a turn.
+/// Direction of travel in the LiDAR's frame, from stretches without a turn; those driven against it are
+/// turned round.
 struct Heading {
   Vector3 forward = Vector3::UnitX();
   std::vector<Vector3> directions;
+  std::size_t reversed = 0;
 };
 
 Heading find_heading(const std::vector<MountingScan>& scans) {
@@ -174,8 +176,17 @@ Heading find_heading(const std::vector<MountingScan>& scans) {
     heading.directions.push_back((core::so3_exp(-0.5 * turn) * T.translation).normalized());
   }
   if (heading.directions.empty()) return heading;
+  const Vector3 first = heading.directions.front();
+  const auto against =
+      static_cast<std::size_t>(std::count_if(heading.directions.begin(), heading.directions.end(),
+                                             [&](const Vector3& d) { return d.dot(first) < 0.0; }));
+  const bool first_is_reversed = 2 * against > heading.directions.size();
+  heading.reversed = first_is_reversed ? heading.directions.size() - against : against;
   Vector3 sum = Vector3::Zero();
-  for (const Vector3& direction : heading.directions) sum += direction;
+  for (Vector3& direction : heading.directions) {
+    if ((direction.dot(first) < 0.0) != first_is_reversed) direction = -direction;
+    sum += direction;
+  }
   heading.forward = sum.normalized();
   return heading;
 }
@@ -196,7 +207,11 @@ std::optional<Plane> find_common_ground(const std::vector<MountingScan>& scans) 
 
 }  // namespace
 
-bool LidarMounting::is_yaw_observed() const { return ground_scans > 0 && straight_m >= kMinimumStraightM; }
+bool LidarMounting::is_yaw_observed() const {
+  return ground_scans > 0 && straight_m >= kMinimumStraightM && !is_direction_ambiguous();
+}
+
+bool LidarMounting::is_direction_ambiguous() const { return 3.0 * reversed_m > straight_m; }
 
 LidarMounting estimate_lidar_mounting(const std::vector<MountingScan>& scans) {
   LidarMounting mounting;
@@ -204,9 +219,12 @@ LidarMounting estimate_lidar_mounting(const std::vector<MountingScan>& scans) {
   if (!ground) return mounting;
   const Heading heading = find_heading(scans);
   mounting.straight_m = kStretchM * static_cast<double>(heading.directions.size());
-  const bool knows_heading = mounting.straight_m >= kMinimumStraightM;
+  mounting.reversed_m = kStretchM * static_cast<double>(heading.reversed);
+  // The lane is the same in both directions.
+  const bool knows_axis = mounting.straight_m >= kMinimumStraightM;
+  const bool knows_heading = knows_axis && !mounting.is_direction_ambiguous();
   const core::Matrix3 R_level_lidar =
-      upright(ground->normal, knows_heading ? heading.forward : Vector3::UnitX());
+      upright(ground->normal, knows_axis ? heading.forward : Vector3::UnitX());
   std::array<std::vector<double>, 3> fitted;
   for (const MountingScan& scan : scans) {
     const auto surface = fit_lane(scan.points, R_level_lidar, ground->height_m);

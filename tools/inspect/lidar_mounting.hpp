@@ -24,7 +24,8 @@ struct MountingScan {
 };
 
 /// Mounting of a LiDAR on a vehicle that drove forwards on level ground. base_link: on the ground under the
-/// LiDAR, z normal to the ground, x in the direction of travel.
+/// LiDAR, z normal to the ground, x in the direction of most straight driving: the points alone do not tell
+/// forwards from reverse.
 struct LidarMounting {
   /// Scans whose ground was found; 0 = height, roll and pitch are not observed.
   std::uint64_t ground_scans = 0;
@@ -34,12 +35,16 @@ struct LidarMounting {
   /// Standard deviation of single scans: of the height, and of the ground's slope.
   double height_deviation_m = 0.0;
   double slope_deviation_deg = 0.0;
-  /// Distance driven straight; yaw is observed from kMinimumStraightM on.
+  /// Distance driven straight; yaw is observed from kMinimumStraightM on, unless the direction is ambiguous.
   double straight_m = 0.0;
+  /// Share of it against x.
+  double reversed_m = 0.0;
   /// Standard deviation of the direction of single stretches.
   double yaw_deviation_deg = 0.0;
 
   [[nodiscard]] bool is_yaw_observed() const;
+  /// More than a third of the straight driving went the other way.
+  [[nodiscard]] bool is_direction_ambiguous() const;
 };
 
 inline constexpr double kMinimumStraightM = 10.0;

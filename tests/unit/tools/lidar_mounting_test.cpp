@@ -2,6 +2,8 @@
 
 #include "nilio/core/units.hpp"
 
+#include <algorithm>
+#include <cstddef>
 #include <random>
 
 #include <catch2/catch.hpp>
@@ -72,6 +74,28 @@ TEST_CASE("without straight driving the yaw is not observed and left at 0", "[li
   CHECK(found.rotation_rpy_deg.x() == Approx(3.0).margin(0.2));
   CHECK(found.rotation_rpy_deg.y() == Approx(-4.0).margin(0.2));
   CHECK(found.rotation_rpy_deg.z() == Approx(0.0).margin(1e-9));
+}
+
+TEST_CASE("a stretch in reverse leaves the yaw, and as much reverse as forwards says nothing",
+          "[lidar_mounting]") {
+  const SE3 T_base_lidar = mounting_of(1.9, {3.0, -4.0, 25.0});
+  const auto there_and_back = [&](std::size_t back_m) {
+    auto scans = drive(T_base_lidar, 40.0, 0.0);
+    for (std::size_t i = 0; i < back_m; ++i) scans.push_back(scans[38 - i]);
+    return scans;
+  };
+  const LidarMounting short_reverse = estimate_lidar_mounting(there_and_back(16));
+  CHECK(short_reverse.is_yaw_observed());
+  CHECK(short_reverse.reversed_m >= 10.0);
+  CHECK(short_reverse.rotation_rpy_deg.z() == Approx(25.0).margin(0.1));
+  // Reverse first: the longer way is forwards.
+  auto scans = there_and_back(16);
+  std::rotate(scans.begin(), scans.end() - 16, scans.end());
+  CHECK(estimate_lidar_mounting(scans).rotation_rpy_deg.z() == Approx(25.0).margin(0.1));
+  const LidarMounting ambiguous = estimate_lidar_mounting(there_and_back(38));
+  CHECK(ambiguous.is_direction_ambiguous());
+  CHECK_FALSE(ambiguous.is_yaw_observed());
+  CHECK(ambiguous.height_m == Approx(1.9).margin(0.02));
 }
 
 TEST_CASE("without ground there is no mounting", "[lidar_mounting]") {
