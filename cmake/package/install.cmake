@@ -45,5 +45,12 @@ configure_package_config_file(cmake/nilioConfig.cmake.in nilioConfig.cmake INSTA
 write_basic_package_version_file(nilioConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/nilioConfig.cmake ${CMAKE_CURRENT_BINARY_DIR}/nilioConfigVersion.cmake
         DESTINATION ${nilio_package} COMPONENT dev)
+# For other build systems: pkg-config finds everything from its own file's place.
+file(RELATIVE_PATH NILIO_PREFIX_OF_PC /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+string(REGEX REPLACE "/$" "" NILIO_PREFIX_OF_PC ${NILIO_PREFIX_OF_PC})
+foreach(library nilio-core nilio-drivers)
+  configure_file(cmake/package/${library}.pc.in ${library}.pc @ONLY)
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/${library}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT dev)
+endforeach()
 install(FILES core/examples/odometry_from_kitti.cpp core/examples/odometry_from_pcap.cpp core/examples/CMakeLists.txt
         DESTINATION ${share}/doc/libnilio-dev/examples COMPONENT dev)

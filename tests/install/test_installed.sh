@@ -24,11 +24,18 @@ grep -q '# of the owner' "$work/prefix/etc/nilio/vehicle.yaml" || { echo "instal
 cmake -S "$source_dir/core/examples" -B "$work/examples" -DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_BUILD_TYPE=Release >"$work/configure.txt"
 cmake --build "$work/examples" >"$work/build.txt"
 
+# Without CMake: the flags of pkg-config.
+PKG_CONFIG_PATH=$(find "$work/prefix" -name pkgconfig -type d)
+export PKG_CONFIG_PATH
+read -ra flags < <(pkg-config --cflags --libs nilio-drivers)
+c++ -std=c++20 -O0 "$source_dir/core/examples/odometry_from_pcap.cpp" "${flags[@]}" -o "$work/with_pkg_config"
+
 # A simulated capture through the second example, evaluated against its truth.
 "$nilio" simulate "$work/drive" --sensor vlp16 --imu none --duration 6 >"$work/simulate.txt"
 "$work/examples/odometry_from_pcap" "$work/drive/lidar.pcap" >"$work/trajectory.tum"
 poses=$(wc -l <"$work/trajectory.tum")
 ((poses >= 50)) || { echo "odometry_from_pcap: $poses poses of a drive of 6 s" >&2; exit 1; }
+"$work/with_pkg_config" "$work/drive/lidar.pcap" | cmp - "$work/trajectory.tum"
 "$nilio" evaluate "$work/drive/truth.tum" "$work/trajectory.tum" --json "$work/evaluation.json"
 
 data=${NILIO_DATA:-$source_dir/../shared/data}
