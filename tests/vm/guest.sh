@@ -16,6 +16,16 @@ need() {
   exit "$kSkipped"
 }
 
+# prepare_debian_guest FOLDER KERNEL [PROGRAM:PACKAGE...]: sets `folder` and `kernel` of a guest with Debian's own kernel, or skips.
+prepare_debian_guest() {
+  folder=$(realpath -m "$1")
+  kernel=$(realpath -m "$2")
+  shift 2
+  need qemu-system-x86_64:qemu-system-x86 "$@"
+  "$(dirname "${BASH_SOURCE[0]}")/tier3_prepare.sh" --offline "$kernel"
+  mkdir -p "$folder"
+}
+
 # write_command FOLDER ASSIGNMENT COMMAND [ARGUMENT...]: writes the command for the guest's first process.
 write_command() {
   local file=$1/command.sh assignment=$2
@@ -40,6 +50,9 @@ run_guest() {
   local TIMEFORMAT='%R %U %S'
   { time timeout -k 5 "$kGuestLimit" "$@" </dev/null >"$folder/program.log" 2>&1 || guest_status=$?; } 2>"$folder/times"
 }
+
+# Devices of a machine with two emulated PCI CAN controllers on one bus.
+readonly kCanControllers=(-object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus)
 
 # boot_debian_kernel FOLDER KERNEL START [ARGUMENT...]: run_guest with Debian's own kernel, of tier3_prepare.sh, in QEMU. START: what
 # tier3_init.sh starts; the arguments add devices to the machine.

@@ -7,12 +7,8 @@ set -euo pipefail
 here=$(dirname "$(realpath "$0")")
 # shellcheck source=guest.sh
 source "$here/guest.sh"
-folder=$(realpath -m "$1")
-kernel=$(realpath -m "$2")
+prepare_debian_guest "$1" "$2" systemctl:systemd
 shift 2
-
-need qemu-system-x86_64:qemu-system-x86 systemctl:systemd
-"$here/tier3_prepare.sh" --offline "$kernel"
 rm -rf "$folder/units"
 mkdir -p "$folder/units/nilio-test.target.wants"
 
@@ -68,6 +64,5 @@ for unit in proc-sys-fs-binfmt_misc.automount proc-sys-fs-binfmt_misc.mount sys-
   ln -s /dev/null "$unit"
 done
 
-boot_debian_kernel "$folder" "$kernel" "nilio_units=$folder/units" -object can-bus,id=bus -device kvaser_pci,canbus=bus \
-  -device kvaser_pci,canbus=bus
+boot_debian_kernel "$folder" "$kernel" "nilio_units=$folder/units" "${kCanControllers[@]}"
 end_as_guest "$folder"

@@ -4,17 +4,11 @@
 #   run_tier3.sh FOLDER KERNEL COMMAND [ARGUMENT...]    KERNEL: folder of tier3_prepare.sh, shared by builds
 # FOLDER takes the guest's console; exit status: the command's, 77 = skipped
 set -euo pipefail
-here=$(dirname "$(realpath "$0")")
 # shellcheck source=guest.sh
-source "$here/guest.sh"
-folder=$(realpath -m "$1")
-kernel=$(realpath -m "$2")
+source "$(dirname "$(realpath "$0")")/guest.sh"
+prepare_debian_guest "$1" "$2"
 shift 2
-
-need qemu-system-x86_64:qemu-system-x86
-"$here/tier3_prepare.sh" --offline "$kernel"
-mkdir -p "$folder"
 write_command "$folder" "NILIO_KERNEL='$kernel'" "$@"
 
-boot_debian_kernel "$folder" "$kernel" "nilio_run=$folder/command.sh" -object can-bus,id=bus -device kvaser_pci,canbus=bus -device kvaser_pci,canbus=bus
+boot_debian_kernel "$folder" "$kernel" "nilio_run=$folder/command.sh" "${kCanControllers[@]}"
 end_as_guest "$folder"
