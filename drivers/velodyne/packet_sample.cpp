@@ -4,7 +4,7 @@
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include "drivers/common/byte_order.hpp"
-#include "drivers/velodyne/clock/hour_counter.hpp"
+#include "drivers/velodyne/clock/sensor_clock.hpp"
 #include "drivers/velodyne/packet_bytes.hpp"
 
 #include <algorithm>

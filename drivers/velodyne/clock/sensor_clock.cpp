@@ -1,6 +1,5 @@
 #include "drivers/velodyne/clock/sensor_clock.hpp"
 
-#include "drivers/velodyne/clock/hour_counter.hpp"
 
 #include <algorithm>
 #include <cstdlib>
