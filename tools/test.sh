@@ -3,30 +3,56 @@
 #   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), the sanitizer runs of the daemon's
 #                      libraries, and a short run of every fuzz target
 #   test.sh --quick    release build and its tests only
-#   test.sh --full     the sanitizers run the tests of the tools, too
+#   test.sh --full     AddressSanitizer runs the tests of the tools, too, which drive for minutes then
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case ${1:-} in
   '' | --quick | --full) ;;
   *) echo "test.sh: unknown option $1; known are --quick and --full" >&2; exit 2 ;;
 esac
+mode=${1:-}
+targets=(test_core test_drivers test_ipc test_dds test_daemon fuzz_rtps)
+selection=(--exclude-regex '^tools$')
+if [[ $mode == --full ]]; then
+  targets+=(test_tools)
+  selection=()
+fi
+log=build/sanitizers.log
 
-tools/setup.sh --tests
-tools/build.sh release
-ctest --preset release
-# ctest counts skipped tests without their reasons.
-grep --extended-regexp '^(skipped|undecided):' build/release/Testing/Temporary/LastTest.log || true
+# stage NAME COMMAND...: runs the command and tells how long it took.
+stage() {
+  local name=$1 start=$SECONDS status=0
+  shift
+  "$@" || status=$?
+  echo "test.sh: $name: $((SECONDS - start)) s"
+  return $status
+}
 
-if [[ ${1:-} != --quick ]]; then
-  if [[ ${1:-} == --full ]]; then
-    tools/build.sh asan
-    ctest --preset asan
-  else
-    tools/build.sh asan test_core test_drivers test_ipc test_dds test_daemon fuzz_rtps
-    ctest --preset asan --exclude-regex '^tools$'
-  fi
-  tools/build.sh tsan test_ipc test_daemon
-  ctest --preset tsan --tests-regex '^(ipc|daemon)$'
-  tools/build.sh fuzz
-  ctest --preset fuzz
+run_release_tests() {
+  local status=0
+  ctest --preset release "$@" || status=$?
+  # ctest counts skipped tests without their reasons.
+  grep --extended-regexp '^(skipped|undecided):' build/release/Testing/Temporary/LastTest.log || true
+  return $status
+}
+
+run_sanitizer_tests() {
+  ctest --preset tsan --tests-regex '^(ipc|daemon)$' && ctest --preset asan "${selection[@]}" && ctest --preset fuzz
+}
+
+stage setup tools/setup.sh --tests
+stage "release build" tools/build.sh release
+# Tests of wall-clock times have the computer to themselves.
+stage "timed tests" run_release_tests --label-exclude untimed
+if [[ $mode != --quick ]]; then
+  # The others, above all guests with one processor, run beside the next builds, which take what is left of the processors.
+  setsid nice -n 19 sh -c 'tools/build.sh tsan test_ipc test_daemon && tools/build.sh fuzz && tools/build.sh asan "$@"' sh "${targets[@]}" \
+    >"$log" 2>&1 &
+  builder=$!
+  trap 'kill -- "-$builder" 2>/dev/null || true' EXIT
+fi
+stage "untimed tests" run_release_tests --label-regex untimed
+if [[ $mode != --quick ]]; then
+  stage "rest of the sanitizer builds" wait "$builder" || { tail -n 40 "$log"; exit 1; }
+  stage "sanitizer tests" run_sanitizer_tests
 fi
