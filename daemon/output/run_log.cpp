@@ -2,10 +2,22 @@
 
 #include "daemon/realtime/memory_plan.hpp"
 
+#include <array>
+#include <vector>
+
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
 
 namespace nilio::daemon {
+
+namespace {
+
+/// Stages that do work; between the others a scan waits.
+constexpr std::array kProcessingStages{ipc::LatencyStage::kFilter, ipc::LatencyStage::kCoarse,
+                                       ipc::LatencyStage::kFine, ipc::LatencyStage::kDeliver,
+                                       ipc::LatencyStage::kMap};
+
+}  // namespace
 
 void RunLog::add(const ipc::PoseRecord& record) {
   latency_.record(record);
@@ -71,20 +83,36 @@ void RunLog::report_status() {
   const std::uint64_t poses = totals_.poses();
   if (poses == poses_at_last_status_) return;
   const ipc::PoseRecord& last = *totals_.last();
-  const auto p50 =
-      static_cast<double>(latency_.histogram(ipc::LatencyStage::kEndToEnd).snapshot().percentile(50.0)) *
-      1e-6;
-  spdlog::info(
-      "{}: {} poses (+{}), position {:.2f} {:.2f} {:.2f} m, {:.2f} m/s, {} correspondences, latency p50 "
-      "{:.1f} ms",
-      core::name_of(last.state), poses, poses - poses_at_last_status_, last.position[0], last.position[1],
-      last.position[2], last.linear_velocity[0], last.correspondences, p50);
+  spdlog::info("{}: {} poses (+{}), position {:.2f} {:.2f} {:.2f} m, {:.2f} m/s, {} correspondences{}",
+               core::name_of(last.state), poses, poses - poses_at_last_status_, last.position[0],
+               last.position[1], last.position[2], last.linear_velocity[0], last.correspondences,
+               full_speed_ ? "" : ", latency p50 " + median_latency());
   poses_at_last_status_ = poses;
+}
+
+std::string RunLog::median_latency() const {
+  const std::int64_t p50 = latency_.histogram(ipc::LatencyStage::kEndToEnd).snapshot().percentile(50.0);
+  return fmt::format("{:.1f} ms", static_cast<double>(p50) * 1e-6);
+}
+
+void RunLog::report_stages() const {
+  if (!full_speed_) {
+    spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
+    return;
+  }
+  std::vector<ipc::LatencySummary> stages;
+  for (const ipc::LatencyStage stage : kProcessingStages)
+    stages.push_back(
+        ipc::summarize(ipc::kLatencyStageNames[static_cast<std::size_t>(stage)], latency_.histogram(stage)));
+  spdlog::info("processing time by stage (full speed; --speed real measures latency):\n{}",
+               ipc::latency_table(stages));
 }
 
 nlohmann::json RunLog::summary(const Pipeline& pipeline) const {
   nlohmann::json json = pipeline_summary(pipeline);
   json["stages"] = ipc::latency_json(latency_);
+  // At full speed the stages between the processing ones, and end_to_end, are waiting by intention.
+  json["full_speed"] = full_speed_;
   json["counters"].update({
       {"poses", totals_.poses()},
       {"poses_initialising", totals_.count(ipc::TrackingState::kInitialising)},
@@ -158,7 +186,7 @@ void RunLog::report_end(const Pipeline& pipeline, double seconds) const {
   const MemoryUse memory = memory_use();
   spdlog::info("memory: {} MiB resident, {} MiB peak, {} MiB locked", memory.resident_bytes >> 20U,
                memory.peak_resident_bytes >> 20U, memory.locked_bytes >> 20U);
-  spdlog::info("latency by stage:\n{}", ipc::latency_table(latency_));
+  report_stages();
 }
 
 }  // namespace nilio::daemon

@@ -19,6 +19,9 @@ namespace nilio::daemon {
 /// the supervisor's thread; only logs and counts, so that it never blocks.
 class RunLog {
  public:
+  /// At full speed scans wait for each other by intention, so that only processing times mean anything.
+  explicit RunLog(bool full_speed) : full_speed_(full_speed) {}
+
   void add(const ipc::PoseRecord& record);
   void add(const core::ImuHealth& health) { imu_.update(health); }
   /// Outcomes of the requests to the kernel. `live`: those granted are worth a line, too.
@@ -37,8 +40,11 @@ class RunLog {
  private:
   void report_state(const ipc::PoseRecord& record);
   void report_reset(const ipc::PoseRecord& record, ipc::OdometryReset reset) const;
+  void report_stages() const;
+  [[nodiscard]] std::string median_latency() const;
   void report_unused_imu(const Pipeline& pipeline) const;
 
+  bool full_speed_;
   ipc::LatencyHistograms latency_;
   BudgetReport budget_;
   ImuReport imu_;

@@ -1,5 +1,7 @@
 #include "daemon/output/run_output.hpp"
 
+#include "daemon/output/scan_table.hpp"
+
 #include <array>
 #include <cstdio>
 #include <cstring>
@@ -7,6 +9,7 @@
 #include <span>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 namespace nilio::daemon {
 
@@ -42,6 +45,8 @@ std::span<const std::uint8_t> bytes_of(std::string_view text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
+std::vector<std::uint8_t> header_of(std::string_view text) { return {text.begin(), text.end()}; }
+
 /// Replaces the file as a whole: readers see the old content or the new one.
 Result<std::monostate> replace_file(const fs::path& path, const std::string& content) {
   const fs::path written = path.string() + ".new";
@@ -72,7 +77,8 @@ RunOutput::RunOutput(const Options& options, drivers::DiskState::Report report)
       folder_(options.folder),
       disk_(std::move(report)),
       tum_(folder_ / "trajectory.tum", {}),
-      kitti_(folder_ / "trajectory.kitti", {}) {
+      kitti_(folder_ / "trajectory.kitti", {}),
+      scans_(folder_ / "scans.csv", header_of(scan_table_header())) {
   if (options.map) map_.emplace(folder_ / "map.ply", options.map_voxel_m);
 }
 
@@ -96,7 +102,8 @@ void RunOutput::add(const ipc::PoseRecord& record) {
     const core::SE3 T_camera_base = *options_.T_camera_lidar * options_.T_base_lidar.inverse();
     T_first_now = T_camera_base * T_first_now * T_camera_base.inverse();
   }
-  if (!kitti_.append(bytes_of(kitti_line(T_first_now))) || !tum_.append(bytes_of(tum_line(record))))
+  if (!kitti_.append(bytes_of(kitti_line(T_first_now))) || !tum_.append(bytes_of(tum_line(record))) ||
+      !scans_.append(bytes_of(scan_table_line(record))))
     ++lost_.poses;
 }
 
@@ -115,7 +122,8 @@ void RunOutput::add(const CloudRecord& cloud) {
 
 void RunOutput::flush(std::int64_t now_ns) {
   if (!disk_.is_due(now_ns)) return;
-  std::array<drivers::RecordFile*, 4> files{&tum_, &kitti_, &decisions_, map_ ? &map_->file() : nullptr};
+  std::array<drivers::RecordFile*, 5> files{&tum_, &kitti_, &scans_, &decisions_,
+                                            map_ ? &map_->file() : nullptr};
   int error = 0;
   for (drivers::RecordFile* const file : files) {
     if (file == nullptr || error != 0) continue;

@@ -20,9 +20,9 @@ namespace nilio::daemon {
 /// Line of trajectory.tum for a pose.
 std::string tum_line(const ipc::PoseRecord& record);
 
-/// Files of one run: trajectory.tum, trajectory.kitti, decisions.jsonl and map.ply grow during the run,
-/// config.yaml is written at the start, latency.json and latency/<stage>.hgrm at the end. While the disk does
-/// not accept data, a bounded amount waits in memory and the rest is dropped and counted. One thread.
+/// Files of one run: trajectory.tum, trajectory.kitti, scans.csv, decisions.jsonl and map.ply grow during the
+/// run, config.yaml is written at the start, latency.json and latency/<stage>.hgrm at the end. While the disk
+/// does not accept data, a bounded amount waits in memory and the rest is dropped and counted. One thread.
 class RunOutput {
  public:
   struct Options {
@@ -70,6 +70,7 @@ class RunOutput {
   drivers::DiskState disk_;
   drivers::RecordFile tum_;
   drivers::RecordFile kitti_;
+  drivers::RecordFile scans_;
   drivers::RecordFile decisions_;
   std::optional<MapFile> map_;
   std::optional<core::SE3> T_base_odom_;  ///< inverse of the first pose

@@ -59,7 +59,10 @@ spdlog::level::level_enum level_of(LogLevel level) {
 class Supervisor {
  public:
   Supervisor(const Config& config, const RunOptions& options, const ServiceNotifier& service)
-      : config_(config), options_(options), service_(service, monotonic_ns()) {}
+      : config_(config),
+        options_(options),
+        log_(!options.rules.are_live() && !options.rules.is_paced()),
+        service_(service, monotonic_ns()) {}
 
   Result<std::monostate> open();
   Result<RunResult> run(RunRequests& requests);
