@@ -50,6 +50,7 @@ void associate_nearest(const Trajectory& truth, const Trajectory& estimate, core
     used[j] = true;
     pairs.truth.push_back(truth_is_longer ? longer.poses[j] : shorter.poses[i]);
     pairs.estimate.push_back(truth_is_longer ? shorter.poses[i] : longer.poses[j]);
+    pairs.estimate_index.push_back(truth_is_longer ? i : j);
   }
   const std::size_t unmatched_shorter = shorter.poses.size() - pairs.truth.size();
   const auto unmatched_longer = static_cast<std::size_t>(std::count(used.begin(), used.end(), false));
@@ -64,6 +65,7 @@ void associate_interpolated(const Trajectory& truth, const Trajectory& estimate,
     if (!pose) continue;
     pairs.truth.push_back(*pose);
     pairs.estimate.push_back(estimate.poses[i]);
+    pairs.estimate_index.push_back(i);
   }
   pairs.unmatched_estimate = estimate.poses.size() - pairs.estimate.size();
   const auto outside = [&](core::Time t) {
@@ -77,6 +79,8 @@ void associate_by_index(const Trajectory& truth, const Trajectory& estimate, Pos
   const std::size_t n = std::min(truth.poses.size(), estimate.poses.size());
   pairs.truth.assign(truth.poses.begin(), truth.poses.begin() + static_cast<std::ptrdiff_t>(n));
   pairs.estimate.assign(estimate.poses.begin(), estimate.poses.begin() + static_cast<std::ptrdiff_t>(n));
+  pairs.estimate_index.resize(n);
+  std::iota(pairs.estimate_index.begin(), pairs.estimate_index.end(), std::size_t{0});
   pairs.unmatched_truth = truth.poses.size() - n;
   pairs.unmatched_estimate = estimate.poses.size() - n;
 }

@@ -35,6 +35,7 @@ struct AssociationOptions {
 struct PosePairs {
   std::vector<Pose> truth;
   std::vector<Pose> estimate;
+  std::vector<std::size_t> estimate_index;  ///< place of each associated pose in the estimate's trajectory
   std::size_t unmatched_truth = 0;
   std::size_t unmatched_estimate = 0;
 };

@@ -7,7 +7,9 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <span>
 #include <sstream>
+#include <utility>
 
 namespace nilio::tools::plot {
 
@@ -33,6 +35,7 @@ constexpr double kBottom = 62.0;
 constexpr double kRight = 24.0;
 constexpr double kLabelGap = 14.0;
 constexpr double kLabelRow = 18.0;
+constexpr double kTitleHeight = 30.0;
 const TextStyle kLabelStyle{.size = 14.0};
 
 using Points = std::vector<Eigen::Vector2d>;
@@ -69,6 +72,7 @@ struct Range {
 struct DrawnPanel {
   const Panel* panel = nullptr;
   std::vector<Points> curves;
+  std::vector<std::vector<double>> shades;  ///< of the points of each curve
   Points reference;
   Range x;
   Range y;
@@ -82,20 +86,26 @@ std::optional<double> coordinate(const Axis& axis, double value) {
 DrawnPanel prepare(const Panel& panel) {
   DrawnPanel drawn;
   drawn.panel = &panel;
-  const auto convert = [&](const Curve& curve) {
+  const auto convert = [&](const Curve& curve, std::vector<double>* shades = nullptr) {
     Points points;
-    for (const Eigen::Vector2d& point : curve.points) {
+    for (std::size_t i = 0; i < curve.points.size(); ++i) {
+      const Eigen::Vector2d& point = curve.points[i];
       const auto x = coordinate(panel.x, point.x());
       const auto y = coordinate(panel.y, point.y());
       if (!x || !y) continue;
       points.emplace_back(*x, *y);
+      if (shades != nullptr && i < curve.shades.size()) shades->push_back(curve.shades[i]);
       drawn.x.add(*x);
       drawn.y.add(*y);
     }
     return points;
   };
   if (panel.reference) drawn.reference = convert(*panel.reference);
-  for (const Curve& curve : panel.curves) drawn.curves.push_back(convert(curve));
+  for (const Curve& curve : panel.curves) {
+    std::vector<double> shades;
+    drawn.curves.push_back(convert(curve, &shades));
+    drawn.shades.push_back(std::move(shades));
+  }
   if (panel.is_top_view) {
     // With a map, the surroundings of the road are shown too.
     const double extent = std::max({drawn.x.extent(), drawn.y.extent(), 0.0});
@@ -207,6 +217,52 @@ void draw_labels(Canvas& canvas, std::vector<Label> labels, const Rectangle& are
   }
 }
 
+/// Cividis (Nunez, Anderton and Renslow 2018), nine stops, without its lightest end.
+Colour shade_colour(double shade) {
+  constexpr std::array<Colour, 9> kStops{{{0.00, 0.13, 0.32},
+                                          {0.07, 0.21, 0.43},
+                                          {0.24, 0.30, 0.43},
+                                          {0.38, 0.38, 0.44},
+                                          {0.50, 0.49, 0.46},
+                                          {0.60, 0.58, 0.47},
+                                          {0.73, 0.69, 0.44},
+                                          {0.84, 0.78, 0.39},
+                                          {0.93, 0.84, 0.28}}};
+  const double at = std::clamp(shade, 0.0, 1.0) * (kStops.size() - 1);
+  const auto i = std::min(static_cast<std::size_t>(at), kStops.size() - 2);
+  const double rest = at - static_cast<double>(i);
+  const auto mix = [rest](double a, double b) { return a + rest * (b - a); };
+  return {mix(kStops[i].red, kStops[i + 1].red), mix(kStops[i].green, kStops[i + 1].green),
+          mix(kStops[i].blue, kStops[i + 1].blue)};
+}
+
+/// Pieces of a curve of one colour each, of so many colours that the steps do not show.
+void draw_shaded(Canvas& canvas, const Points& points, const std::vector<double>& shades) {
+  constexpr double kSteps = 32.0;
+  for (std::size_t begin = 0; begin + 1 < points.size();) {
+    const double step = std::round(kSteps * shades[begin + 1]);
+    std::size_t end = begin + 1;
+    while (end + 1 < points.size() && std::round(kSteps * shades[end + 1]) == step) ++end;
+    canvas.line(std::span(points).subspan(begin, end - begin + 1), shade_colour(step / kSteps), 4.0);
+    begin = end;
+  }
+}
+
+/// Bar of the colours of a panel with its values, in a corner.
+void draw_key(Canvas& canvas, const ColourKey& key, const Rectangle& area) {
+  constexpr double kWidth = 200.0;
+  const Rectangle bar{area.x + 24.0, area.bottom() - 40.0, kWidth, 10.0};
+  canvas.fill({bar.x - 12.0, bar.y - 28.0, kWidth + 24.0, 64.0}, {1.0, 1.0, 1.0, 0.85});
+  for (int i = 0; i < 50; ++i)
+    canvas.fill({bar.x + i * kWidth / 50.0, bar.y, kWidth / 50.0 + 0.5, bar.height}, shade_colour(i / 49.0));
+  canvas.text(key.label, {bar.x, bar.y - 9.0}, {.size = 13.0});
+  canvas.text(number_text(key.low), {bar.x, bar.bottom() + 17.0}, {.size = 13.0});
+  canvas.text(number_text(key.middle), {bar.x + 0.5 * kWidth, bar.bottom() + 17.0},
+              {.size = 13.0, .align = TextAlign::kCentre});
+  canvas.text(number_text(key.high), {bar.right(), bar.bottom() + 17.0},
+              {.size = 13.0, .align = TextAlign::kRight});
+}
+
 /// Room for the names at the right side of a panel.
 double label_width(Canvas& canvas, const Panel& panel) {
   double width = panel.reference ? canvas.text_width(panel.reference->name, kLabelStyle) : 0.0;
@@ -249,7 +305,11 @@ void draw_panel(Canvas& canvas, const DrawnPanel& drawn, const Axes& axes) {
   for (std::size_t i = drawn.curves.size(); i-- > 0;) {
     if (drawn.curves[i].empty()) continue;
     const Points points = to_pixels(drawn.curves[i]);
-    canvas.line(points, kCurveColours[i], 2.2);
+    if (drawn.shades[i].size() == points.size() && points.size() > 1) {
+      draw_shaded(canvas, points, drawn.shades[i]);
+    } else {
+      canvas.line(points, kCurveColours[i], 2.2);
+    }
     if (panel.markers) {
       for (const Eigen::Vector2d& point : points) canvas.disc(point, 4.0, kCurveColours[i], kWhite);
     }
@@ -259,23 +319,43 @@ void draw_panel(Canvas& canvas, const DrawnPanel& drawn, const Axes& axes) {
   }
   canvas.unclip();
   if (panel.is_top_view) draw_scale_bar(canvas, axes);
+  if (panel.key) draw_key(canvas, *panel.key, axes.area);
   draw_labels(canvas, std::move(labels), axes.area);
 }
 
+/// A top view at the left, the others in columns of three.
+std::vector<Rectangle> arrange_columns(const Rectangle& whole, const std::vector<DrawnPanel>& panels) {
+  constexpr std::size_t kRows = 3;
+  const bool has_top = panels.front().panel->is_top_view;
+  const std::size_t others = panels.size() - (has_top ? 1 : 0);
+  const std::size_t columns = (others + kRows - 1) / kRows;
+  const std::size_t rows = (others + columns - 1) / columns;
+  const double left = !has_top ? 0.0 : columns == 1 ? 0.55 * whole.width : 0.4 * whole.width;
+  std::vector<Rectangle> cells;
+  if (has_top) cells.push_back({whole.x, whole.y, left, whole.height});
+  const double width = (whole.width - left) / static_cast<double>(columns);
+  const double height = whole.height / static_cast<double>(rows);
+  for (std::size_t i = 0; i < others; ++i)
+    cells.push_back({whole.x + left + width * static_cast<double>(i / rows),
+                     whole.y + height * static_cast<double>(i % rows), width, height});
+  return cells;
+}
+
 /// Parts of the picture for the panels.
-std::vector<Rectangle> arrange(Canvas& canvas, const std::vector<DrawnPanel>& panels) {
-  const Rectangle whole{0.0, 0.0, canvas.width(), canvas.height()};
+std::vector<Rectangle> arrange(Canvas& canvas, const std::vector<DrawnPanel>& panels, double top) {
+  const Rectangle whole{0.0, top, canvas.width(), canvas.height() - top};
   if (panels.size() < 2) return {whole};
+  if (panels.size() > 2) return arrange_columns(whole, panels);
   if (!panels.front().panel->is_top_view) {
     const double half = 0.5 * whole.width;
-    return {{0.0, 0.0, half, whole.height}, {half, 0.0, half, whole.height}};
+    return {{0.0, top, half, whole.height}, {half, top, half, whole.height}};
   }
   const double left = 0.62 * whole.width;
   const double upper = 0.68 * whole.height;
-  const std::vector<Rectangle> beside{{0.0, 0.0, left, whole.height},
-                                      {left, 0.0, whole.width - left, whole.height}};
-  const std::vector<Rectangle> below{{0.0, 0.0, whole.width, upper},
-                                     {0.0, upper, whole.width, whole.height - upper}};
+  const std::vector<Rectangle> beside{{0.0, top, left, whole.height},
+                                      {left, top, whole.width - left, whole.height}};
+  const std::vector<Rectangle> below{{0.0, top, whole.width, upper},
+                                     {0.0, top + upper, whole.width, whole.height - upper}};
   const auto metres_per_pixel = [&](const Rectangle& cell) {
     const Axes axes = make_axes(canvas, panels.front(), cell);
     return (axes.x_max - axes.x_min) / axes.area.width;
@@ -297,7 +377,11 @@ core::Result<std::string> save_figure(const Figure& figure, const std::string& p
                          std::to_string(kMaxCurves)};
     panels.push_back(prepare(panel));
   }
-  const std::vector<Rectangle> cells = arrange(*canvas, panels);
+  const double top = figure.title.empty() ? 0.0 : kTitleHeight;
+  if (top > 0.0)
+    canvas->text(figure.title, {0.5 * canvas->width(), 32.0},
+                 {.size = 20.0, .align = TextAlign::kCentre, .bold = true});
+  const std::vector<Rectangle> cells = arrange(*canvas, panels, top);
   for (std::size_t i = 0; i < panels.size(); ++i)
     draw_panel(*canvas, panels[i], make_axes(*canvas, panels[i], cells[i]));
   return canvas->save();

@@ -17,6 +17,16 @@ inline constexpr std::size_t kMaxCurves = 8;
 struct Curve {
   std::string name;  ///< written beside the curve's end
   std::vector<Eigen::Vector2d> points;
+  /// Values 0..1 of the points' colours on the panel's scale; empty: the curve's own colour.
+  std::vector<double> shades = {};
+};
+
+/// Meaning of the shades of the curves of a panel: the values at 0, 0.5 and 1, with their unit.
+struct ColourKey {
+  std::string label;
+  double low = 0.0;
+  double middle = 0.0;
+  double high = 1.0;
 };
 
 struct Axis {
@@ -37,11 +47,14 @@ struct Panel {
   bool is_top_view = false;
   std::optional<Curve> reference;    ///< true trajectory, drawn wide and grey below the curves
   std::vector<Eigen::Vector3f> map;  ///< x, y and height of map points
+  std::optional<ColourKey> key = {};
 };
 
-/// One or two panels. The second is beside the first, or below it where that makes a top view larger.
+/// One or several panels. Two are side by side, or below each other where that makes a top view larger; more
+/// are in columns of at most three, a top view beside them.
 struct Figure {
   std::vector<Panel> panels;
+  std::string title = {};
 };
 
 /// Draws the figure into a .png or .svg file. Fails when a panel has more than kMaxCurves curves or the file
