@@ -39,6 +39,7 @@ int main(int argc, char** argv) {
   nilio::tools::add_inspect_command(app, status);
   nilio::tools::add_plot_command(app, status);
   nilio::tools::add_watch_command(app, status);
+  nilio::tools::add_view_command(app, status);
   nilio::tools::add_bench_command(app);
   nilio::tools::add_reference_command(app, status);
   explain_exit_status(app);

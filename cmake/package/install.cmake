@@ -37,6 +37,7 @@ install(FILES systemd/nilio.sysusers DESTINATION lib/sysusers.d RENAME nilio.con
 install(FILES systemd/nilio.tmpfiles DESTINATION lib/tmpfiles.d RENAME nilio.conf COMPONENT runtime)
 install(FILES systemd/90-nilio.conf DESTINATION lib/sysctl.d COMPONENT runtime)
 install(FILES systemd/niliod-can.conf systemd/nilio-can.network DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples COMPONENT runtime)
+install(FILES tools/view/monitoring/nilio.rules.yml tools/view/monitoring/grafana.json DESTINATION ${share}/nilio/monitoring COMPONENT runtime)
 install(DIRECTORY tools/examples/ DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples COMPONENT runtime)
 
 include(CMakePackageConfigHelpers)

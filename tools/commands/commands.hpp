@@ -17,6 +17,7 @@ void add_inspect_command(CLI::App& app, int& status);
 void add_init_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
+void add_view_command(CLI::App& app, int& status);
 void add_record_command(CLI::App& app, int& status);
 void add_play_command(CLI::App& app, int& status);
 void add_report_command(CLI::App& app, int& status);
