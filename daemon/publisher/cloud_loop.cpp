@@ -30,9 +30,9 @@ bool RateLimit::passes(Time stamp) {
   return true;
 }
 
-CloudLoop::CloudLoop(CloudInputs inputs, std::unique_ptr<CloudPublisher> publisher, const CloudLimits& limits)
+CloudLoop::CloudLoop(CloudInputs inputs, MakePublisher make_publisher, const CloudLimits& limits)
     : inputs_(std::move(inputs)),
-      publisher_(std::move(publisher)),
+      make_publisher_(std::move(make_publisher)),
       limits_(limits),
       scan_rate_(limits.scan_rate_max_hz) {
   inputs_.scans.set_wanted(false);
@@ -47,7 +47,8 @@ void CloudLoop::start(std::function<void()> prepare) {
   thread_ = std::thread([this, prepare = std::move(prepare)] {
     pthread_setname_np(pthread_self(), "clouds");
     prepare();
-    run();
+    publisher_ = make_publisher_();
+    if (publisher_) run();
   });
 }
 

@@ -57,7 +57,11 @@ class CloudLoop {
     std::uint64_t dropped = 0;  ///< scans that were overwritten before they were read
   };
 
-  CloudLoop(CloudInputs inputs, std::unique_ptr<CloudPublisher> publisher, const CloudLimits& limits);
+  /// Makes the DDS entities, in the thread: their threads inherit its scheduling, and no other thread waits
+  /// for them. Null: the loop ends.
+  using MakePublisher = std::function<std::unique_ptr<CloudPublisher>()>;
+
+  CloudLoop(CloudInputs inputs, MakePublisher make_publisher, const CloudLimits& limits);
   /// Stops the thread.
   ~CloudLoop();
   CloudLoop(const CloudLoop&) = delete;
@@ -78,6 +82,7 @@ class CloudLoop {
   void count(bool accepted, std::atomic<std::uint64_t>& published);
 
   CloudInputs inputs_;
+  MakePublisher make_publisher_;
   std::unique_ptr<CloudPublisher> publisher_;
   CloudLimits limits_;
   RateLimit scan_rate_;

@@ -51,12 +51,13 @@ int PublisherLoop::run() {
     }
     if (!stopping_) sleep_until(next_report);
   }
-  if (clouds_) clouds_->stop();
   scan_poses_->stop();
   if (imu_poses_) imu_poses_->stop();
   publish_reports();
   const bool acknowledged = publisher_->wait_for_acknowledgments(kLastAcknowledgments);
   const dds::ScanPoseLoop::Counts counts = scan_poses_->counts();
+  // Last: it may take its time under load, and has nothing that must be sent.
+  if (clouds_) clouds_->stop();
   spdlog::info("stopped: {} poses published, {} writes failed{}{}{}", counts.published, counts.failed_writes,
                acknowledged ? "" : ", not all acknowledged by every subscriber", imu_summary(),
                cloud_summary());

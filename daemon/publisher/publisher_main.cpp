@@ -32,7 +32,6 @@
 #include <sys/resource.h>
 #include <sys/signalfd.h>
 #include <sys/types.h>
-#include <thread>
 #include <unistd.h>
 #include <utility>
 #include <vector>
@@ -242,8 +241,15 @@ core::Result<std::unique_ptr<dds::ImuPoseLoop>> make_imu_poses(const PublisherOp
       config, std::move(writers).value());
 }
 
-/// Null if there is nothing to publish, or if it is impossible: poses are published without clouds, too. Fast
-/// DDS's threads inherit the calling thread's scheduling, which must be normal.
+/// Null if it is impossible: poses are published without clouds, too.
+std::unique_ptr<dds::CloudPublisher> make_cloud_publisher(const dds::OdometryPublisherConfig& config) {
+  auto publisher = dds::CloudPublisher::create({config.participant, config.odom_frame, config.topic_prefix});
+  if (publisher) return std::move(publisher).value();
+  spdlog::warn("registered scans and path: not published: {}", publisher.error().message);
+  return nullptr;
+}
+
+/// Null if there is nothing to publish, or an inherited descriptor is missing.
 std::unique_ptr<dds::CloudLoop> make_clouds(const PublisherOptions& options) {
   if (options.clouds.scan_points == 0 && options.clouds.path_poses == 0) return nullptr;
   auto scans = ipc::OverwritingRing<ipc::ScanCloud>::attach(options.scan_ring_descriptor);
@@ -256,15 +262,9 @@ std::unique_ptr<dds::CloudLoop> make_clouds(const PublisherOptions& options) {
                                                                      .message);
     return nullptr;
   }
-  auto publisher = dds::CloudPublisher::create(
-      {options.publisher.participant, options.publisher.odom_frame, options.publisher.topic_prefix});
-  if (!publisher) {
-    spdlog::warn("registered scans and path: not published: {}", publisher.error().message);
-    return nullptr;
-  }
   return std::make_unique<dds::CloudLoop>(
       dds::CloudInputs{std::move(scans).value(), std::move(path).value(), std::move(wake).value()},
-      std::move(publisher).value(), options.clouds);
+      [config = options.publisher] { return make_cloud_publisher(config); }, options.clouds);
 }
 
 /// The DDS entities and the loops that use them.
@@ -321,11 +321,7 @@ int run(const PublisherOptions& options) {
   if (publishing->imu_poses)
     publishing->imu_poses->start(
         [&options] { take_precedence("imu-poses", options.imu_priority, options.nice); });
-  // The calling thread may be FIFO.
-  std::thread([&] {
-    leave_precedence();
-    publishing->clouds = make_clouds(options);
-  }).join();
+  publishing->clouds = make_clouds(options);
   if (publishing->clouds) publishing->clouds->start(leave_precedence);
   spdlog::info("publishing on DDS domain {}", options.publisher.participant.domain);
   return PublisherLoop(options.parent, signals, std::move(publishing->publisher),

@@ -147,7 +147,8 @@ TEST_CASE(
   REQUIRE((read_scans.ok() && read_path.ok()));
   for (int i = 0; i < 10; ++i) path->push({i, {1.0 * i, 0.0, 0.0}, {0.0, 0.0, 0.0, 1.0}});
   dds::CloudLoop loop({std::move(read_scans).value(), std::move(read_path).value(), std::move(wake).value()},
-                      make_cloud_publisher(domain), {.scan_rate_max_hz = 1000.0, .path_poses = 4});
+                      [domain] { return make_cloud_publisher(domain); },
+                      {.scan_rate_max_hz = 1000.0, .path_poses = 4});
   loop.start([] {});
   scans->push(*sample_scan(0), sample_scan(0)->bytes());
   std::this_thread::sleep_for(std::chrono::milliseconds(300));
