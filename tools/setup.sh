@@ -6,13 +6,13 @@ set -euo pipefail
 packages=(
   build-essential cmake ninja-build pkg-config git ca-certificates
   libeigen3-dev libtbb-dev libsleef-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
-  libpcap-dev libpugixml-dev libsocketcan-dev libfastrtps-dev libfastcdr-dev
-  libembree-dev libcairo2-dev libssl-dev libwebsockets-dev zlib1g-dev
+  libpcap-dev libpugixml-dev libsocketcan-dev libsqlite3-dev libzstd-dev liblz4-dev libbz2-dev zlib1g-dev libfastrtps-dev libfastcdr-dev
+  libembree-dev libcairo2-dev libssl-dev libwebsockets-dev
 )
 # The page of nilio view; any node and npm will do, those of Debian bring some hundred packages.
 command -v npm >/dev/null || packages+=(nodejs npm)
 if [[ ${1:-} == --tests ]]; then
-  packages+=(catch2 ccache cyclonedds-dev cyclonedds-tools python3 python3-numpy python3-jsonschema python3-yaml chromium prometheus xz-utils procps clang-format-14 clang-tidy-14
+  packages+=(catch2 ccache cyclonedds-dev cyclonedds-tools python3 python3-numpy python3-jsonschema python3-yaml python3-rosbag sqlite3 chromium prometheus xz-utils procps clang-format-14 clang-tidy-14
     clang-14 libclang-rt-14-dev
     mmdebstrap lintian groff-base
     user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1 systemd)

@@ -41,7 +41,7 @@ set(CPACK_COMPONENT_DEV_DESCRIPTION
  and of nilio::drivers, which turns packets of Velodyne LiDARs, CAN frames and
  recordings of them into scans and IMU samples.")
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
-    "libeigen3-dev (>= 3.4), libtbb-dev (>= 2021), libsleef-dev, libpcap-dev, libsocketcan-dev, libyaml-cpp-dev, libpugixml-dev, pkg-config")
+    "libeigen3-dev (>= 3.4), libtbb-dev (>= 2021), libsleef-dev, libpcap-dev, libsocketcan-dev, libyaml-cpp-dev, libpugixml-dev, libsqlite3-dev, libzstd-dev, liblz4-dev, libbz2-dev, zlib1g-dev, pkg-config")
 
 # Documents of Debian's packages and what lintian asks for beyond an installed tree.
 string(TIMESTAMP NILIO_CHANGELOG_DATE "%a, %d %b %Y %H:%M:%S +0000" UTC)
