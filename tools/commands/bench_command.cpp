@@ -2,6 +2,7 @@
 
 #include "daemon/exit_status.hpp"
 #include "tools/bench/bench.hpp"
+#include "tools/bench/realism/realism.hpp"
 #include "tools/bench/realtime/live_run.hpp"
 #include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
@@ -217,6 +218,30 @@ void add_matrix(CLI::App& bench) {
   });
 }
 
+void add_realism(CLI::App& bench) {
+  CLI::App& command =
+      *bench.add_subcommand("realism", "simulated HDL-64E scans of the town beside a real recording");
+  const auto options = std::make_shared<bench::RealismOptions>();
+  command
+      .add_option("recording", options->recording,
+                  "KITTI's raw drive 0009 as 'nilio convert kitti-raw' writes it: FOLDER or FOLDER:TRUTH")
+      ->required();
+  command.add_option("--seeds", options->seeds, "towns, whose mean is compared")
+      ->delimiter(',')
+      ->capture_default_str();
+  command.add_option("--seconds", options->seconds, "length of each simulated drive")
+      ->check(number_between(2.0, 600.0))
+      ->capture_default_str();
+  command.add_option("--every", options->every, "look at every so many scans")
+      ->check(number_between(1, 100))
+      ->capture_default_str();
+  command.add_option("--realism", options->realism, "of the simulated drives")
+      ->check(CLI::IsMember({"ideal", "typical", "poor"}))
+      ->capture_default_str();
+  add_page_options(command, options->page);
+  on_command(command, options, bench::run_realism_bench);
+}
+
 void add_soak(CLI::App& bench) {
   CLI::App& command = *bench.add_subcommand(
       "soak", "hours of drives in minutes: does the memory grow, is every pose counted");
@@ -324,6 +349,7 @@ void add_bench_command(CLI::App& app) {
   add_basin(bench);
   add_decode(bench);
   add_odometry(bench);
+  add_realism(bench);
   add_realtime(bench);
   add_receive(bench);
   add_matrix(bench);

@@ -6,8 +6,10 @@
 #include "tools/simulate/faults/imu_faults.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/simulate.hpp"
+#include "tools/simulate/town/town_scripts.hpp"
 
 #include <algorithm>
+#include <array>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -32,6 +34,10 @@ struct Arguments {
   std::string gps = "locked";
   std::string stream_calibration;
   std::string scene = "town";
+  std::string realism = "ideal";
+  std::vector<std::string> effects;
+  std::string imu_grade;
+  std::string weather = "clear";
 };
 
 // In the order of help texts and messages.
@@ -41,6 +47,9 @@ const std::vector<std::pair<std::string, drivers::ReturnMode>> kReturnModes{
     {"dual_confidence", drivers::ReturnMode::kDualConfidence}};
 const std::vector<std::pair<std::string, GpsReception>> kGpsReceptions{
     {"locked", GpsReception::kLocked}, {"nmea", GpsReception::kNmeaOnly}, {"none", GpsReception::kNone}};
+
+const std::vector<std::pair<std::string, Realism>> kRealisms{
+    {"ideal", Realism::kIdeal}, {"typical", Realism::kTypical}, {"poor", Realism::kPoor}};
 
 template <class Value>
 std::vector<std::string> names_of(const std::vector<std::pair<std::string, Value>>& values) {
@@ -65,7 +74,10 @@ std::vector<std::string> scene_names() {
 
 std::string describe_scenes() {
   std::string text = "where to drive:";
-  for (const SceneInfo& info : scene_infos()) text += std::string("\n") + info.name + ": " + info.summary;
+  for (const SceneInfo& info : scene_infos()) {
+    text += std::string("\n") + info.name + ": " + info.summary;
+    if (info.speed_m_s > 0.0) text += " (" + std::to_string(static_cast<int>(info.speed_m_s)) + " m/s)";
+  }
   return text + "\n";
 }
 
@@ -96,6 +108,12 @@ void parse_names(Arguments& a) {
   a.options.return_mode = value_of(kReturnModes, a.return_mode);
   a.options.gps = value_of(kGpsReceptions, a.gps);
   if (!a.stream_calibration.empty()) a.options.stream_calibration = a.stream_calibration == "on";
+  a.options.realism = value_of(kRealisms, a.realism);
+  if (!a.imu_grade.empty()) {
+    const auto& grades = imu_grade_names();
+    a.options.imu_grade =
+        static_cast<ImuGrade>(std::find(grades.begin(), grades.end(), a.imu_grade) - grades.begin());
+  }
   const auto& scenes = scene_infos();
   a.options.scene = std::find_if(scenes.begin(), scenes.end(), [&](const SceneInfo& info) {
                       return a.scene == info.name;
@@ -123,9 +141,8 @@ void add_drive_options(CLI::App& command, Arguments& a) {
   command.add_option("--duration", a.options.extent.duration_s, "seconds to drive; default: the whole drive")
       ->check(number_between(0.5, 7200.0));
   command
-      .add_option(
-          "--speed", a.options.speed_m_s,
-          "cruising speed, m/s; default: town 10, highway 30, tunnel 20, ramps 5, forest 6, manoeuvres 14")
+      .add_option("--speed", a.options.speed_m_s,
+                  "cruising speed, m/s; default: the scene's own, 10 in the town")
       ->check(number_between(0.5, 40.0));
   command.add_flag("--moving-start", a.options.moving_start,
                    "begin at speed instead of standing still for 2 s; always so in the tunnel");
@@ -140,6 +157,11 @@ void add_lidar_options(CLI::App& command, Arguments& a) {
           "--lidar-extrinsic", a.options.lidar_extrinsic,
           "mounting of the LiDAR on the vehicle: x y z in m, roll pitch yaw in deg; default: 0 0 1.73 "
           "0 0 0")
+      ->type_name("X Y Z ROLL PITCH YAW")
+      ->check(number_between(-360.0, 360.0));
+  command
+      .add_option("--mounting-error", a.options.mounting_error,
+                  "pose of the LiDAR relative to --lidar-extrinsic, which nilio.yaml does not contain")
       ->type_name("X Y Z ROLL PITCH YAW")
       ->check(number_between(-360.0, 360.0));
   command.add_option("--return-mode", a.return_mode, "returns in each packet")
@@ -160,6 +182,30 @@ void add_lidar_options(CLI::App& command, Arguments& a) {
       .add_option("--moving-cars", a.options.moving_cars,
                   "maximum number; default: one per 30 m in the town, elsewhere the scene's own")
       ->check(number_between(0.0, 5000.0));
+}
+
+void add_realism_options(CLI::App& command, Arguments& a) {
+  command
+      .add_option(
+          "--realism", a.realism,
+          "departures from the ideal: ideal: calibrated sensor with white noise, solid objects; typical: a "
+          "healthy unit on a car, as measured; poor: twice the errors")
+      ->check(CLI::IsMember(names_of(kRealisms)))
+      ->capture_default_str();
+  std::string names;
+  for (const std::string& name : effect_names()) names += (names.empty() ? "" : ", ") + name;
+  command.add_option("--effects", a.effects, "these effects alone, for studies: " + names)
+      ->delimiter(',')
+      ->type_name("NAME,...");
+  command
+      .add_option("--weather", a.weather,
+                  "clear; wet (ground); rain=MM_PER_H; fog=M or dust=M: visibility in metres")
+      ->capture_default_str();
+  command
+      .add_option("--dirt", a.options.dirt_deg,
+                  "sector straight ahead in which dirt on the window lets 2 % of the light through, deg")
+      ->check(number_between(0.0, 360.0))
+      ->capture_default_str();
 }
 
 void add_clock_options(CLI::App& command, Arguments& a) {
@@ -204,6 +250,17 @@ void add_imu_options(CLI::App& command, Arguments& a) {
   command.add_option("--imu-rate", a.options.imu_rate_hz, "samples per second")
       ->check(number_between(10.0, 1000.0))
       ->capture_default_str();
+  command
+      .add_option("--imu-extrinsic", a.options.imu_extrinsic,
+                  "mounting of the IMU as --lidar-extrinsic; default: -0.81 0.32 0.93 0.5 -0.3 0.8")
+      ->type_name("X Y Z ROLL PITCH YAW")
+      ->check(number_between(-360.0, 360.0));
+  command
+      .add_option(
+          "--imu-grade", a.imu_grade,
+          "errors of a class of IMU, from data sheets, instead of the constants below; default: industrial "
+          "if typical, automotive if poor")
+      ->check(CLI::IsMember(imu_grade_names()));
   const auto add_error = [&](const char* name, double& value, const char* help) {
     command.add_option(name, value, help)->check(number_between(0.0, 1e6))->capture_default_str();
   };
@@ -220,6 +277,32 @@ void add_imu_options(CLI::App& command, Arguments& a) {
                   "fault of the IMU; may be given several times:\n" + describe_imu_faults())
       ->allow_extra_args(false)
       ->type_name("NAME[=VALUE]");
+}
+
+constexpr std::array kImuConstants{"--gyro-noise",  "--gyro-bias",  "--gyro-drift",  "--gyro-scale",
+                                   "--accel-noise", "--accel-bias", "--accel-drift", "--accel-scale"};
+
+/// Sets the options that depend on one another; the error names the option.
+std::optional<Error> set_realism(const CLI::App& command, Arguments& a) {
+  if (!a.effects.empty()) {
+    const auto effects = parse_effects(a.effects);
+    if (!effects) return effects.error();
+    a.options.effects = *effects;
+  }
+  const auto weather = parse_weather(a.weather);
+  if (!weather) return weather.error();
+  a.options.weather = *weather;
+  for (const char* name : kImuConstants) {
+    if (command.count(name) == 0) continue;
+    if (a.options.imu_grade) return Error{std::string(name) + ": --imu-grade sets it - give one of both"};
+    a.options.imu_constants = true;
+  }
+  if (a.options.imu == "none" && a.options.imu_grade)
+    return Error{"--imu-grade is for an IMU; --imu none records without one"};
+  if (effects_of(a.options).has(Effect::kNoise) && command.count("--range-noise") > 0)
+    return Error{
+        "--range-noise: the noise follows from --realism - give --realism ideal, or --effects without noise"};
+  return std::nullopt;
 }
 
 /// Error for an option that the chosen LiDAR does not support.
@@ -249,20 +332,23 @@ std::optional<Error> find_unused_in_scene(const CLI::App& command, const Argumen
     if (command.count(option) == 0) return std::nullopt;
     return Error{std::string(option) + ": in the scene '" + scene.name + "' " + reason};
   };
-  const bool in_town = scene.kind == SceneKind::kTown || scene.kind == SceneKind::kManoeuvres;
+  const bool in_town = is_town(scene.kind);
   std::optional<Error> error;
   if (scene.kind != SceneKind::kTunnel && command.count("--tunnel-lamps") > 0)
     return Error{"--tunnel-lamps is for --scene tunnel"};
   if (scene.kind != SceneKind::kTown && a.options.trajectory != "town")
     return Error{"--trajectory: a pose file is driven through the town - leave --scene out"};
-  if (!scene.may_start_stationary) error = unused("--moving-start", "the vehicle always begins at speed");
+  if (!town_script(scene.kind, 1.0).empty()) error = unused("--moving-start", "the drive begins at a halt");
+  if (!error && !scene.may_start_stationary)
+    error = unused("--moving-start", "the vehicle always begins at speed");
   if (!error && scene.speed_m_s <= 0.0) {
     for (const char* option : {"--speed", "--length", "--moving-start"}) {
       if (!error) error = unused(option, "the vehicle does not move - set --duration");
     }
   }
-  const bool without_traffic = scene.kind == SceneKind::kForest || scene.kind == SceneKind::kRamps;
-  if (!error && !in_town && without_traffic) error = unused("--moving-cars", "there is no traffic");
+  const bool traffic = scene.kind == SceneKind::kHighway || scene.kind == SceneKind::kQueue ||
+                       scene.kind == SceneKind::kTunnel || scene.kind == SceneKind::kStandstill;
+  if (!error && !in_town && !traffic) error = unused("--moving-cars", "there is no traffic");
   return error;
 }
 
@@ -288,6 +374,7 @@ int run_simulate(const CLI::App& command, Arguments& arguments) {
     std::cerr << "nilio simulate: " << error.message << '\n';
     return status;
   };
+  if (const auto error = set_realism(command, arguments)) return fail(*error, kUsageError);
   if (const auto error = find_unused_option(command, arguments)) return fail(*error, kUsageError);
   const core::Result<bool> written = simulate::write_recording(arguments.options);
   return written ? kDone : fail(written.error(), kFailed);
@@ -314,6 +401,7 @@ void add_simulate_command(CLI::App& app, int& status) {
       ->required();
   add_drive_options(*command, *arguments);
   add_lidar_options(*command, *arguments);
+  add_realism_options(*command, *arguments);
   add_clock_options(*command, *arguments);
   add_imu_options(*command, *arguments);
   command->add_option("--seed", arguments->options.seed, "seed of scene, traffic and noise")

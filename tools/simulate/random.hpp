@@ -39,6 +39,8 @@ class RandomStream {
   double uniform(double low, double high) { return low + (high - low) * to_unit_interval(next()); }
   double gaussian() { return to_gaussian(next()); }
   bool chance(double probability) { return to_unit_interval(next()) < probability; }
+  /// As `count` calls of next().
+  void skip(std::uint64_t count) { counter_ += count; }
   /// In [0, count).
   std::uint64_t index(std::uint64_t count) { return next() % count; }
 

@@ -14,11 +14,13 @@
 #include "tools/simulate/sensors/recording.hpp"
 #include "tools/simulate/town/town.hpp"
 #include "tools/simulate/town/town_drive.hpp"
+#include "tools/simulate/town/town_scripts.hpp"
 #include "tools/simulate/vehicle/recorded_drive.hpp"
 
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <memory>
 #include <system_error>
 #include <utility>
 
@@ -35,20 +37,42 @@ using core::SE3;
 constexpr core::Time kStart{1'767'268'800'000'000'000};
 /// Of the LiDAR that recorded a pose file: KITTI's.
 const Mounting kRecordedLidarMounting{{0.0, 0.0, 1.73}, {0.0, 0.0, 0.0}};
-const Mounting kImuMounting{{-0.81, 0.32, 0.93}, {0.5, -0.3, 0.8}};
 
 constexpr double kMetresPerMovingCar = 30.0;
 
-Mounting lidar_mounting(const Options& options) {
-  const auto& e = options.lidar_extrinsic;
-  return {{e[0], e[1], e[2]}, {e[3], e[4], e[5]}};
+Mounting mounting_of(const std::array<double, 6>& e) { return {{e[0], e[1], e[2]}, {e[3], e[4], e[5]}}; }
+
+/// As configured, and as it is.
+Mounting lidar_mounting(const Options& options) { return mounting_of(options.lidar_extrinsic); }
+SE3 T_base_actual_lidar(const Options& options) {
+  const SE3 T_base_lidar = lidar_mounting(options).T_base_sensor();
+  const bool exact = options.mounting_error == std::array<double, 6>{};
+  return exact ? T_base_lidar : T_base_lidar * mounting_of(options.mounting_error).T_base_sensor();
+}
+
+SceneConfig scene_config(const Options& options) {
+  SceneConfig config;
+  config.seed = options.seed;
+  config.extent = options.extent;
+  config.speed_m_s = options.speed_m_s.value_or(info_of(options.scene).speed_m_s);
+  config.moving_start = options.moving_start;
+  config.density = options.scene_density;
+  config.moving_cars = options.moving_cars;
+  config.tunnel_lamps = options.tunnel_lamps;
+  config.porous_plants = effects_of(options).has(Effect::kVegetation);
+  config.clutter = effects_of(options).has(Effect::kClutter);
+  config.steady_body = effects_of(options).has(Effect::kVehicle);
+  return config;
 }
 
 Result<std::vector<SE3>> make_town_poses(const Options& options, const SE3& T_base_lidar) {
   if (options.trajectory == "town") {
     const SceneInfo& scene = info_of(options.scene);
+    if (!town_script(options.scene, 1.0).empty())
+      return make_scripted_town_drive(options.scene, scene_config(options));
     return make_town_drive({options.seed, options.speed_m_s.value_or(scene.speed_m_s), options.moving_start,
-                            options.extent, scene.kind == SceneKind::kManoeuvres});
+                            options.extent, scene.kind == SceneKind::kManoeuvres,
+                            effects_of(options).has(Effect::kVehicle)});
   }
   return make_recorded_drive({options.trajectory, options.calibration, options.pose_interval_s,
                               options.moving_start, T_base_lidar, options.extent});
@@ -84,13 +108,16 @@ Result<Scene> make_town_scene(const Options& options, const SE3& T_base_lidar) {
   Result<std::vector<SE3>> poses = make_town_poses(options, T_base_lidar);
   if (!poses) return poses.error();
   const VehicleTrajectory trajectory(*poses, kControlIntervalS);
-  Result<Town> town = build_town(trajectory, {options.seed, options.scene_density});
+  Result<Town> town = build_town(
+      trajectory, {options.seed, options.scene_density, effects_of(options).has(Effect::kVegetation),
+                   effects_of(options).has(Effect::kClutter)});
   if (!town) return town.error();
   warn_off_ground(*town);
   const std::size_t wanted_cars =
       options.moving_cars.value_or(static_cast<unsigned>(path_length(*poses) / kMetresPerMovingCar));
   Scene scene;
   scene.cars = make_traffic(trajectory, town->layout, town->ground, wanted_cars, options.seed);
+  scene.road = town_road(path_length(*poses), options.seed);
   scene.poses = std::move(*poses);
   scene.contents = describe(*town);
   scene.mesh = std::move(town->mesh);
@@ -98,17 +125,13 @@ Result<Scene> make_town_scene(const Options& options, const SE3& T_base_lidar) {
 }
 
 Result<Scene> make_scene(const Options& options, const SE3& T_base_lidar) {
-  if (options.scene == SceneKind::kTown || options.scene == SceneKind::kManoeuvres)
-    return make_town_scene(options, T_base_lidar);
-  SceneConfig config;
-  config.seed = options.seed;
-  config.extent = options.extent;
-  config.speed_m_s = options.speed_m_s;
-  config.moving_start = options.moving_start;
-  config.density = options.scene_density;
-  config.moving_cars = options.moving_cars;
-  config.tunnel_lamps = options.tunnel_lamps;
-  return build_scene(options.scene, config);
+  if (is_town(options.scene)) return make_town_scene(options, T_base_lidar);
+  return build_scene(options.scene, scene_config(options));
+}
+
+SurfaceDetail surface_detail(const Effects& effects) {
+  constexpr float kGrassM = 0.08F;
+  return {effects.has(Effect::kVegetation) ? kGrassM : 0.0F, effects.has(Effect::kGround)};
 }
 
 Result<fs::path> prepare_folder(const std::string& output) {
@@ -124,7 +147,7 @@ ImuModelConfig imu_config(const Options& options) {
   ImuModelConfig config;
   config.seed = options.seed;
   config.start = kStart;
-  config.T_base_imu = kImuMounting.T_base_sensor();
+  config.T_base_imu = mounting_of(options.imu_extrinsic).T_base_sensor();
   config.rate_hz = options.imu_rate_hz;
   config.gyroscope = {
       options.gyro_noise_deg_s * kRadiansPerDegree, options.gyro_bias_deg_s * kRadiansPerDegree,
@@ -184,9 +207,15 @@ Result<bool> write_inertial_data(const Options& options, const VehicleTrajectory
   if (!preset) return preset.error();
   const Result<ImuFaultConfig> faults = parse_imu_faults(options.imu_faults);
   if (!faults) return faults.error();
-  const auto samples = write_imu_recording(ImuModel(imu_config(options), trajectory),
-                                           ImuFaults(*faults, kStart, trajectory.duration_s(), options.seed),
-                                           *preset, path.string());
+  const ImuModelConfig config = imu_config(options);
+  const ImuFaults imu_faults(*faults, kStart, trajectory.duration_s(), options.seed);
+  const auto write = [&](auto model) {
+    return write_imu_recording([&model] { return model.next(); }, model.sample_count(), imu_faults, *preset,
+                               path.string());
+  };
+  const std::optional<ImuGrade> grade = imu_grade_of(options);
+  const auto samples =
+      grade ? write(GradedImu(*grade, config, trajectory)) : write(ImuModel(config, trajectory));
   if (!samples) return samples.error();
   std::printf("%s: %llu samples\n", path.c_str(), static_cast<unsigned long long>(*samples));
   return true;
@@ -194,7 +223,8 @@ Result<bool> write_inertial_data(const Options& options, const VehicleTrajectory
 
 /// `options.imu` "none" writes no inertial data and removes that of an earlier run.
 Result<bool> write_small_files(const Options& options, const VehicleTrajectory& trajectory,
-                               const LidarSetup& lidar, const fs::path& folder) {
+                               const VehicleTrajectory& inertial, const LidarSetup& lidar,
+                               const fs::path& folder) {
   const bool with_imu = options.imu != "none";
   const fs::path imu_path = folder / "imu.candump.log";
   const fs::path calibration_path = folder / "calibration.yaml";
@@ -202,7 +232,7 @@ Result<bool> write_small_files(const Options& options, const VehicleTrajectory& 
   fs::remove(imu_path, ignored);
   fs::remove(calibration_path, ignored);
   if (with_imu) {
-    const auto imu = write_inertial_data(options, trajectory, imu_path);
+    const auto imu = write_inertial_data(options, inertial, imu_path);
     if (!imu) return imu.error();
   }
   const auto truth = write_truth(trajectory, kStart, (folder / "truth.tum").string());
@@ -212,7 +242,7 @@ Result<bool> write_small_files(const Options& options, const VehicleTrajectory& 
   sensors.lidar_model = drivers::velodyne_model_name(lidar.sensor.model);
   sensors.lidar = lidar_mounting(options);
   sensors.imu_preset = with_imu ? options.imu : std::string();
-  sensors.imu = kImuMounting;
+  sensors.imu = mounting_of(options.imu_extrinsic);
   if (lidar.stream && lidar.stream->calibration()) {
     const auto written = drivers::write_calibration_yaml(lidar.sensor, calibration_path.string());
     if (!written) return written.error();
@@ -227,7 +257,7 @@ Result<LidarRecordingSummary> write_lidar(const Options& options, const LidarSet
   LidarModelConfig config;
   config.seed = options.seed;
   config.start = kStart;
-  config.T_base_lidar = lidar_mounting(options).T_base_sensor();
+  config.T_base_lidar = T_base_actual_lidar(options);
   config.revolutions_per_minute = options.revolutions_per_minute;
   config.range_noise_m = options.range_noise_m;
   config.return_mode = options.return_mode;
@@ -236,6 +266,10 @@ Result<LidarRecordingSummary> write_lidar(const Options& options, const LidarSet
   config.clock_drift_ppm = options.clock_drift_ppm;
   config.network_jitter = core::Duration::from_seconds(options.network_jitter_us * 1e-6);
   config.stream = setup.stream;
+  config.realism = options.realism;
+  config.effects = effects_of(options);
+  config.weather = options.weather;
+  config.dirt_deg = options.dirt_deg;
   const LidarModel model(setup.sensor, config, trajectory, scene);
   const PositionModel positions(setup.sensor.model, options.gps, config.T_base_lidar, model.timing(),
                                 trajectory);
@@ -243,7 +277,28 @@ Result<LidarRecordingSummary> write_lidar(const Options& options, const LidarSet
                                path.string());
 }
 
+/// The drive, with the body moving on its wheels if wanted.
+VehicleTrajectory make_trajectory(const Options& options, const Scene& scene, const std::vector<SE3>& poses) {
+  VehicleTrajectory smooth(poses, kControlIntervalS);
+  if (!effects_of(options).has(Effect::kVehicle)) return smooth;
+  RoadSurface road = scene.road;
+  // The next class of roughness.
+  if (options.realism == Realism::kPoor) road.roughness_m3 *= 4.0;
+  return smooth.with_body(std::make_shared<BodyMotion>(road, smooth.travel(), options.seed));
+}
+
 }  // namespace
+
+Effects effects_of(const Options& options) {
+  if (options.effects) return *options.effects;
+  return options.realism == Realism::kIdeal ? Effects::none() : Effects::all();
+}
+
+std::optional<ImuGrade> imu_grade_of(const Options& options) {
+  if (options.imu_grade || options.imu_constants) return options.imu_grade;
+  if (!effects_of(options).has(Effect::kImu)) return std::nullopt;
+  return options.realism == Realism::kPoor ? ImuGrade::kAutomotive : ImuGrade::kIndustrial;
+}
 
 Result<bool> write_recording(const Options& options) {
   const Result<LidarSetup> setup = make_lidar(options);
@@ -252,16 +307,19 @@ Result<bool> write_recording(const Options& options) {
   if (!folder) return folder.error();
   Result<Scene> made = make_scene(options, kRecordedLidarMounting.T_base_sensor());
   if (!made) return made.error();
-  const VehicleTrajectory trajectory(made->poses, kControlIntervalS);
+  const VehicleTrajectory trajectory = make_trajectory(options, *made, made->poses);
+  const VehicleTrajectory inertial =
+      made->inertial_poses.empty() ? trajectory : make_trajectory(options, *made, made->inertial_poses);
   print_drive(path_length(made->poses), trajectory);
   print_scene(*made);
-  const Result<RayScene> scene = RayScene::create(made->mesh, std::move(made->cars));
+  const Result<RayScene> scene =
+      RayScene::create(made->mesh, std::move(made->cars), surface_detail(effects_of(options)));
   if (!scene) return scene.error();
 
   const fs::path capture = *folder / "lidar.pcap";
   const UnfinishedFile unfinished(capture);
   // The small files first: errors of the folder appear at once.
-  const Result<bool> small_files = write_small_files(options, trajectory, *setup, *folder);
+  const Result<bool> small_files = write_small_files(options, trajectory, inertial, *setup, *folder);
   if (!small_files) return small_files.error();
   const Result<LidarRecordingSummary> lidar =
       write_lidar(options, *setup, trajectory, *scene, unfinished.path());

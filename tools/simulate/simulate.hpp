@@ -3,8 +3,11 @@
 #include "nilio/core/result.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
+#include "tools/simulate/realism.hpp"
 #include "tools/simulate/scenes/scene.hpp"
+#include "tools/simulate/sensors/imu_grade.hpp"
 #include "tools/simulate/sensors/sensor_timing.hpp"
+#include "tools/simulate/sensors/weather.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <array>
@@ -37,6 +40,8 @@ struct Options {
   drivers::VelodyneModel sensor = drivers::VelodyneModel::kVlp16;
   /// Mounting on the vehicle, T_base_lidar: x, y, z (m), roll, pitch, yaw (deg).
   std::array<double, 6> lidar_extrinsic{0.0, 0.0, 1.73, 0.0, 0.0, 0.0};
+  /// The LiDAR is mounted at lidar_extrinsic * mounting_error; nilio.yaml does not contain the error.
+  std::array<double, 6> mounting_error{};
   drivers::ReturnMode return_mode = drivers::ReturnMode::kSingle;
   double revolutions_per_minute = 600.0;
   double range_noise_m = 0.02;
@@ -61,8 +66,26 @@ struct Options {
   /// See parse_imu_faults().
   std::vector<std::string> imu_faults;
 
+  /// Unset = industrial if typical, automotive if poor; ideal: the constants above.
+  std::optional<ImuGrade> imu_grade;
+  /// Use the constants above whatever the realism.
+  bool imu_constants = false;
+  /// Mounting of the IMU as lidar_extrinsic.
+  std::array<double, 6> imu_extrinsic{-0.81, 0.32, 0.93, 0.5, -0.3, 0.8};
+
+  Realism realism = Realism::kIdeal;
+  /// These effects alone; unset = all, or none if ideal.
+  std::optional<Effects> effects;
+  Weather weather;
+  /// Sector straight ahead that dirt covers, degrees.
+  double dirt_deg = 0.0;
+
   std::uint64_t seed = 1;
 };
+
+/// Effects and IMU grade (unset = constants) that the options stand for.
+Effects effects_of(const Options& options);
+std::optional<ImuGrade> imu_grade_of(const Options& options);
 
 /// Writes lidar.pcap, imu.candump.log, truth.tum, nilio.yaml, and calibration.yaml if the LiDAR sends its
 /// calibration; files in the folder are replaced. Prints a summary on standard output and the progress and

@@ -10,7 +10,7 @@ using core::Vector3;
 
 double reflectivity(Material material) {
   // In the order of the enumeration.
-  static constexpr std::array<double, 13> values{
+  static constexpr std::array<double, 14> values{
       0.2,   // asphalt
       0.35,  // pavement
       0.4,   // grass
@@ -24,6 +24,7 @@ double reflectivity(Material material) {
       0.5,   // car paint
       0.06,  // tyre
       1.8,   // retroreflector
+      0.3,   // wire
   };
   return values[static_cast<std::size_t>(material)];
 }
@@ -94,6 +95,15 @@ void TriangleMesh::append(const TriangleMesh& part, const SE3& T_mesh_part) {
   for (const Eigen::Vector3f& vertex : part.vertices) add_vertex(T_mesh_part * vertex.cast<double>());
   for (const auto& t : part.triangles) triangles.push_back({first + t[0], first + t[1], first + t[2]});
   materials.insert(materials.end(), part.materials.begin(), part.materials.end());
+}
+
+void TriangleMesh::add_volume(const SE3& T_mesh_part, const Vector3& centre, PorousVolume volume) {
+  const Vector3 forward = T_mesh_part.rotation * Vector3::UnitX();
+  const double yaw = std::atan2(forward.y(), forward.x());
+  volume.centre = (T_mesh_part * centre).cast<float>();
+  volume.cos_yaw = static_cast<float>(std::cos(yaw));
+  volume.sin_yaw = static_cast<float>(std::sin(yaw));
+  volumes.push_back(volume);
 }
 
 SE3 upright_frame(const Vector3& origin, double yaw_rad) {

@@ -2,6 +2,9 @@
 
 #include "nilio/core/se3.hpp"
 
+#include "tools/simulate/geometry/material.hpp"
+#include "tools/simulate/geometry/porous_volume.hpp"
+
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -10,32 +13,15 @@
 
 namespace nilio::tools::simulate {
 
-enum class Material : std::uint8_t {
-  kAsphalt,
-  kPavement,
-  kGrass,
-  kPlaster,
-  kBrick,
-  kGlass,
-  kRoofTile,
-  kMetal,
-  kBark,
-  kFoliage,
-  kCarPaint,
-  kTyre,
-  kRetroreflector,
-};
-
-/// Share of light at the laser's wavelength (905 nm) that is reflected diffusely, 0 to 1. A retroreflector
-/// reflects more than a white diffuse surface and has more than 1.
-double reflectivity(Material material);
-
-/// Triangles of one rigid object, metres.
+/// Triangles and porous bodies of one rigid object, metres.
 struct TriangleMesh {
   std::vector<Eigen::Vector3f> vertices;
   std::vector<std::array<std::uint32_t, 3>> triangles;
   /// One per triangle.
   std::vector<Material> materials;
+  std::vector<PorousVolume> volumes;
+  /// Whether plants are added as porous bodies; otherwise as separate solid leaves.
+  bool porous_plants = false;
 
   std::uint32_t add_vertex(const core::Vector3& p);
   void add_triangle(const core::Vector3& a, const core::Vector3& b, const core::Vector3& c,
@@ -49,6 +35,8 @@ struct TriangleMesh {
   /// Upright prism with eight sides around the z axis of the frame T_mesh_part.
   void add_column(const core::SE3& T_mesh_part, double radius_m, double low_m, double high_m,
                   Material material);
+  /// Adds a porous body with its centre at `centre` of the frame, of which only the yaw is used.
+  void add_volume(const core::SE3& T_mesh_part, const core::Vector3& centre, PorousVolume volume);
   void append(const TriangleMesh& part, const core::SE3& T_mesh_part);
 };
 

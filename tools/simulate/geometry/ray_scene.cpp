@@ -1,5 +1,7 @@
 #include "tools/simulate/geometry/ray_scene.hpp"
 
+#include "tools/simulate/geometry/surface_detail.hpp"
+#include "tools/simulate/random.hpp"
 #include "tools/simulate/town/street_objects.hpp"
 
 #include <algorithm>
@@ -33,6 +35,9 @@ float radius_of(std::size_t model) {
   return static_cast<float>(corner.norm() + kWayM);
 }
 
+/// Identifier of the geometry with the triangles; porous bodies follow.
+constexpr unsigned kTriangles = 0;
+
 struct DeviceDeleter {
   void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
 };
@@ -46,7 +51,64 @@ using EmbreeScene = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDelete
 struct CastMesh {
   EmbreeScene scene;
   std::vector<Material> materials;
+  /// Their addresses are those of the scene's second geometry.
+  std::unique_ptr<const std::vector<PorousVolume>> volumes;
+
+  [[nodiscard]] Material material_of(unsigned geometry, unsigned primitive) const {
+    return geometry == kTriangles ? materials[primitive] : (*volumes)[primitive].material;
+  }
 };
+
+void bounds_of_volume(const RTCBoundsFunctionArguments* args) {
+  const PorousVolume& volume =
+      (*static_cast<const std::vector<PorousVolume>*>(args->geometryUserPtr))[args->primID];
+  const Eigen::Vector3f& half = volume.half_size;
+  const float c = std::abs(volume.cos_yaw);
+  const float s = std::abs(volume.sin_yaw);
+  const Eigen::Vector3f reach(c * half.x() + s * half.y(), s * half.x() + c * half.y(), half.z());
+  const Eigen::Vector3f low = volume.centre - reach;
+  const Eigen::Vector3f high = volume.centre + reach;
+  *args->bounds_o = {low.x(), low.y(), low.z(), 0.0F, high.x(), high.y(), high.z(), 0.0F};
+}
+
+void intersect_volume(const RTCIntersectFunctionNArguments* args) {
+  const auto& volumes = *static_cast<const std::vector<PorousVolume>*>(args->geometryUserPtr);
+  const unsigned count = args->N;
+  RTCRayN* const rays = RTCRayHitN_RayN(args->rayhit, count);
+  RTCHitN* const hits = RTCRayHitN_HitN(args->rayhit, count);
+  const std::uint64_t key = mix_bits(args->primID);
+  for (unsigned i = 0; i < count; ++i) {
+    if (args->valid[i] == 0) continue;
+    const Eigen::Vector3f origin(RTCRayN_org_x(rays, count, i), RTCRayN_org_y(rays, count, i),
+                                 RTCRayN_org_z(rays, count, i));
+    const Eigen::Vector3f direction(RTCRayN_dir_x(rays, count, i), RTCRayN_dir_y(rays, count, i),
+                                    RTCRayN_dir_z(rays, count, i));
+    const auto found = cast_at_volume(volumes[args->primID], key, origin, direction,
+                                      RTCRayN_tnear(rays, count, i), RTCRayN_tfar(rays, count, i));
+    if (!found) continue;
+    RTCRayN_tfar(rays, count, i) = found->distance_m;
+    RTCHitN_Ng_x(hits, count, i) = found->normal.x();
+    RTCHitN_Ng_y(hits, count, i) = found->normal.y();
+    RTCHitN_Ng_z(hits, count, i) = found->normal.z();
+    RTCHitN_primID(hits, count, i) = args->primID;
+    RTCHitN_geomID(hits, count, i) = args->geomID;
+    RTCHitN_instID(hits, count, i, 0) = args->context->instID[0];
+  }
+}
+
+void attach_volumes(RTCDevice device, CastMesh& mesh) {
+  RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
+  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(mesh.volumes->size()));
+  // The callbacks only read.
+  rtcSetGeometryUserData(geometry, const_cast<std::vector<PorousVolume>*>(mesh.volumes.get()));
+  rtcSetGeometryBoundsFunction(
+      geometry, [](const RTCBoundsFunctionArguments* args) { bounds_of_volume(args); }, nullptr);
+  rtcSetGeometryIntersectFunction(geometry,
+                                  [](const RTCIntersectFunctionNArguments* args) { intersect_volume(args); });
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(mesh.scene.get(), geometry);
+  rtcReleaseGeometry(geometry);
+}
 
 /// `scene` is null when memory is short.
 CastMesh make_cast_mesh(RTCDevice device, const TriangleMesh& mesh) {
@@ -67,8 +129,13 @@ CastMesh make_cast_mesh(RTCDevice device, const TriangleMesh& mesh) {
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcAttachGeometry(scene.get(), geometry);
   rtcReleaseGeometry(geometry);
-  rtcCommitScene(scene.get());
-  return {std::move(scene), mesh.materials};
+  CastMesh result{std::move(scene), mesh.materials, nullptr};
+  if (!mesh.volumes.empty()) {
+    result.volumes = std::make_unique<const std::vector<PorousVolume>>(mesh.volumes);
+    attach_volumes(device, result);
+  }
+  rtcCommitScene(result.scene.get());
+  return result;
 }
 
 float incidence_cosine(const Eigen::Vector3f& normal, const Eigen::Vector3f& direction) {
@@ -100,7 +167,23 @@ void cast_at_car(const CastMesh& mesh, const SE3& T_world_car, const Eigen::Vect
   hit.hit = true;
   hit.distance_m = ray.ray.tfar;
   hit.incidence_cosine = incidence_cosine({ray.hit.Ng_x, ray.hit.Ng_y, ray.hit.Ng_z}, d);
-  hit.material = mesh.materials[ray.hit.primID];
+  hit.material = mesh.material_of(ray.hit.geomID, ray.hit.primID);
+}
+
+/// Triangles of retroreflectors, those of one box together.
+std::vector<Retroreflector> find_retroreflectors(const TriangleMesh& mesh) {
+  std::vector<Retroreflector> found;
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    if (mesh.materials[t] != Material::kRetroreflector) continue;
+    Eigen::Vector3f centre = Eigen::Vector3f::Zero();
+    for (const std::uint32_t v : mesh.triangles[t]) centre += mesh.vertices[v] / 3.0F;
+    float radius = 0.0F;
+    for (const std::uint32_t v : mesh.triangles[t])
+      radius = std::max(radius, (mesh.vertices[v] - centre).norm());
+    if (!found.empty() && (found.back().centre - centre).norm() < 0.5F) continue;
+    found.push_back({centre, 0.7F * radius});
+  }
+  return found;
 }
 
 /// Whether the ray passes the car's bounding sphere before `max_distance_m`.
@@ -121,6 +204,8 @@ struct RayScene::State {
   std::array<CastMesh, kVehicleModels> models;
   std::array<float, kVehicleModels> radii{};
   std::vector<MovingCar> cars;
+  SurfaceDetail detail;
+  std::vector<Retroreflector> retroreflectors;
 };
 
 RayScene::RayScene(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -128,7 +213,8 @@ RayScene::RayScene(RayScene&&) noexcept = default;
 RayScene& RayScene::operator=(RayScene&&) noexcept = default;
 RayScene::~RayScene() = default;
 
-core::Result<RayScene> RayScene::create(const TriangleMesh& still, std::vector<MovingCar> cars) {
+core::Result<RayScene> RayScene::create(const TriangleMesh& still, std::vector<MovingCar> cars,
+                                        const SurfaceDetail& detail) {
   auto state = std::make_unique<State>();
   // One thread: the hierarchy, and with it the choice between two coinciding triangles, is then reproducible.
   state->device.reset(rtcNewDevice("threads=1"));
@@ -147,10 +233,14 @@ core::Result<RayScene> RayScene::create(const TriangleMesh& still, std::vector<M
                        " triangles (error " + std::to_string(error) + "); take a shorter --length"};
   }
   state->cars = std::move(cars);
+  state->detail = detail;
+  state->retroreflectors = find_retroreflectors(still);
   return RayScene(std::move(state));
 }
 
 const std::vector<MovingCar>& RayScene::cars() const { return state_->cars; }
+
+const std::vector<Retroreflector>& RayScene::retroreflectors() const { return state_->retroreflectors; }
 
 void RayScene::find_cars(double time_s, const Vector3& place, double range_m,
                          std::vector<NearbyCar>& nearby) const {
@@ -189,6 +279,7 @@ void RayScene::cast(const RayGroup& rays, float max_distance_m, std::span<const 
   context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   rtcIntersect16(valid.data(), state_->still.scene.get(), &context, &group);
 
+  const bool detailed = state_->detail.grass_m > 0.0F || state_->detail.rough;
   for (std::size_t i = 0; i < kRayGroup; ++i) {
     RayHit& hit = hits[i];
     hit = {};
@@ -197,7 +288,8 @@ void RayScene::cast(const RayGroup& rays, float max_distance_m, std::span<const 
       hit.distance_m = group.ray.tfar[i];
       hit.incidence_cosine =
           incidence_cosine({group.hit.Ng_x[i], group.hit.Ng_y[i], group.hit.Ng_z[i]}, rays.direction[i]);
-      hit.material = state_->still.materials[group.hit.primID[i]];
+      hit.material = state_->still.material_of(group.hit.geomID[i], group.hit.primID[i]);
+      if (detailed) add_detail(state_->detail, rays.origin[i], rays.direction[i], hit);
     }
     for (const NearbyCar& near_car : nearby) {
       if (!may_hit(near_car, rays.origin[i], rays.direction[i], hit.hit ? hit.distance_m : max_distance_m))

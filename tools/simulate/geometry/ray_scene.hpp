@@ -3,6 +3,7 @@
 #include "nilio/core/result.hpp"
 
 #include "tools/simulate/geometry/mesh.hpp"
+#include "tools/simulate/geometry/surface_detail.hpp"
 #include "tools/simulate/scenes/traffic.hpp"
 
 #include <array>
@@ -23,13 +24,10 @@ struct RayGroup {
   std::array<double, kRayGroup> time_s{};
 };
 
-/// First surface on a ray.
-struct RayHit {
-  bool hit = false;
-  float distance_m = 0.0F;
-  /// Cosine of the angle between ray and surface normal, 0 (grazing) to 1.
-  float incidence_cosine = 0.0F;
-  Material material = Material::kAsphalt;
+/// A retroreflector of the static scene; patches of more than a metre are several.
+struct Retroreflector {
+  Eigen::Vector3f centre;
+  float radius_m = 0.0F;
 };
 
 /// A car that may be near during a span of time, and its centre in that span.
@@ -40,12 +38,13 @@ struct NearbyCar {
   float radius_m = 0.0F;
 };
 
-/// Ray casting (Embree) against static geometry and moving vehicles, each at its pose at the ray's own time.
-/// Casting is const and thread-safe; results do not depend on the number of threads.
+/// Ray casting (Embree) against static geometry, porous bodies and moving vehicles, each at its pose at the
+/// ray's own time. Casting is const and thread-safe; results do not depend on the number of threads.
 class RayScene {
  public:
   /// Fails when Embree cannot start or there is not enough memory.
-  static core::Result<RayScene> create(const TriangleMesh& still, std::vector<MovingCar> cars);
+  static core::Result<RayScene> create(const TriangleMesh& still, std::vector<MovingCar> cars,
+                                       const SurfaceDetail& detail = {});
   RayScene(RayScene&&) noexcept;
   RayScene& operator=(RayScene&&) noexcept;
   RayScene(const RayScene&) = delete;
@@ -53,6 +52,7 @@ class RayScene {
   ~RayScene();
 
   [[nodiscard]] const std::vector<MovingCar>& cars() const;
+  [[nodiscard]] const std::vector<Retroreflector>& retroreflectors() const;
   /// Cars within `range_m` of a place at a time; replaces the content of `nearby`.
   void find_cars(double time_s, const core::Vector3& place, double range_m,
                  std::vector<NearbyCar>& nearby) const;

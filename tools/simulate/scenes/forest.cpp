@@ -63,6 +63,18 @@ void add_trunk(TriangleMesh& mesh, const SE3& T_mesh_tree, RandomStream& random)
                      Eigen::AngleAxisd(0.04 * random.gaussian(), Vector3::UnitY());
   const double radius = random.uniform(0.08, 0.35);
   mesh.add_column(leaning, radius, -0.5, random.uniform(9.0, 16.0), Material::kBark);
+  if (mesh.porous_plants) {
+    constexpr std::uint64_t kDraws = 70 * 12;
+    random.skip(kDraws);
+    PorousVolume branches;
+    branches.half_size = {1.3F, 1.3F, 2.5F};
+    branches.extinction = 0.05F;
+    mesh.add_volume(T_mesh_tree, {0.0, 0.0, 3.8}, branches);
+    PorousVolume crown;
+    crown.half_size = {2.6F, 2.6F, 4.0F};
+    mesh.add_volume(T_mesh_tree, {0.0, 0.0, 10.0}, crown);
+    return;
+  }
   // Dead branches at head height, crowns above.
   for (int i = 0; i < 70; ++i) {
     const double up = i < 12 ? random.uniform(1.5, 6.0) : random.uniform(6.0, 14.0);
@@ -135,7 +147,8 @@ core::Result<Scene> build_forest(const SceneConfig& config) {
       arc_length_over_time(line.route, speed_profile(line.route, stop_m, style), stop_m, style);
   const ForestGround ground(config.seed);
   Scene scene;
-  scene.poses = cut_drive(drive_over(line.route, travelled, *config.speed_m_s,
+  scene.mesh.porous_plants = config.porous_plants;
+  scene.poses = cut_drive(drive_over(line.route, travelled, config.sway_speed(),
                                      [&](double, const Vector2& p) { return ground.at(p); }),
                           kControlIntervalS, config.extent);
   HeightField field;
@@ -144,6 +157,7 @@ core::Result<Scene> build_forest(const SceneConfig& config) {
   field.height = [&](const Vector2& p) { return ground.at(p).height + ground.roots.at(p).height; };
   field.material = [](const Vector2&) { return Material::kGrass; };
   add_height_field(scene.mesh, line.route.points, field);
+  scene.road.roughness_m3 = 1024e-6;
   scene.contents = plant_forest(line, ground, config, scene.mesh);
   return scene;
 }

@@ -227,7 +227,7 @@ struct TrafficLane {
 
 /// Adds the cars that come within range of the vehicle, which drives `own_m` in total.
 void fill_lane(const RoadLine& line, const TrafficLane& lane, double own_m, double duration_s,
-               RandomStream& random, std::vector<MovingCar>& cars) {
+               double start_gap_m, RandomStream& random, std::vector<MovingCar>& cars) {
   const bool oncoming = lane.left_m > kMedianM;
   const std::vector<Vector3> path = line.path(lane.left_m, oncoming);
   const double own_start = oncoming ? static_cast<double>(path.size()) - kBeyondM : kBeyondM;
@@ -237,7 +237,7 @@ void fill_lane(const RoadLine& line, const TrafficLane& lane, double own_m, doub
   for (double start = first; start < last; start += random.uniform(lane.least_gap_m, lane.largest_gap_m)) {
     MovingCar car;
     car.model = random.chance(lane.truck_share) ? kTruckModel : random.index(kCarModels);
-    if (!oncoming && std::abs(start - own_start) < kStartGapM) continue;
+    if (!oncoming && std::abs(start - own_start) < start_gap_m) continue;
     car.path = path;
     car.speed_m_s = lane.speed_m_s;
     car.start_m = start;
@@ -264,6 +264,26 @@ void add_companions(const RoadLine& line, const SceneConfig& config, std::vector
   }
 }
 
+/// Lanes beside a vehicle in a queue: trucks that overtake it slowly on the right, cars on the left, both
+/// without gaps; the other carriageway flows.
+std::array<TrafficLane, 5> queue_lanes(double own) {
+  return {{{-kLaneM, 0.55 * own, 0.9, 19.0, 24.0},
+           {kLaneM, 0.7 * own, 0.5, 19.0, 26.0},
+           {12.6, 25.0, 0.0, 40.0, 100.0},
+           {16.3, 22.0, 0.15, 40.0, 90.0},
+           {20.0, 18.0, 0.7, 40.0, 90.0}}};
+}
+
+std::vector<MovingCar> make_queue_traffic(const RoadLine& line, const SceneConfig& config, double own_m,
+                                          double duration_s) {
+  RandomStream random(config.seed, 208);
+  std::vector<MovingCar> cars;
+  for (const TrafficLane& lane : queue_lanes(*config.speed_m_s))
+    fill_lane(line, lane, own_m, duration_s, 0.0, random, cars);
+  if (config.moving_cars && cars.size() > *config.moving_cars) cars.resize(*config.moving_cars);
+  return cars;
+}
+
 std::vector<MovingCar> make_highway_traffic(const RoadLine& line, const SceneConfig& config, double own_m,
                                             double duration_s) {
   const double own = *config.speed_m_s;
@@ -275,28 +295,35 @@ std::vector<MovingCar> make_highway_traffic(const RoadLine& line, const SceneCon
   RandomStream random(config.seed, 208);
   std::vector<MovingCar> cars;
   add_companions(line, config, cars);
-  for (const TrafficLane& lane : lanes) fill_lane(line, lane, own_m, duration_s, random, cars);
+  for (const TrafficLane& lane : lanes) fill_lane(line, lane, own_m, duration_s, kStartGapM, random, cars);
   if (config.moving_cars && cars.size() > *config.moving_cars) cars.resize(*config.moving_cars);
   return cars;
 }
 
 /// Travelled distance: at constant speed, or starting with the others from a queue.
 std::vector<double> drive_on_highway(const RoadLine& line, const SceneConfig& config, double speed,
-                                     double duration_s) {
+                                     double duration_s, const std::vector<double>& halts_m) {
   if (config.moving_start) return travel_at(kBeyondM, speed, duration_s);
   DrivingStyle style;
   style.cruise_speed_m_s = speed;
   style.acceleration = kHaltAcceleration;
   std::vector<double> travelled = arc_length_over_time(
-      line.route, speed_profile(line.route, line.length_m(), style), line.length_m(), style);
+      line.route, speed_profile(line.route, line.length_m(), style, halts_m), line.length_m(), style);
   travelled.resize(std::min(travelled.size(), static_cast<std::size_t>(duration_s / kControlIntervalS) + 2));
   for (double& at : travelled) at += kBeyondM;
   return travelled;
 }
 
-}  // namespace
+/// Halts of a queue: every 12 to 40 m.
+std::vector<double> queue_halts(double length_m, std::uint64_t seed) {
+  RandomStream random(seed, 210);
+  std::vector<double> halts;
+  for (double at = random.uniform(10.0, 30.0); at < length_m; at += random.uniform(12.0, 40.0))
+    halts.push_back(at);
+  return halts;
+}
 
-core::Result<Scene> build_highway(const SceneConfig& config) {
+core::Result<Scene> build_motorway(const SceneConfig& config, bool queue) {
   const double speed = *config.speed_m_s;
   // Acceleration to cruising speed takes half a minute.
   const double setting_off_s = config.moving_start ? 0.0 : 0.5 * speed / kHaltAcceleration + kStandingTimeS;
@@ -310,16 +337,27 @@ core::Result<Scene> build_highway(const SceneConfig& config) {
       length, [&](double at) { return 0.12 * std::sin(at / 220.0 + phase); },
       [&](double at) { return 3.5 * std::sin(at / 150.0 - phase); });
   Scene scene;
-  const std::vector<double> travelled = drive_on_highway(line, config, speed, duration_s);
-  scene.poses = cut_drive(
-      drive_over(line.route, travelled, speed, [&](double at, const Vector2&) { return line.ground(at); }),
-      kControlIntervalS, config.extent);
+  scene.mesh.porous_plants = config.porous_plants;
+  const std::vector<double> travelled = drive_on_highway(
+      line, config, speed, duration_s, queue ? queue_halts(length, config.seed) : std::vector<double>());
+  scene.poses = cut_drive(drive_over(line.route, travelled, config.sway_speed(),
+                                     [&](double at, const Vector2&) { return line.ground(at); }),
+                          kControlIntervalS, config.extent);
+  scene.road.roughness_m3 = 16e-6;
   const HighwayCounts counts = HighwayBuilder(line, config, scene.mesh).build();
-  scene.cars = make_highway_traffic(line, config, travelled.back() - kBeyondM, duration_s);
+  const double own_m = travelled.back() - kBeyondM;
+  scene.cars = queue ? make_queue_traffic(line, config, own_m, duration_s)
+                     : make_highway_traffic(line, config, own_m, duration_s);
   scene.contents = counted(counts.bridges, "bridges, ") + counted(counts.gantries, "gantries, ") +
                    counted(counts.signs, "signs, ") + counted(counts.buildings, "buildings, ") +
                    counted(counts.plants, "trees and bushes");
   return scene;
 }
+
+}  // namespace
+
+core::Result<Scene> build_highway(const SceneConfig& config) { return build_motorway(config, false); }
+
+core::Result<Scene> build_queue(const SceneConfig& config) { return build_motorway(config, true); }
 
 }  // namespace nilio::tools::simulate

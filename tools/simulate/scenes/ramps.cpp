@@ -208,7 +208,8 @@ core::Result<Scene> build_ramps(const SceneConfig& config) {
   const std::vector<double> travelled =
       arc_length_over_time(line.route, speed_profile(line.route, stop_m, style), stop_m, style);
   Scene scene;
-  scene.poses = cut_drive(drive_over(line.route, travelled, *config.speed_m_s,
+  scene.mesh.porous_plants = config.porous_plants;
+  scene.poses = cut_drive(drive_over(line.route, travelled, config.sway_speed(),
                                      [&](double at, const Vector2&) { return line.ground(at); }),
                           kControlIntervalS, config.extent);
   scene.contents = CarParkBuilder(line, config, scene.mesh).build();

@@ -135,6 +135,7 @@ core::Result<Scene> build_standstill(const SceneConfig& config) {
   const RoutePoint at = route_at(line.route, kPlaceM);
   slope.gradient += 0.015 * left_of(direction(at.heading));
   Scene scene;
+  scene.mesh.porous_plants = config.porous_plants;
   const auto count = static_cast<std::size_t>(std::ceil(duration_s / kControlIntervalS)) + 1;
   scene.poses.assign(std::max<std::size_t>(count, 2), place_vehicle(at, slope, 0.0, 0.0, 0.0, 1.0));
   add_street(scene.mesh, line);

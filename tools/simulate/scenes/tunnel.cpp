@@ -202,10 +202,11 @@ core::Result<Scene> build_tunnel(const SceneConfig& config) {
   };
   const RoadLine line = make_road_line(kFarPortalM + kAfterM + 150.0, bend, rise);
   Scene scene;
+  scene.mesh.porous_plants = config.porous_plants;
   const std::vector<double> travelled = travel_at(kStartM, speed, duration_s);
-  scene.poses = cut_drive(
-      drive_over(line.route, travelled, speed, [&](double at, const Vector2&) { return line.ground(at); }),
-      kControlIntervalS, config.extent);
+  scene.poses = cut_drive(drive_over(line.route, travelled, config.sway_speed(),
+                                     [&](double at, const Vector2&) { return line.ground(at); }),
+                          kControlIntervalS, config.extent);
   scene.contents = TunnelBuilder(line, config, scene.mesh).build();
   scene.cars = make_oncoming(line, config, duration_s);
   return scene;

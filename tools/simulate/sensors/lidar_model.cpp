@@ -1,6 +1,7 @@
 #include "tools/simulate/sensors/lidar_model.hpp"
 
 #include "tools/simulate/random.hpp"
+#include "tools/simulate/sensors/lidar_shots.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -28,35 +29,10 @@ constexpr std::uint64_t kNoiseStream = 0x4E6F697365;
 constexpr std::uint64_t kStampStream = 0x5374616D70;
 /// Cars are searched this far beyond the sensor's range.
 constexpr double kCarMarginM = 10.0;
+/// A retroreflector's halo is too weak beyond.
+constexpr float kHaloRangeM = 60.0F;
 /// Two surfaces in a beam give two echoes if they are farther apart than the pulse is long.
 constexpr double kEchoSeparationM = 0.5;
-
-/// From data sheets: range, range for 10 % reflectivity, beam divergence.
-struct Optics {
-  double max_range_m = 100.0;
-  double dark_range_m = 50.0;
-  double divergence_rad = 0.003;
-};
-
-Optics optics_of(VelodyneModel model) {
-  switch (model) {
-    case VelodyneModel::kVlp32a:
-    case VelodyneModel::kVlp32b:
-    case VelodyneModel::kVlp32c:
-      return {200.0, 80.0, 0.003};
-    case VelodyneModel::kVls128:
-      return {245.0, 200.0, 0.003};
-    case VelodyneModel::kHdl64eS1:
-    case VelodyneModel::kHdl64eS2:
-    case VelodyneModel::kHdl64eS21:
-    case VelodyneModel::kHdl64eS3:
-      return {120.0, 50.0, 0.002};
-    default:
-      return {};
-  }
-}
-
-bool is_hdl64e(VelodyneModel model) { return model == VelodyneModel::kHdl64eS1 || has_status_stream(model); }
 
 drivers::PacketLayout layout_of(const drivers::VelodyneSensor& sensor, ReturnMode mode) {
   const drivers::PacketLayout* layout = sensor.layout(mode);
@@ -72,39 +48,6 @@ std::int64_t offset_in_step_ns(const drivers::PacketLayout& layout, std::size_t 
 
 }  // namespace
 
-/// Motion of the sensor over one packet: constant velocity, exact to a micrometre over a millisecond.
-struct LidarModel::Motion {
-  core::Duration start;
-  SE3 T_world_lidar;
-  Vector3 velocity;          ///< in world
-  Vector3 angular_velocity;  ///< in the sensor's frame
-  std::vector<NearbyCar> cars;
-
-  [[nodiscard]] SE3 pose(double offset_s) const {
-    return {T_world_lidar.rotation * core::so3_exp(angular_velocity * offset_s),
-            T_world_lidar.translation + velocity * offset_s};
-  }
-};
-
-/// Shots of 16 lasers and their hits.
-struct LidarModel::Shots {
-  std::array<const LidarBeam*, kRayGroup> beams{};
-  std::array<BeamAzimuth, kRayGroup> azimuths{};
-  std::array<Eigen::Quaterniond, kRayGroup> R_world_lidar;
-  std::array<Vector3, kRayGroup> directions;  ///< of the middle of the beam, in the sensor's frame
-  /// Offset of the rays from the middle of the beam, clockwise: a beam is wider than high.
-  double aside_rad = 0.0;
-  RayGroup rays;
-  std::array<RayHit, kRayGroup> hits{};
-
-  void point(std::size_t i, const Vector3& direction) {
-    directions[i] = direction;
-    const Vector3 aside(-azimuths[i].sin, -azimuths[i].cos, 0.0);
-    const Vector3 ray = aside_rad == 0.0 ? direction : Vector3((direction + aside_rad * aside).normalized());
-    rays.direction[i] = (R_world_lidar[i] * ray).cast<float>();
-  }
-};
-
 LidarModel::LidarModel(drivers::VelodyneSensor sensor, const LidarModelConfig& config,
                        const VehicleTrajectory& trajectory, const RayScene& scene)
     : sensor_(std::move(sensor)),
@@ -114,16 +57,21 @@ LidarModel::LidarModel(drivers::VelodyneSensor sensor, const LidarModelConfig& c
           sensor_, layout_,
           {config.seed, config.start, config.clock_offset, config.clock_drift_ppm, config.network_jitter}),
       trajectory_(trajectory),
-      scene_(scene) {
-  const Optics optics = optics_of(sensor_.model);
-  max_range_m_ = optics.max_range_m;
-  dark_range_m_ = optics.dark_range_m;
-  divergence_rad_ = optics.divergence_rad;
+      scene_(scene),
+      optics_(optics_of(sensor_.model)) {
   // 4000 encoder positions.
   if (is_hdl64e(sensor_.model)) azimuth_unit_ = 9;
   if (has_status_stream(sensor_.model) && !config_.stream) config_.stream = Hdl64eStream(config.gps);
   for (const drivers::LaserCalibration& laser : sensor_.lasers)
     beams_.emplace_back(laser, sensor_.vertical_offset_across_beam);
+  cast_beams_ = beams_;
+  if (!config_.effects.empty() || config_.is_real()) {
+    LidarErrors errors(sensor_, config_.realism, config_.effects, config_.seed);
+    cast_beams_.clear();
+    for (const drivers::LaserCalibration& laser : errors.lasers())
+      cast_beams_.emplace_back(laser, sensor_.vertical_offset_across_beam);
+    receiver_.emplace(sensor_, std::move(errors), config_.weather, config_.range_noise_m);
+  }
   const double usable_s = trajectory.duration_s() - timing_.last_firing(0).seconds();
   packet_count_ =
       usable_s > 0.0 ? static_cast<std::uint64_t>(usable_s / timing_.packet_period().seconds()) + 1 : 0;
@@ -140,7 +88,13 @@ LidarModel::Motion LidarModel::motion_during(std::uint64_t packet) const {
   motion.T_world_lidar = first;
   motion.velocity = (last.translation - first.translation) / duration_s;
   motion.angular_velocity = core::so3_log(first.rotation.conjugate() * last.rotation) / duration_s;
-  scene_.find_cars(motion.start.seconds(), first.translation, max_range_m_ + kCarMarginM, motion.cars);
+  scene_.find_cars(motion.start.seconds(), first.translation, optics_.max_range_m + kCarMarginM, motion.cars);
+  if (!config_.effects.has(Effect::kRetro)) return motion;
+  const Eigen::Vector3f place = first.translation.cast<float>();
+  for (const Retroreflector& retro : scene_.retroreflectors()) {
+    if ((retro.centre - place).squaredNorm() < kHaloRangeM * kHaloRangeM)
+      motion.retroreflectors.push_back(retro);
+  }
   return motion;
 }
 
@@ -208,9 +162,12 @@ std::uint32_t LidarModel::fill_group(const Motion& motion, const Step& step, std
   Shots shots = aim(motion, step, block, first);
   cast(motion, shots);
   Shots edge;
-  if (layout_.mode != ReturnMode::kSingle) {
+  Footprints parts;
+  if (receiver_) {
+    cast_footprints(motion, shots, step.packet, block * drivers::kEntriesPerBlock + first, parts);
+  } else if (layout_.mode != ReturnMode::kSingle) {
     edge = shots;
-    edge.aside_rad = divergence_rad_;
+    edge.aside_rad = optics_.divergence_rad;
     cast(motion, edge);
   }
   const std::size_t strongest = block_with(block, BlockContent::kStrongest);
@@ -220,7 +177,9 @@ std::uint32_t LidarModel::fill_group(const Motion& motion, const Step& step, std
     const std::size_t c = first + i;
     const std::uint64_t word =
         random_word(config_.seed ^ kNoiseStream, step.packet, block * drivers::kEntriesPerBlock + c);
-    const Returns found = echoes_of(shots.hits[i], edge.hits[i], *shots.beams[i], shots.azimuths[i], word);
+    const Returns found =
+        receiver_ ? real_echoes(motion, shots, parts, i, word)
+                  : echoes_of(shots.hits[i], edge.hits[i], *shots.beams[i], shots.azimuths[i], word);
     const auto pair = choose_returns(std::span(found.echoes).first(found.count));
     if (!pair) continue;
     ++count;
@@ -242,8 +201,9 @@ LidarModel::Shots LidarModel::aim(const Motion& motion, const Step& step, std::s
   Shots shots;
   for (std::size_t i = 0; i < kRayGroup; ++i) {
     const drivers::PacketEntry& entry = layout_.entries[block][first + i];
-    const LidarBeam& beam = beams_[entry.laser];
+    const LidarBeam& beam = cast_beams_[entry.laser];
     shots.beams[i] = &beam;
+    shots.lasers[i] = entry.laser;
     shots.azimuths[i] = BeamAzimuth::of(step.azimuth * (kPi / 18000.0) +
                                         entry.azimuth_fraction * advance_rad - beam.azimuth_correction_rad());
     const core::Duration offset = step_offset + core::Duration{offset_in_step_ns(layout_, block, first + i)};
@@ -264,7 +224,7 @@ void LidarModel::cast(const Motion& motion, Shots& shots) const {
   for (std::size_t i = 0; i < kRayGroup; ++i) shots.point(i, shots.beams[i]->direction(shots.azimuths[i]));
   std::array<bool, kRayGroup> moved{};
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    scene_.cast(shots.rays, static_cast<float>(max_range_m_), motion.cars, shots.hits);
+    scene_.cast(shots.rays, static_cast<float>(optics_.max_range_m), motion.cars, shots.hits);
     moved.fill(false);
     for (std::size_t i = 0; i < kRayGroup; ++i) {
       const RayHit& hit = shots.hits[i];
@@ -280,8 +240,8 @@ void LidarModel::cast(const Motion& motion, Shots& shots) const {
   }
 }
 
-LidarModel::Returns LidarModel::echoes_of(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
-                                          BeamAzimuth azimuth, std::uint64_t word) const {
+Returns LidarModel::echoes_of(const RayHit& middle, const RayHit& edge, const LidarBeam& beam,
+                              BeamAzimuth azimuth, std::uint64_t word) const {
   const bool two = middle.hit && edge.hit &&
                    std::abs(middle.distance_m - edge.distance_m) > static_cast<float>(kEchoSeparationM);
   // The edge between the two surfaces is anywhere in the beam.
@@ -300,7 +260,7 @@ void LidarModel::measure(const RayHit& hit, double share, const LidarBeam& beam,
   const double reflectance =
       share * reflectivity(hit.material) * (0.25 + 0.75 * static_cast<double>(hit.incidence_cosine));
   // The signal decreases with the square of the distance; near the limit an echo is detected at random.
-  const double limit = std::min(max_range_m_, dark_range_m_ * std::sqrt(reflectance / 0.1));
+  const double limit = std::min(optics_.max_range_m, optics_.dark_range_m * std::sqrt(reflectance / 0.1));
   const double fading = 0.9 + 0.2 * to_unit_interval(mix_bits(word ^ 1U));
   const double margin = limit * fading / hit.distance_m;
   if (margin < 1.0) return;

@@ -9,6 +9,8 @@
 #include "tools/simulate/sensors/echo.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/sensors/lidar_beam.hpp"
+#include "tools/simulate/sensors/optics.hpp"
+#include "tools/simulate/sensors/receiver.hpp"
 #include "tools/simulate/sensors/sensor_timing.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
@@ -36,6 +38,16 @@ struct LidarModelConfig {
   /// HDL-64E from S2 on: its status stream, with its sensor's lasers if it sends a calibration. Unset = clock
   /// and health only.
   std::optional<Hdl64eStream> stream;
+  Realism realism = Realism::kIdeal;
+  Effects effects;
+  Weather weather;
+  /// Sector straight ahead of which dirt lets 2 % of the light through, degrees; 0 = clean.
+  double dirt_deg = 0.0;
+
+  /// Whether something other than the effects departs from the ideal.
+  [[nodiscard]] bool is_real() const {
+    return dirt_deg > 0.0 || weather.attenuation > 0.0 || weather.ground_reflectivity < 1.0;
+  }
 };
 
 struct SimulatedPacket {
@@ -49,7 +61,9 @@ struct SimulatedPacket {
 /// A Velodyne sensor on a moving vehicle. Each firing is cast at its own time and from the sensor's place at
 /// that time, along the beam that the decoder reconstructs from the packet (with its rounding of azimuths and
 /// times), through the inverse of the sensor's calibration. Ranges get noise and the packet's resolution;
-/// weak echoes (dark, grazing or far surfaces) are lost. For two returns the beam's edge is cast too. Packets
+/// weak echoes (dark, grazing or far surfaces) are lost. For two returns the beam's edge is cast too. With
+/// effects, shots are cast with the unit's own laser table, and the whole footprint where it is not on one
+/// surface. Packets
 /// depend only on the configuration and their index, so that any number of threads may make them in any
 /// order. The references must outlive the model.
 class LidarModel {
@@ -69,12 +83,7 @@ class LidarModel {
  private:
   struct Motion;
   struct Shots;
-  /// Echoes of one shot, and their entries in the packet.
-  struct Returns {
-    std::array<Echo, 2> echoes;
-    std::array<drivers::VelodyneDataPacket::Entry, 2> entries;
-    std::size_t count = 0;
-  };
+  struct Footprints;
   /// Index and azimuth of a step in a packet.
   struct Step {
     std::uint64_t packet = 0;
@@ -96,6 +105,16 @@ class LidarModel {
                                   BeamAzimuth azimuth, std::uint64_t word) const;
   void measure(const RayHit& hit, double share, const LidarBeam& beam, BeamAzimuth azimuth,
                std::uint64_t word, Returns& found) const;
+  /// Casts the rest of the footprint where it differs from its middle.
+  void cast_footprints(const Motion& motion, const Shots& shots, std::uint64_t packet,
+                       std::size_t first_entry, Footprints& parts) const;
+  [[nodiscard]] Returns real_echoes(const Motion& motion, const Shots& shots, Footprints& parts,
+                                    std::size_t i, std::uint64_t word) const;
+  /// Replaces a hit by that of a retroreflector in whose halo the shot is.
+  void add_halo(const Motion& motion, const Shots& shots, std::size_t i, std::uint64_t word,
+                PartialHit& middle) const;
+  /// Share of the light that passes dirt; unset = the vehicle itself is in the way.
+  [[nodiscard]] std::optional<double> transmission(const core::Vector3& direction) const;
   [[nodiscard]] std::size_t block_with(std::size_t like, drivers::BlockContent content) const;
 
   drivers::VelodyneSensor sensor_;
@@ -104,13 +123,14 @@ class LidarModel {
   SensorTiming timing_;
   const VehicleTrajectory& trajectory_;
   const RayScene& scene_;
+  Optics optics_;
+  /// As decoded, and as cast.
   std::vector<LidarBeam> beams_;
+  std::vector<LidarBeam> cast_beams_;
+  /// Unset = ideal.
+  std::optional<Receiver> receiver_;
   /// Resolution of reported azimuths, 0.01 degree.
   int azimuth_unit_ = 1;
-  double max_range_m_ = 100.0;
-  /// Range limit for a surface of 10 % reflectivity.
-  double dark_range_m_ = 50.0;
-  double divergence_rad_ = 0.003;
   std::uint64_t packet_count_ = 0;
 };
 

@@ -70,13 +70,14 @@ Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model, con
   return summary;
 }
 
-Result<std::uint64_t> write_imu_recording(ImuModel model, ImuFaults faults, const drivers::ImuPreset& preset,
-                                          const std::string& path) {
+Result<std::uint64_t> write_imu_recording(const std::function<core::ImuSample()>& next_sample,
+                                          std::uint64_t count, ImuFaults faults,
+                                          const drivers::ImuPreset& preset, const std::string& path) {
   errno = 0;
   std::ofstream file(path);
   std::uint64_t written = 0;
-  for (std::uint64_t i = 0; i < model.sample_count() && file; ++i) {
-    const std::optional<core::ImuSample> sample = faults.apply(model.next());
+  for (std::uint64_t i = 0; i < count && file; ++i) {
+    const std::optional<core::ImuSample> sample = faults.apply(next_sample());
     if (!sample) continue;
     ++written;
     for (const drivers::CanFrame& frame : drivers::encode_imu_sample(*sample, preset)) {

@@ -5,12 +5,12 @@
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tools/simulate/faults/imu_faults.hpp"
-#include "tools/simulate/sensors/imu_model.hpp"
 #include "tools/simulate/sensors/lidar_model.hpp"
 #include "tools/simulate/sensors/position_model.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <cstdint>
+#include <functional>
 #include <string>
 
 namespace nilio::tools::simulate {
@@ -30,7 +30,9 @@ struct LidarRecordingSummary {
 core::Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& model,
                                                           const PositionModel* positions,
                                                           const std::string& path);
-core::Result<std::uint64_t> write_imu_recording(ImuModel model, ImuFaults faults,
+/// `next_sample` is called `count` times.
+core::Result<std::uint64_t> write_imu_recording(const std::function<core::ImuSample()>& next_sample,
+                                                std::uint64_t count, ImuFaults faults,
                                                 const drivers::ImuPreset& preset, const std::string& path);
 /// T_world_base every 5 ms as a TUM file; world is the first pose.
 core::Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, core::Time start,

@@ -81,6 +81,17 @@ void add_leaf(TriangleMesh& mesh, const Vector3& centre, double size_m, RandomSt
   mesh.add_triangle(a, b, c, Material::kFoliage);
 }
 
+/// Random numbers that a solid plant takes for a leaf; a porous one skips them, so that both towns are alike.
+constexpr std::uint64_t kDrawsPerLeaf = 13;
+
+PorousVolume foliage(const Vector3& half_size, double leaf_area_density) {
+  PorousVolume volume;
+  volume.half_size = half_size.cast<float>();
+  // Half of the leaf area is across the ray.
+  volume.extinction = static_cast<float>(0.5 * leaf_area_density);
+  return volume;
+}
+
 /// Random point in the unit ball, more often near its surface.
 Vector3 point_in_crown(RandomStream& random) {
   Vector3 p(random.gaussian(), random.gaussian(), random.gaussian());
@@ -216,6 +227,14 @@ void add_tree(TriangleMesh& mesh, const SE3& T_mesh_tree, double crown_radius_m,
   mesh.add_column(T_mesh_tree, random.uniform(0.1, 0.28), -0.5, centre, Material::kBark);
   const Vector3 radii(crown_radius_m - leaf_m, crown_radius_m - leaf_m, half_height);
   const int leaves = static_cast<int>(130.0 * crown_radius_m);
+  if (mesh.porous_plants) {
+    random.skip(kDrawsPerLeaf * static_cast<std::uint64_t>(leaves));
+    RandomStream own(random.next(), 1);
+    // Leaf area density, m^2/m^3: an open crown has 0.5, a street tree 1.
+    mesh.add_volume(T_mesh_tree, {0.0, 0.0, centre},
+                    foliage({crown_radius_m, crown_radius_m, half_height + leaf_m}, own.uniform(0.3, 1.0)));
+    return;
+  }
   for (int i = 0; i < leaves; ++i) {
     const Vector3 p = Vector3(0.0, 0.0, centre) + radii.cwiseProduct(point_in_crown(random));
     add_leaf(mesh, T_mesh_tree * p, leaf_m, random);
@@ -224,9 +243,84 @@ void add_tree(TriangleMesh& mesh, const SE3& T_mesh_tree, double crown_radius_m,
 
 void add_bush(TriangleMesh& mesh, const SE3& T_mesh_bush, double radius_m, RandomStream& random) {
   constexpr double leaf_m = 0.12;
-  for (int i = 0; i < 70; ++i) {
+  constexpr int leaves = 70;
+  if (mesh.porous_plants) {
+    random.skip(kDrawsPerLeaf * leaves);
+    RandomStream own(random.next(), 1);
+    mesh.add_volume(T_mesh_bush, {0.0, 0.0, 0.6 * radius_m},
+                    foliage({radius_m, radius_m, 0.8 * radius_m}, own.uniform(0.8, 2.5)));
+    return;
+  }
+  for (int i = 0; i < leaves; ++i) {
     const Vector3 p = (radius_m - leaf_m) * point_in_crown(random) + Vector3(0.0, 0.0, 0.6 * radius_m);
     add_leaf(mesh, T_mesh_bush * p, leaf_m, random);
+  }
+}
+
+void add_hedge(TriangleMesh& mesh, const SE3& T_mesh_hedge, double length_m, double height_m) {
+  constexpr double kDepthM = 0.7;
+  constexpr double kLeafAreaDensity = 2.5;
+  PorousVolume hedge = foliage({0.5 * length_m, 0.5 * kDepthM, 0.5 * height_m}, kLeafAreaDensity);
+  hedge.shape = PorousVolume::Shape::kBox;
+  mesh.add_volume(T_mesh_hedge, {0.0, 0.0, 0.5 * height_m}, hedge);
+}
+
+void add_fence(TriangleMesh& mesh, const SE3& T_mesh_fence, double length_m, double height_m) {
+  constexpr double kPostsM = 2.5;
+  for (double x = -0.5 * length_m; x <= 0.5 * length_m; x += kPostsM)
+    mesh.add_box(T_mesh_fence, {x - 0.03, -0.03, -0.3}, {x + 0.03, 0.03, height_m}, Material::kMetal);
+  // Wire mesh: a fifth of the light meets a wire.
+  constexpr double kThickM = 0.04;
+  constexpr double kShare = 0.2;
+  PorousVolume wires;
+  wires.half_size = Eigen::Vector3d(0.5 * length_m, 0.5 * kThickM, 0.5 * height_m).cast<float>();
+  wires.shape = PorousVolume::Shape::kBox;
+  wires.extinction = static_cast<float>(-std::log(1.0 - kShare) / kThickM);
+  wires.cell_m = 0.04F;
+  wires.material = Material::kWire;
+  mesh.add_volume(T_mesh_fence, {0.0, 0.0, 0.5 * height_m}, wires);
+}
+
+void add_wire(TriangleMesh& mesh, const Vector3& from, const Vector3& to, double sag_m) {
+  constexpr int kPieces = 8;
+  constexpr double kThickM = 0.02;
+  const auto at = [&](int i) {
+    const double share = static_cast<double>(i) / kPieces;
+    Vector3 p = from + share * (to - from);
+    p.z() -= 4.0 * sag_m * share * (1.0 - share);
+    return p;
+  };
+  const Vector3 aside = Vector3(from.y() - to.y(), to.x() - from.x(), 0.0).normalized() * kThickM;
+  for (int i = 0; i < kPieces; ++i) {
+    const Vector3 up(0.0, 0.0, kThickM);
+    mesh.add_quad(at(i), at(i + 1), at(i + 1) + up, at(i) + up, Material::kWire);
+    mesh.add_quad(at(i), at(i + 1), at(i + 1) + aside, at(i) + aside, Material::kWire);
+  }
+}
+
+void add_clutter(TriangleMesh& mesh, const SE3& T_mesh_object, RandomStream& random) {
+  switch (random.index(4)) {
+    case 0:  // bins
+      mesh.add_box(T_mesh_object, {-0.3, -0.28, 0.0}, {0.3, 0.28, 1.05}, Material::kCarPaint);
+      mesh.add_box(T_mesh_object, {0.36, -0.28, 0.0}, {0.94, 0.25, 0.95}, Material::kCarPaint);
+      break;
+    case 1:  // a bicycle: two wheels and a frame of bars
+      for (const double x : {-0.5, 0.5}) {
+        mesh.add_box(T_mesh_object, {x - 0.33, -0.02, 0.02}, {x + 0.33, 0.02, 0.10}, Material::kTyre);
+        mesh.add_box(T_mesh_object, {x - 0.33, -0.02, 0.58}, {x + 0.33, 0.02, 0.66}, Material::kTyre);
+        mesh.add_box(T_mesh_object, {x - 0.04, -0.02, 0.05}, {x + 0.04, 0.02, 0.95}, Material::kMetal);
+      }
+      mesh.add_box(T_mesh_object, {-0.5, -0.02, 0.55}, {0.5, 0.02, 0.62}, Material::kMetal);
+      mesh.add_box(T_mesh_object, {0.45, -0.3, 0.95}, {0.5, 0.3, 1.0}, Material::kMetal);
+      break;
+    case 2:  // a cabinet
+      mesh.add_box(T_mesh_object, {-0.5, -0.18, 0.0}, {0.5, 0.18, random.uniform(0.8, 1.5)},
+                   Material::kPavement);
+      break;
+    default:  // a person
+      mesh.add_column(T_mesh_object, 0.18, 0.0, 1.45, Material::kPlaster);
+      mesh.add_column(T_mesh_object, 0.10, 1.45, 1.75, Material::kPlaster);
+      break;
   }
 }
 

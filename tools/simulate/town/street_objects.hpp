@@ -21,10 +21,18 @@ CarSize car_size(std::size_t model);
 /// Frame: x forward, z up, origin on the ground under the vehicle's centre.
 TriangleMesh make_car(std::size_t model);
 
-/// Trunk and a crown of separate leaves, above 2.4 m and within `crown_radius_m`.
+/// Trunk and a crown, of separate leaves or porous, above 2.4 m and within `crown_radius_m`.
 void add_tree(TriangleMesh& mesh, const core::SE3& T_mesh_tree, double crown_radius_m, RandomStream& random);
 /// Leaves down to the ground.
 void add_bush(TriangleMesh& mesh, const core::SE3& T_mesh_bush, double radius_m, RandomStream& random);
+/// Hedge along x, centred, 0.7 m deep.
+void add_hedge(TriangleMesh& mesh, const core::SE3& T_mesh_hedge, double length_m, double height_m);
+/// Fence of wire mesh on posts along x, centred.
+void add_fence(TriangleMesh& mesh, const core::SE3& T_mesh_fence, double length_m, double height_m);
+/// Overhead wire of 2 cm that hangs `sag_m` low.
+void add_wire(TriangleMesh& mesh, const core::Vector3& from, const core::Vector3& to, double sag_m);
+/// Bins, a bicycle, a cabinet or a person, within 1 m.
+void add_clutter(TriangleMesh& mesh, const core::SE3& T_mesh_object, RandomStream& random);
 /// Street lamp; its arm of 1.5 m points along x at 6 m height or more.
 void add_lamp(TriangleMesh& mesh, const core::SE3& T_mesh_lamp, RandomStream& random);
 /// Traffic sign that faces -x.

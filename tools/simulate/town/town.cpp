@@ -51,7 +51,14 @@ class TownBuilder {
       add_street_trees(side);
       add_garden_plants(side);
       add_buildings(side, 18.0, 40.0);
+      // Last, so that the rest of the town is the same without.
+      if (config_.clutter) {
+        add_boundaries(side);
+        add_shrubs(side);
+        add_pavement_clutter(side);
+      }
     }
+    if (config_.clutter) add_wires();
   }
 
  private:
@@ -217,6 +224,70 @@ class TownBuilder {
     });
   }
 
+  /// Hedges and fences between pavement and gardens.
+  void add_boundaries(Side side) {
+    Random random = random_for(7, side);
+    for_each_place(side, 5.0, 4.0, random, [&](const StreetSample& sample) {
+      const double length = random.uniform(4.0, 10.0);
+      const double height = random.uniform(0.8, 2.0);
+      const double out = edge_of(sample, side) + kPavementWidthM + random.uniform(0.4, 1.2);
+      const bool hedge = random.chance(0.6);
+      if (!random.chance(scaled(0.85))) return;
+      const Footprint footprint{sample.beside(sign_of(side) * out), sample.yaw_rad, length,
+                                hedge ? 0.7 : 0.1};
+      if (!claim(footprint, cell_use::kRoad, 0.0)) return;
+      const SE3 frame = upright_frame(
+          {footprint.centre.x(), footprint.centre.y(), town_.ground.lowest(footprint)}, sample.yaw_rad);
+      if (hedge) {
+        add_hedge(town_.mesh, frame, length, height);
+      } else {
+        add_fence(town_.mesh, frame, length, height);
+      }
+      ++town_.summary.clutter;
+    });
+  }
+
+  /// Loose shrubs in the front gardens.
+  void add_shrubs(Side side) {
+    Random random = random_for(10, side);
+    for_each_place(side, 3.0, 2.0, random, [&](const StreetSample& sample) {
+      const double out = edge_of(sample, side) + kPavementWidthM + random.uniform(0.6, 6.0);
+      const double radius = random.uniform(0.5, 1.3);
+      if (!random.chance(scaled(0.7))) return;
+      plant_bush(sample.beside(sign_of(side) * out), radius, random);
+    });
+  }
+
+  void add_pavement_clutter(Side side) {
+    Random random = random_for(8, side);
+    for_each_place(side, 5.0, 8.0, random, [&](const StreetSample& sample) {
+      const double out = edge_of(sample, side) + random.uniform(1.2, 3.2);
+      if (!random.chance(scaled(0.8))) return;
+      const Footprint footprint{sample.beside(sign_of(side) * out), sample.yaw_rad, 1.6, 0.6};
+      if (!claim(footprint, cell_use::kRoad, 0.0)) return;
+      add_clutter(town_.mesh, frame_at(footprint.centre, sample.yaw_rad + random.uniform(-0.4, 0.4)), random);
+      ++town_.summary.clutter;
+    });
+  }
+
+  /// Overhead wires across the street and along it.
+  void add_wires() {
+    Random random = random_for(9, Side::kRight);
+    for_each_place(Side::kRight, 30.0, 30.0, random, [&](const StreetSample& sample) {
+      if (!random.chance(scaled(0.6))) return;
+      const double height = random.uniform(5.5, 7.5);
+      const auto end = [&](double left, double ahead) {
+        Vector3 p = town_.ground.on_ground(sample.beside(left) + ahead * direction(sample.yaw_rad));
+        p.z() += height;
+        return p;
+      };
+      const double right = -sample.right_edge_m - 1.5;
+      add_wire(town_.mesh, end(right, 0.0), end(sample.left_edge_m + 1.5, random.uniform(-8.0, 8.0)), 0.3);
+      add_wire(town_.mesh, end(right, -15.0), end(right, 15.0), 0.5);
+      ++town_.summary.clutter;
+    });
+  }
+
   void plant_tree(const Vector2& place, double crown_radius_m, Random& random) {
     const Footprint crown{place, 0.0, 2.0 * crown_radius_m, 2.0 * crown_radius_m};
     if (!town_.layout.is_free(crown, cell_use::kLane, 0.0)) return;
@@ -256,6 +327,7 @@ core::Result<Town> build_town(const VehicleTrajectory& trajectory, const TownCon
   if (!layout) return layout.error();
   Ground ground(*layout, config.seed);
   Town town{std::move(*layout), std::move(ground), {}, {}};
+  town.mesh.porous_plants = config.porous_plants;
   TownBuilder(town, config).build();
   return town;
 }

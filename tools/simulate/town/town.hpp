@@ -15,6 +15,10 @@ struct TownConfig {
   std::uint64_t seed = 1;
   /// Scales the number of buildings, trees, parked cars and posts; 0 leaves streets and ground.
   double density = 1.0;
+  /// Plants that light enters.
+  bool porous_plants = false;
+  /// Hedges, fences, wires, bins, bicycles and persons beside the street.
+  bool clutter = false;
 };
 
 struct TownSummary {
@@ -24,6 +28,7 @@ struct TownSummary {
   std::size_t parked_cars = 0;
   std::size_t posts = 0;
   std::size_t walls = 0;
+  std::size_t clutter = 0;
 };
 
 /// All static geometry, in world coordinates.

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <utility>
 
 namespace nilio::tools::simulate {
@@ -136,7 +137,9 @@ std::vector<SE3> make_town_drive(const TownDriveConfig& config) {
 
   // At most about 5 % steep.
   const Relief relief(RandomStream(config.seed, 12), 70.0, 220.0, 0.0018);
-  std::vector<SE3> poses = drive_over(route, travelled, config.cruise_speed_m_s,
+  const double sway_speed =
+      config.steady_body ? std::numeric_limits<double>::infinity() : config.cruise_speed_m_s;
+  std::vector<SE3> poses = drive_over(route, travelled, sway_speed,
                                       [&](double, const Vector2& place) { return relief.at(place); });
   return cut_drive(std::move(poses), kControlIntervalS, {0.0, config.extent.duration_s});
 }

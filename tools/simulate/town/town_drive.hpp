@@ -17,6 +17,8 @@ struct TownDriveConfig {
   DriveExtent extent;
   /// Brake with 1 g to a stop every 110 m and turn corners at 90 deg/s.
   bool hard = false;
+  /// See SceneConfig.
+  bool steady_body = false;
 };
 
 /// Control poses (every kControlIntervalS) of a drive through the streets of a town, in the right-hand lane.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace nilio::tools::simulate {
 
@@ -47,6 +48,55 @@ VehicleTrajectory::VehicleTrajectory(const std::vector<SE3>& control_poses, doub
 }
 
 MotionState VehicleTrajectory::state(double time_s) const {
+  MotionState motion = smooth_state(time_s);
+  if (!body_) return motion;
+  const BodyState body = body_->at(std::clamp(time_s, 0.0, duration_s_));
+  const Eigen::Quaterniond& R = motion.T_world_base.rotation;
+  const Vector3& w = motion.angular_velocity;
+  const Vector3 d = body.displacement.head<3>();
+  const Vector3 d1 = body.rate.head<3>();
+  const Vector3 d2 = body.acceleration.head<3>();
+  motion.T_world_base.translation += R * d;
+  motion.velocity += R * (w.cross(d) + d1);
+  motion.acceleration +=
+      R * (motion.angular_acceleration.cross(d) + w.cross(w.cross(d)) + 2.0 * w.cross(d1) + d2);
+  // The rotation vector is small: its right Jacobian to second order.
+  const Vector3 phi = body.displacement.tail<3>();
+  const Vector3 rate = body.rate.tail<3>();
+  const Vector3 turning = body.acceleration.tail<3>();
+  const Eigen::Quaterniond turn = core::so3_exp(phi);
+  const Vector3 carried = turn.conjugate() * w;
+  const Vector3 own = rate - 0.5 * phi.cross(rate) + phi.cross(phi.cross(rate)) / 6.0;
+  motion.angular_acceleration = turn.conjugate() * motion.angular_acceleration - own.cross(carried) +
+                                turning - 0.5 * phi.cross(turning);
+  motion.angular_velocity = carried + own;
+  motion.T_world_base.rotation = (R * turn).normalized();
+  return motion;
+}
+
+VehicleTrajectory VehicleTrajectory::with_body(std::shared_ptr<const BodyMotion> body) const {
+  VehicleTrajectory result = *this;
+  result.body_ = std::move(body);
+  return result;
+}
+
+RoadTravel VehicleTrajectory::travel() const {
+  RoadTravel travel;
+  double distance = 0.0;
+  const auto count = static_cast<std::size_t>(duration_s_ / kBodyStepS) + 2;
+  travel.speed_m_s.reserve(count);
+  travel.distance_m.reserve(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const MotionState motion = smooth_state(static_cast<double>(i) * kBodyStepS);
+    const double speed = (motion.T_world_base.rotation.conjugate() * motion.velocity).x();
+    travel.speed_m_s.push_back(speed);
+    travel.distance_m.push_back(distance);
+    distance += speed * kBodyStepS;
+  }
+  return travel;
+}
+
+MotionState VehicleTrajectory::smooth_state(double time_s) const {
   const double position = std::clamp(time_s, 0.0, duration_s_) / interval_s_;
   const std::size_t segment = std::min(static_cast<std::size_t>(position), controls_.size() - 4);
   const Basis basis = cumulative_basis(position - static_cast<double>(segment), interval_s_);

@@ -2,6 +2,9 @@
 
 #include "nilio/core/se3.hpp"
 
+#include "tools/simulate/vehicle/body_motion.hpp"
+
+#include <memory>
 #include <vector>
 
 namespace nilio::tools::simulate {
@@ -30,12 +33,20 @@ class VehicleTrajectory {
   [[nodiscard]] core::SE3 pose(double time_s) const { return state(time_s).T_world_base; }
   [[nodiscard]] MotionState state(double time_s) const;
 
+  /// The same drive with the body moving on its wheels; the body's motion starts at time 0.
+  [[nodiscard]] VehicleTrajectory with_body(std::shared_ptr<const BodyMotion> body) const;
+  /// Speed along the vehicle's x axis and distance, for BodyMotion.
+  [[nodiscard]] RoadTravel travel() const;
+
  private:
+  [[nodiscard]] MotionState smooth_state(double time_s) const;
   double interval_s_;
   double duration_s_;
   std::vector<core::SE3> controls_;
   /// Rotation vectors from each control pose to the next.
   std::vector<core::Vector3> steps_;
+  /// Null = smooth.
+  std::shared_ptr<const BodyMotion> body_;
 };
 
 /// Limits of a drive.
