@@ -85,6 +85,6 @@ printf 'latency   last packet to DDS written: p50 %s ms, p99 %s ms; to the subsc
   "$(milliseconds "$(number "$latency" published received_to_written p50_us)")" \
   "$(milliseconds "$(number "$latency" published received_to_written p99_us)")" \
   "$(milliseconds "$(number "$output/watch.json" packet_to_here p99_us)")"
-printf 'CPU       %s s for %s s of drive\n' "$(number "$result" cpu_s)" "$(number "$result" duration_s)"
+printf 'CPU       %.1f s for %.1f s of drive\n' "$(number "$result" cpu_s)" "$(number "$result" duration_s)"
 printf 'look at   %s/trajectory.png, %s/run, %s/drive\n\n' "$output" "$output" "$output"
 printf '  %s view %s/run --truth %s/drive/truth.tum\n' "$bin/nilio" "$output" "$output"
