@@ -46,6 +46,8 @@ constexpr std::array kRows{
     Row{"nilio plot", "drawn", "a file cannot be read or written", nullptr},
     Row{"nilio watch", "poses were received", "no pose was received, or a file could not be written",
         nullptr},
+    Row{"nilio view", "stopped by SIGTERM; Ctrl-C: 130",
+        "a run, the truth, the token, the address or the port cannot be used", nullptr},
     Row{"nilio bench", "measured; every requirement that does not depend on the clock is met",
         "something could not be run",
         "such a requirement is not met, memory grows, or counters do not add up"},
