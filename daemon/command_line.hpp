@@ -46,10 +46,13 @@ class HelpFormatter : public CLI::Formatter {
     const std::string indent(is_option ? get_column_width() : first, ' ');
     std::string text;
     while (line.size() > kColumns) {
-      const std::size_t space = line.find_last_of(' ', kColumns);
-      if (space == std::string::npos || space <= indent.size()) break;
-      text += line.substr(0, space) + "\n";
-      line = indent + line.substr(space + 1);
+      const auto is_inside = [&](std::size_t at) { return at != std::string::npos && at > indent.size(); };
+      // A list of choices has no spaces: it is broken after a comma.
+      std::size_t end = line.find_last_of(' ', kColumns);
+      if (!is_inside(end)) end = line.find_last_of(',', kColumns - 1);
+      if (!is_inside(end)) break;
+      text += line.substr(0, line[end] == ',' ? end + 1 : end) + "\n";
+      line = indent + line.substr(end + 1);
     }
     return text + line;
   }
