@@ -12,6 +12,8 @@ _nilio() {
   done
 
   local words
+  # Lists of choices that --help breaks after a comma.
+  help=$(sed -e ':next' -e '/,$/{N;s/,\n */,/;b next' -e '}' <<<"$help")
   if [[ $previous == -* ]] && words=$(sed -nE "s/^ *([^ ]*,)?$previous(,[^ ]*)? [A-Z]+:\{([^}]*)\}.*/\3/p" <<<"$help") && [[ -n $words ]]; then
     words=${words//,/ }
   elif [[ $current == -* ]]; then

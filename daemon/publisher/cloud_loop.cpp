@@ -37,6 +37,9 @@ CloudLoop::CloudLoop(CloudInputs inputs, MakePublisher make_publisher, const Clo
       scan_rate_(limits.scan_rate_max_hz) {
   inputs_.scans.set_wanted(false);
   inputs_.scans.skip_all();
+  // Touched once: memory does not grow with the path.
+  poses_.resize(limits_.path_poses);
+  poses_.clear();
   // The path of the whole run, whatever a previous process has read of it.
   inputs_.path.rewind();
 }
@@ -90,7 +93,7 @@ void CloudLoop::take_path() {
   ipc::PathPose pose;
   while (inputs_.path.read(pose)) {
     if (limits_.path_poses == 0) continue;
-    if (poses_.size() == limits_.path_poses) poses_.pop_front();
+    if (poses_.size() == limits_.path_poses) poses_.erase(poses_.begin());
     poses_.push_back(pose);
     path_changed_ = true;
   }

@@ -10,11 +10,11 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <thread>
+#include <vector>
 
 namespace nilio::dds {
 
@@ -87,7 +87,7 @@ class CloudLoop {
   CloudLimits limits_;
   RateLimit scan_rate_;
   std::unique_ptr<ipc::ScanCloud> scan_ = std::make_unique<ipc::ScanCloud>();
-  std::deque<ipc::PathPose> poses_;
+  std::vector<ipc::PathPose> poses_;
   Path path_;  // refilled
   bool path_changed_ = false;
   int path_subscribers_ = 0;

@@ -1,5 +1,7 @@
 #include "drivers/bag/beams.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -43,8 +45,9 @@ double median(std::vector<double> values) {
 }
 
 double elevation_of(const std::array<float, 3>& p) {
-  return std::atan2(static_cast<double>(p[2]),
-                    std::hypot(static_cast<double>(p[0]), static_cast<double>(p[1])));
+  return portable::atan2(static_cast<double>(p[2]),
+                         std::sqrt(static_cast<double>(p[0]) * static_cast<double>(p[0]) +
+                                   static_cast<double>(p[1]) * static_cast<double>(p[1])));
 }
 
 /// Elevations by the number that `number_of(cloud, index)` gives a point.
@@ -118,7 +121,7 @@ double sector_spacing(std::span<const CloudCopy> clouds, const PositionColumns& 
     for (std::size_t i = 0; i < view.points; ++i) {
       const auto p = position_of(columns, view.data.data() + i * view.step);
       if (!p) continue;
-      const double azimuth = std::atan2(static_cast<double>((*p)[1]), static_cast<double>((*p)[0]));
+      const double azimuth = portable::atan2(static_cast<double>((*p)[1]), static_cast<double>((*p)[0]));
       const int sector = static_cast<int>(azimuth / kSector);
       if (sector % 10 == 0) sectors[sector].push_back(elevation_of(*p));
     }

@@ -1,6 +1,7 @@
 #include "nilio/drivers/bag/point_cloud.hpp"
 
 #include "nilio/core/clock.hpp"
+#include "nilio/core/portable_math.hpp"
 
 #include "drivers/bag/beams.hpp"
 #include "drivers/bag/columns.hpp"
@@ -48,7 +49,7 @@ std::string text(const char* format, Values... values) {
 double wrapped(double angle) { return angle - kTwoPi * std::round(angle / kTwoPi); }
 
 double azimuth_of(const std::array<float, 3>& p) {
-  return std::atan2(static_cast<double>(p[1]), static_cast<double>(p[0]));
+  return portable::atan2(static_cast<double>(p[1]), static_cast<double>(p[0]));
 }
 
 /// Times by azimuth: of clouds in firing order by the turn since the first point; otherwise of a clockwise
