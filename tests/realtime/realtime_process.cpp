@@ -1,4 +1,5 @@
 #include "tests/support/eventually.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/room_drive.hpp"
 #include "tests/support/udp_support.hpp"
 
@@ -92,7 +93,7 @@ class PipedNiliod {
 /// Copy of niliod that every user may start.
 std::string program_for_everybody(const tests::TemporaryFolder& folder) {
   const fs::path copy = folder.path() / "niliod";
-  fs::copy_file(std::string(NILIO_BIN_DIR) + "/niliod", copy);
+  fs::copy_file(nilio::tests::program_folder() + "/niliod", copy);
   for (const fs::path& path : {copy, folder.path()}) {
     fs::permissions(path, fs::perms::owner_all | fs::perms::group_read | fs::perms::group_exec |
                               fs::perms::others_read | fs::perms::others_exec);
@@ -144,7 +145,7 @@ TEST_CASE("a reader that starts after the end of the drive gets every line inclu
   tests::write_room_drive(folder.path(), tests::s_curve, 1.0, true);
   const fs::path run = folder.path() / "run";
   // Thousands of bytes, more than the pipe's capacity.
-  PipedNiliod niliod(std::string(NILIO_BIN_DIR) + "/niliod",
+  PipedNiliod niliod(nilio::tests::program_folder() + "/niliod",
                      {"--replay", folder.path().string(), "--output", run.string(), "--set",
                       "publisher.enabled=false", "--set", "log.level=debug"},
                      false);

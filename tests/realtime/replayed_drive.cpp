@@ -4,6 +4,7 @@
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
+#include "tests/support/paths.hpp"
 #include "tests/support/read_all.hpp"
 #include "tests/support/room_drive.hpp"
 
@@ -32,8 +33,8 @@ struct SimulatedDrive {
 
 void simulate(SimulatedDrive& drive) {
   const std::string path = drive.folder.path().string();
-  const std::string command = std::string(NILIO_BIN_DIR) + "/nilio simulate " + path + " --duration " +
-                              kDriveSeconds + " > /dev/null 2>&1";
+  const std::string command =
+      program_folder() + "/nilio simulate " + path + " --duration " + kDriveSeconds + " > /dev/null 2>&1";
   REQUIRE(std::system(command.c_str()) == 0);
   auto packets = drivers::open_pcap(path + "/lidar.pcap", {});
   REQUIRE(packets.ok());

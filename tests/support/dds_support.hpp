@@ -4,6 +4,7 @@
 #include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/publisher_process.hpp"
 #include "tests/support/eventually.hpp"
+#include "tests/support/paths.hpp"
 
 #include <array>
 #include <chrono>
@@ -78,7 +79,7 @@ bool wait_for_subscriber(const Publisher& publisher) {
 inline constexpr core::Duration kPatience{60'000'000'000};
 
 inline std::optional<std::filesystem::path> built_program(const char* name) {
-  const std::filesystem::path path = std::filesystem::path(NILIO_BIN_DIR) / name;
+  const std::filesystem::path path = std::filesystem::path(program_folder()) / name;
   if (std::filesystem::exists(path)) return path;
   WARN("skipped: " << path << " is not built");
   return std::nullopt;

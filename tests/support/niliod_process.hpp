@@ -1,6 +1,7 @@
 #pragma once
 
 #include "tests/support/eventually.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 #include <algorithm>
@@ -44,7 +45,7 @@ class NiliodProcess {
 
   NiliodProcess(const TemporaryFolder& folder, const std::vector<std::string>& arguments,
                 const Environment& environment = {},
-                const std::filesystem::path& program = std::filesystem::path(NILIO_BIN_DIR) / "niliod")
+                const std::filesystem::path& program = std::filesystem::path(program_folder()) / "niliod")
       : log_(folder.path() / "niliod.log") {
     std::vector<std::string> words{program.string()};
     words.insert(words.end(), arguments.begin(), arguments.end());

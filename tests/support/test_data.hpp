@@ -1,5 +1,7 @@
 #pragma once
 
+#include "tests/support/paths.hpp"
+
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
@@ -15,7 +17,7 @@ inline std::optional<std::filesystem::path> find_data(const std::string& relativ
   const char* configured = std::getenv("NILIO_DATA");
   const std::filesystem::path root = configured != nullptr
                                          ? std::filesystem::path(configured)
-                                         : std::filesystem::path(NILIO_SOURCE_DIR) / "../shared/data";
+                                         : std::filesystem::path(source_folder()) / "../shared/data";
   std::error_code ignored;
   const std::filesystem::path path = root / relative;
   if (std::filesystem::exists(path, ignored)) return path;

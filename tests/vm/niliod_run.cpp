@@ -1,5 +1,7 @@
 #include "tests/vm/niliod_run.hpp"
 
+#include "tests/support/paths.hpp"
+
 #include <algorithm>
 #include <chrono>
 #include <fstream>
@@ -86,15 +88,15 @@ std::unique_ptr<Program> NiliodRun::start_niliod(const std::vector<std::string>&
                                "publisher.enabled=false", "realtime.lock_memory=false",
                                "output.map=false",        "odometry.registration_points=1000"};
   all.insert(all.end(), settings.begin(), settings.end());
-  std::vector<std::string> words{NILIO_BIN_DIR "/niliod", "--output", folder_.path() / "run", "--force"};
+  std::vector<std::string> words{program_folder() + "/niliod", "--output", folder_.path() / "run", "--force"};
   for (const std::string& setting : all) words.insert(words.end(), {"--set", setting});
   return std::make_unique<Program>(words, folder_.path() / "niliod.log");
 }
 
 std::unique_ptr<Program> NiliodRun::start_playing(const std::string& can_interface) const {
   return std::make_unique<Program>(
-      std::vector<std::string>{NILIO_BIN_DIR "/nilio", "play", folder_.path(), "--to", "127.0.0.1", "--can",
-                               can_interface, "--restamp", "--loop", "0"},
+      std::vector<std::string>{program_folder() + "/nilio", "play", folder_.path(), "--to", "127.0.0.1",
+                               "--can", can_interface, "--restamp", "--loop", "0"},
       folder_.path() / "play.log");
 }
 

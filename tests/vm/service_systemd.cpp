@@ -2,6 +2,7 @@
 // the last one purges.
 
 #include "drivers/can/socketcan/can_interface.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/vm/emulated_controllers.hpp"
 #include "tests/vm/niliod_run.hpp"
 #include "tests/vm/service_unit.hpp"
@@ -180,7 +181,8 @@ TEST_CASE("a thread that hangs during a drive is named, and the watchdog starts 
   std::ofstream("/run/nilio-hang") << "now";
   // The service sees neither the computer's /tmp nor its home folders.
   const fs::path library = "/usr/local/lib/nilio-hanging-odometry.so";
-  fs::copy_file(NILIO_HANGING_ODOMETRY, library, fs::copy_options::overwrite_existing);
+  fs::copy_file(program_folder() + "/libnilio-hanging-odometry.so", library,
+                fs::copy_options::overwrite_existing);
   // Here niliod sets the controller up itself.
   niliod.configure(
       "CapabilityBoundingSet=CAP_NET_ADMIN\nAmbientCapabilities=CAP_NET_ADMIN\n"

@@ -1,4 +1,5 @@
 #include "tests/support/niliod_process.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/room_drive.hpp"
 #include "tests/support/udp_support.hpp"
 
@@ -62,7 +63,7 @@ class SlowDisk {
   }
 
  private:
-  static std::string library() { return std::string(NILIO_BIN_DIR) + "/libnilio-slow-disk.so"; }
+  static std::string library() { return nilio::tests::program_folder() + "/libnilio-slow-disk.so"; }
   [[nodiscard]] fs::path flag() const { return folder_.string() + ".stopped"; }
   fs::path folder_;
 };

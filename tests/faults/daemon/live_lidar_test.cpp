@@ -1,5 +1,6 @@
 #include "tests/support/hdl64e_packets.hpp"
 #include "tests/support/live_run.hpp"
+#include "tests/support/paths.hpp"
 
 #include <catch2/catch.hpp>
 
@@ -31,7 +32,7 @@ TEST_CASE("live packets that contradict the configured model are logged once, an
   const std::uint16_t port = free_port();
   Config config = live_config({port});
   config.lidar.model = "HDL-64E-S2";
-  config.lidar.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
+  config.lidar.calibration = source_folder() + "/config/calibration/hdl64e_s2_kitti.yaml";
   LiveRun run(config);
   UdpSender sender;
   run.send(sender, 0, port, vlp16_packets(320));

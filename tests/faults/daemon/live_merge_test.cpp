@@ -1,5 +1,6 @@
 #include "tests/support/hdl64e_packets.hpp"
 #include "tests/support/live_run.hpp"
+#include "tests/support/paths.hpp"
 
 #include <algorithm>
 #include <thread>
@@ -93,7 +94,7 @@ TEST_CASE("live packets share wake-ups while no scan can be complete", "[live_me
   const std::uint16_t port = free_port();
   Config config = live_config({port});
   config.lidar.model = "HDL-64E-S2";
-  config.lidar.calibration = NILIO_SOURCE_DIR "/config/calibration/hdl64e_s2_kitti.yaml";
+  config.lidar.calibration = source_folder() + "/config/calibration/hdl64e_s2_kitti.yaml";
   LiveRun run(config);
   UdpSender sender;
   const std::vector<drivers::Packet> packets = hdl64e_packets(10'000, StatusStream::kWhole);

@@ -1,6 +1,7 @@
 #include "daemon/output/sha256.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/niliod_process.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/room_drive.hpp"
 #include "tests/support/two_lidars.hpp"
 #include "tests/support/udp_support.hpp"
@@ -76,7 +77,7 @@ TEST_CASE("a replay whose publisher cannot start is complete, with one error and
   write_room_drive(folder.path(), s_curve, 1.0, false);
   const fs::path alone = folder.path() / "bin";
   fs::create_directory(alone);
-  fs::copy_file(fs::path(NILIO_BIN_DIR) / "niliod", alone / "niliod");
+  fs::copy_file(fs::path(nilio::tests::program_folder()) / "niliod", alone / "niliod");
   const std::string command = (alone / "niliod").string() + " --replay " + folder.path().string() +
                               " --output " + (folder.path() / "run").string() + " > " +
                               (folder.path() / "log").string() + " 2>&1";
@@ -383,7 +384,7 @@ TEST_CASE("a replay that loses tracking ends with status 3 and the number of los
 TEST_CASE("a DBC file with a bad token is used, and the skipped signal is named", "[process]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 2.0, true);
-  std::string dbc = read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");
+  std::string dbc = read_file(nilio::tests::source_folder() + "/config/dbc/xsens_mti.dbc");
   dbc += "BO_ 99 Other: 8 X\n SG_ broken : 0|eight@1+ (1,0) [0|0] \"\" X\n";
   write_file(folder.path() / "mine.dbc", dbc);
   std::string yaml = "imu:\n  dbc: mine.dbc\n";

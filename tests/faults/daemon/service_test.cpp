@@ -1,6 +1,7 @@
 #include "tests/support/eventually.hpp"
 #include "tests/support/niliod_process.hpp"
 #include "tests/support/notify_socket.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/room_drive.hpp"
 
 #include <chrono>
@@ -37,7 +38,8 @@ struct Service {
   }
   [[nodiscard]] NiliodProcess start(std::vector<std::string> settings,
                                     NiliodProcess::Environment environment = {},
-                                    const fs::path& program = fs::path(NILIO_BIN_DIR) / "niliod") {
+                                    const fs::path& program = fs::path(nilio::tests::program_folder()) /
+                                                              "niliod") {
     environment.emplace_back("NOTIFY_SOCKET", socket.address());
     environment.emplace_back("WATCHDOG_USEC", "1000000");
     std::vector<std::string> arguments{
@@ -92,7 +94,7 @@ TEST_CASE("a publisher that ends at once keeps the service from being ready, and
   // niliod takes the publisher from its own folder; this one knows none of its options.
   const fs::path alone = service.folder.path() / "bin";
   fs::create_directory(alone);
-  fs::copy_file(fs::path(NILIO_BIN_DIR) / "niliod", alone / "niliod");
+  fs::copy_file(fs::path(nilio::tests::program_folder()) / "niliod", alone / "niliod");
   fs::copy_file("/bin/false", alone / "nilio-publisher");
   NiliodProcess niliod = service.start({}, {}, alone / "niliod");
   REQUIRE(service.socket.await("STATUS=starting; nilio-publisher does not run"));
@@ -108,8 +110,9 @@ TEST_CASE("a hanging thread starves the watchdog and is named in the status", "[
 #else
   Service service(60.0);
   const std::string flag = service.folder.write("hang", "");
-  NiliodProcess niliod =
-      service.start({kNoPublisher}, {{"LD_PRELOAD", NILIO_HANGING_ODOMETRY}, {"NILIO_HANG_FILE", flag}});
+  NiliodProcess niliod = service.start(
+      {kNoPublisher}, {{"LD_PRELOAD", nilio::tests::program_folder() + "/libnilio-hanging-odometry.so"},
+                       {"NILIO_HANG_FILE", flag}});
   REQUIRE(service.socket.await("nilio-odometry hangs"));
   const std::size_t pings = service.socket.count("WATCHDOG=1");
   CHECK(pings > 0);

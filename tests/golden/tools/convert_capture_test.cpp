@@ -2,6 +2,7 @@
 #include "nilio/drivers/velodyne/decoder.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/reference_cloud.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "tests/support/test_data.hpp"
@@ -38,8 +39,9 @@ struct Digest {
 };
 
 std::optional<Digest> read_independently(const fs::path& file) {
-  const std::string command =
-      std::string("/usr/bin/python3 " NILIO_SOURCE_DIR "/tests/golden/tools/read_points.py ") + file.string();
+  const std::string command = std::string("/usr/bin/python3 " + nilio::tests::source_folder() +
+                                          "/tests/golden/tools/read_points.py ") +
+                              file.string();
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> pipe(popen(command.c_str(), "r"), pclose);
   REQUIRE(pipe);
   std::string text;

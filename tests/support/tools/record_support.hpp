@@ -5,6 +5,7 @@
 #include "daemon/input/input.hpp"
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/eventually.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/read_all.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -142,7 +143,7 @@ class NilioProcess {
       : log_(std::move(log)), pid_(fork()) {
     if (pid_ != 0) return;
     const std::string command =
-        shell + " exec " + NILIO_BIN_DIR + "/nilio " + arguments + " > " + log_.string() + " 2>&1";
+        shell + " exec " + program_folder() + "/nilio " + arguments + " > " + log_.string() + " 2>&1";
     execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
     _exit(127);
   }

@@ -1,6 +1,7 @@
 #include "daemon/config/config_changes.hpp"
 #include "daemon/config/schema.hpp"
 #include "tests/support/niliod_process.hpp"
+#include "tests/support/paths.hpp"
 
 #include <set>
 
@@ -12,7 +13,7 @@ using nlohmann::json;
 
 namespace {
 
-const std::string kConfigFolder = std::string(NILIO_SOURCE_DIR) + "/config/";
+const std::string kConfigFolder = nilio::tests::source_folder() + "/config/";
 
 /// Section of a JSON Schema that describes the key.
 json schema_of(const json& schema, const std::string& path) {
@@ -25,7 +26,7 @@ json schema_of(const json& schema, const std::string& path) {
 
 TEST_CASE("docs/configuration.md is the generated reference of the keys", "[config_reference]") {
   INFO("regenerate with: niliod --print-config-reference markdown > docs/configuration.md");
-  CHECK(nilio::tests::read_file(std::string(NILIO_SOURCE_DIR) + "/docs/configuration.md") ==
+  CHECK(nilio::tests::read_file(nilio::tests::source_folder() + "/docs/configuration.md") ==
         reference_markdown());
 }
 

@@ -2,6 +2,7 @@
 
 #include "tests/support/disturbed_packets.hpp"
 #include "tests/support/hdl64e_packets.hpp"
+#include "tests/support/paths.hpp"
 
 #include <catch2/catch.hpp>
 
@@ -111,7 +112,7 @@ TEST_CASE("a configured sensor needs no packets, an HDL-64E only with its calibr
   CHECK(configured_sensor(with_model("VLP-16"))->model == drivers::VelodyneModel::kVlp16);
   LidarConfig hdl64e = with_model("HDL-64E-S2");
   CHECK_FALSE(configured_sensor(hdl64e).has_value());
-  hdl64e.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
+  hdl64e.calibration = source_folder() + "/config/calibration/hdl64e_s2_kitti.yaml";
   CHECK(configured_sensor(hdl64e).has_value());
 }
 
@@ -153,7 +154,7 @@ TEST_CASE("an ambiguous model requires the configuration", "[sensor_identificati
 
 TEST_CASE("a calibration file of another sensor is rejected", "[sensor_identification]") {
   LidarConfig config;
-  config.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
+  config.calibration = source_folder() + "/config/calibration/hdl64e_s2_kitti.yaml";
   SensorIdentification identification(config, "lidar");
   packets_needed(identification, vlp16_packets(64), State::kRejected);
   CHECK_THAT(identification.problem(), Contains("hdl64e_s2_kitti.yaml"));
@@ -211,7 +212,7 @@ TEST_CASE("a calibration with a wrong checksum is rejected with a warning", "[se
 TEST_CASE("a calibration file takes precedence over the status stream and needs no wait",
           "[sensor_identification]") {
   LidarConfig config;
-  config.calibration = std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml";
+  config.calibration = source_folder() + "/config/calibration/hdl64e_s2_kitti.yaml";
   SensorIdentification identification(config, "lidar");
   const auto packets = hdl64e_packets(2 * kHdl64eStatusPackets, StatusStream::kWhole);
   CHECK(packets_needed(identification, packets, State::kIdentified) == 64);

@@ -3,6 +3,7 @@
 #include "nilio/core/imu_check_limits.hpp"
 
 #include "core/src/imu_monitor/check_table.hpp"
+#include "tests/support/paths.hpp"
 
 #include <algorithm>
 #include <fstream>
@@ -173,7 +174,7 @@ TEST_CASE("poses are counted by what was wrong with them", "[diagnostics]") {
 }
 
 TEST_CASE("docs/diagnostics.md is the generated table", "[diagnostics]") {
-  std::ifstream file(std::string(NILIO_SOURCE_DIR) + "/docs/diagnostics.md");
+  std::ifstream file(nilio::tests::source_folder() + "/docs/diagnostics.md");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   INFO("regenerate with: nilio reference diagnostics > docs/diagnostics.md");
   CHECK(text == diagnostic_reference());

@@ -346,8 +346,6 @@ TEST_CASE("CycloneDDS reads IMU-rate poses, their status and scan reports from t
   REQUIRE(reader.line() == "ready");
   const dds::ScanReport report = dds::make_scan_report(sample_record(3), Time{11}, Time{12}, "host");
   const dds::ImuPoseStatus status{{5}, {4}, 6, 0.25, -0.125, true, false, 7, 8, 9, 10};
-  REQUIRE(publisher->publish_scan_report(report));
-  REQUIRE((*imu)->publish_status(status));
   ipc::ImuPose pose;
   pose.T_odom_base = {Eigen::Quaterniond(0.5, -0.5, 0.5, -0.5), core::Vector3(1.5, -2.5, 1e-9)};
   pose.linear_velocity = {3.0, 0.1, -0.2};
@@ -359,6 +357,9 @@ TEST_CASE("CycloneDDS reads IMU-rate poses, their status and scan reports from t
   for (std::int64_t i = 0; i < 20; ++i) {
     pose.stamp = {i * 1'000'000'001};
     REQUIRE((*imu)->publish(pose));
+    // Discovery of the three readers ends in any order, and reports and states before it are not repeated.
+    REQUIRE(publisher->publish_scan_report(report));
+    REQUIRE((*imu)->publish_status(status));
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   std::int64_t poses = 0;
@@ -387,7 +388,7 @@ TEST_CASE("CycloneDDS reads IMU-rate poses, their status and scan reports from t
     }
   }
   CHECK(poses == 20);
-  CHECK(statuses == 1);
-  CHECK(reports == 1);
+  CHECK(statuses > 0);
+  CHECK(reports > 0);
   CHECK(reader.exit_status() == 0);
 }

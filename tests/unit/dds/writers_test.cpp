@@ -4,6 +4,7 @@
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/types.hpp"
 #include "tests/support/dds_support.hpp"
+#include "tests/support/paths.hpp"
 
 #include <atomic>
 #include <chrono>
@@ -80,7 +81,7 @@ std::int64_t time_of(const std::string& line) {
 
 TEST_CASE("type hashes are those of the IDL, and of ROS 2 where it has the type", "[writers]") {
   std::map<std::string, std::string> hashes;
-  Program program("python3 " NILIO_SOURCE_DIR "/tests/support/type_hashes.py " NILIO_SOURCE_DIR
+  Program program("python3 " + source_folder() + "/tests/support/type_hashes.py " + source_folder() +
                   "/ipc/idl/nilio.idl 2>/dev/null");
   while (const auto line = program.line()) {
     const std::size_t space = line->find(' ');

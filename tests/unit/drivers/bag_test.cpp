@@ -6,6 +6,7 @@
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "drivers/bag/readers.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 #include <array>
@@ -56,7 +57,7 @@ class Drive {
 
   /// False without the writer.
   [[nodiscard]] bool write_rosbag(const std::string& compression) const {
-    const std::string command = std::string("/usr/bin/python3 ") + NILIO_SOURCE_DIR +
+    const std::string command = std::string("/usr/bin/python3 ") + nilio::tests::source_folder() +
                                 "/tests/support/bags/write_rosbag.py " + folder_.path().string() + " " +
                                 path("drive.bag").string() + " " + compression;
     const int status = std::system(command.c_str());

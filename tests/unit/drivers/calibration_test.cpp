@@ -2,6 +2,7 @@
 #include "nilio/drivers/velodyne/model.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/test_data.hpp"
 
 #include <algorithm>
@@ -124,7 +125,7 @@ TEST_CASE("the calibration file of KITTI's scanner equals the built-in one", "[c
   VelodyneSensor blank = built_in;
   blank.lasers.assign(64, {});
   const auto loaded = with_calibration_file(
-      blank, std::string(NILIO_SOURCE_DIR) + "/config/calibration/hdl64e_s2_kitti.yaml");
+      blank, nilio::tests::source_folder() + "/config/calibration/hdl64e_s2_kitti.yaml");
   REQUIRE(loaded.ok());
   for (std::size_t i = 0; i < 64; ++i) {
     const LaserCalibration& a = built_in.lasers[i];

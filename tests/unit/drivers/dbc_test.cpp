@@ -1,6 +1,7 @@
 #include "nilio/drivers/can/dbc/dbc.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/test_data.hpp"
 
 #include <catch2/catch.hpp>
@@ -210,7 +211,7 @@ TEST_CASE("a bad token costs its signal or message; the rest of the file is used
 }
 
 TEST_CASE("one bad token in a real DBC file costs one signal", "[dbc]") {
-  std::string text = nilio::tests::read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");
+  std::string text = nilio::tests::read_file(nilio::tests::source_folder() + "/config/dbc/xsens_mti.dbc");
   const auto whole = parse_dbc(text, "xsens.dbc");
   REQUIRE(whole.ok());
   CHECK(whole->warnings.empty());
@@ -229,7 +230,7 @@ TEST_CASE("one bad token in a real DBC file costs one signal", "[dbc]") {
 
 TEST_CASE("every truncation of a DBC file is read or rejected", "[dbc]") {
   const std::string text =
-      nilio::tests::read_file(std::string(NILIO_SOURCE_DIR) + "/config/dbc/xsens_mti.dbc");
+      nilio::tests::read_file(nilio::tests::source_folder() + "/config/dbc/xsens_mti.dbc");
   REQUIRE(text.size() > 1000);
   std::size_t refused = 0;
   for (std::size_t length = 0; length < text.size(); ++length) {

@@ -1,3 +1,4 @@
+#include "tests/support/paths.hpp"
 #include "tests/support/room_drive.hpp"
 #include "tests/support/tools/record_support.hpp"
 
@@ -20,12 +21,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const std::string kExamples = std::string(NILIO_SOURCE_DIR) + "/tools/examples/";
+const std::string kExamples = nilio::tests::source_folder() + "/tools/examples/";
 
 /// Exit status of a shell command with the built programs in front of PATH; its output is in `log`.
 int run_shell(const std::string& command, const fs::path& log) {
   const std::string line =
-      "PATH=" + std::string(NILIO_BIN_DIR) + ":$PATH; " + command + " > " + log.string() + " 2>&1";
+      "PATH=" + nilio::tests::program_folder() + ":$PATH; " + command + " > " + log.string() + " 2>&1";
   const int status = std::system(line.c_str());
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }

@@ -1,5 +1,6 @@
 #include "daemon/exit_status.hpp"
 
+#include "tests/support/paths.hpp"
 #include "tests/support/tools/record_support.hpp"
 
 #include <fstream>
@@ -29,7 +30,7 @@ std::string in_one_line(const std::string& text) { return std::regex_replace(tex
 }  // namespace
 
 TEST_CASE("docs/exit_status.md is the generated table", "[exit_status]") {
-  std::ifstream file(std::string(NILIO_SOURCE_DIR) + "/docs/exit_status.md");
+  std::ifstream file(nilio::tests::source_folder() + "/docs/exit_status.md");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   INFO("regenerate with: nilio reference exit-status > docs/exit_status.md");
   CHECK(text == exit_status_reference());
