@@ -46,7 +46,7 @@ check "$build/man/nilio-publisher.8" nilio-publisher
 check "$build/man/nilio.1" nilio
 ((checked > 100)) || complain "only $checked options found in --help"
 complete_words nilio simulate --scene t
-[[ ${COMPREPLY[*]} == "town tunnel" ]] || complain "completion: 'nilio simulate --scene t' gives '${COMPREPLY[*]}'"
+[[ ${COMPREPLY[*]} == "town tunnel three_point_turn" ]] || complain "completion: 'nilio simulate --scene t' gives '${COMPREPLY[*]}'"
 
 if command -v groff >/dev/null; then
   for page in "$build"/man/*.[18]; do
