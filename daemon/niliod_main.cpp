@@ -92,8 +92,9 @@ void add_options(CLI::App& app, Arguments& arguments) {
                  "decisions and configuration; --decisions repeats it");
   app.add_option(
       "--output", arguments.output,
-      "output folder: trajectory.tum, trajectory.kitti, latency.json, config.yaml, map.ply, and "
-      "under live rules decisions.jsonl. A replay refuses a folder with an earlier run; a live run "
+      "output folder: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, latency.json, "
+      "config.yaml, map.ply, and under live rules decisions.jsonl. A replay refuses a folder with an earlier "
+      "run; a live run "
       "writes to FOLDER-2, FOLDER-3, ... instead");
   app.add_flag("--force", arguments.force, "replace the files of an earlier run in the output folder");
   app.add_option("--set", arguments.overrides,

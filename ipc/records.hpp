@@ -38,6 +38,9 @@ struct PoseRecord {
   std::int64_t scan_start_ns = 0;  ///< first firing
   std::array<double, 3> position{};
   std::array<double, 4> orientation_xyzw{0.0, 0.0, 0.0, 1.0};
+  /// Pose half-way between scan_start_ns and stamp_ns.
+  std::array<double, 3> middle_position{};
+  std::array<double, 4> middle_orientation_xyzw{0.0, 0.0, 0.0, 1.0};
   std::array<double, 36> pose_covariance{};
   std::array<double, 3> linear_velocity{};   ///< m/s in base_link
   std::array<double, 3> angular_velocity{};  ///< rad/s in base_link

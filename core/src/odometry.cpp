@@ -49,6 +49,15 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   return result;
 }
 
+/// Fills the poses of the end and the middle of a sweep.
+void Odometry::State::set_poses(const MotionModel& moved, const SE3& T_map_end,
+                                OdometryResult& result) const {
+  result.T_odom_base = T_odom_map * T_map_end;
+  result.T_odom_base_middle = result.T_odom_base;
+  const bool has_sweep = scans > 0 && result.scan_end > result.scan_start;
+  if (has_sweep) result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
+}
+
 /// Fills twist and IMU corrections from the motion.
 void Odometry::State::fill_motion(const MotionModel& moved, OdometryResult& result) const {
   result.twist.head<3>() = moved.body_velocity();
@@ -63,9 +72,9 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
     last_sweep_s = motion.sweep_s();
   }
   time = scan.end;
+  set_poses(motion, T_map_base, result);
   ++scans;
   last_fine_iterations = static_cast<std::size_t>(result.fine_iterations);
-  result.T_odom_base = T_odom_map * T_map_base;
   count_map(result);
   drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_error_variance);
   if (!result.predicted) registered_time = time;

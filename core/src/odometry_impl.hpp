@@ -176,6 +176,7 @@ struct Odometry::State {
   [[nodiscard]] Duration recovery_budget(const Scan& scan) const;
   /// `span_s`: time since the last scan.
   [[nodiscard]] bool is_gap(double span_s) const;
+  void set_poses(const MotionModel& moved, const SE3& T_map_end, OdometryResult& result) const;
   void fill_motion(const MotionModel& moved, OdometryResult& result) const;
   void fill_confidence(const RegistrationResult& evidence, const SE3& T_map_pose, double span_s,
                        double predicted_s, OdometryResult& result) const;

@@ -57,7 +57,7 @@ OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   const Odometry::State::MotionPrior prior = s.motion_prior_for(scan);
   result.imu_used = prior.imu_used;
   const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(prior, motion);
-  result.T_odom_base = s.T_odom_map * T_map_base;
+  s.set_poses(motion, T_map_base, result);
   result.predicted = true;
   s.fill_motion(motion, result);
   result.degradation_level = DegradationLevel::kPredictionOnly;

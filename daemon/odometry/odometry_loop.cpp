@@ -33,6 +33,8 @@ std::int64_t arrival_ns(const core::Scan& scan) {
   return scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
 }
 
+std::array<double, 4> xyzw(const Eigen::Quaterniond& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+
 bool has_same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
   const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
     return x.state == y.state;
@@ -51,13 +53,14 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   for (Eigen::Index i = 0; i < 3; ++i) {
     const auto k = static_cast<std::size_t>(i);
     record.position[k] = result.T_odom_base.translation[i];
+    record.middle_position[k] = result.T_odom_base_middle.translation[i];
     record.linear_velocity[k] = result.twist[i];
     record.angular_velocity[k] = result.twist[i + 3];
     record.deskew_rate[k] = result.deskew_rate[i];
     record.gyro_bias[k] = result.gyro_bias[i];
   }
-  const Eigen::Quaterniond& q = result.T_odom_base.rotation;
-  record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
+  record.orientation_xyzw = xyzw(result.T_odom_base.rotation);
+  record.middle_orientation_xyzw = xyzw(result.T_odom_base_middle.rotation);
   copy_row_major(result.pose_covariance, record.pose_covariance);
   copy_row_major(result.twist_covariance, record.twist_covariance);
   record.state = result.state;

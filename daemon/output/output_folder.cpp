@@ -12,8 +12,9 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Files of RunOutput.
-constexpr std::array kFiles{"trajectory.tum",  "trajectory.kitti", "scans.csv",   "latency.json", "latency",
-                            "decisions.jsonl", "map.ply",          "config.yaml", "result.json"};
+constexpr std::array kFiles{
+    "trajectory.tum", "trajectory_mid.tum", "trajectory.kitti", "scans.csv",   "latency.json",
+    "latency",        "decisions.jsonl",    "map.ply",          "config.yaml", "result.json"};
 
 bool holds_run(const fs::path& folder) {
   return std::any_of(kFiles.begin(), kFiles.end(), [&](const char* name) {

@@ -41,6 +41,14 @@ std::string kitti_line(const core::SE3& pose) {
   return line;
 }
 
+std::string tum_line(std::int64_t stamp_ns, const std::array<double, 3>& p, const std::array<double, 4>& q) {
+  char line[256];
+  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
+                static_cast<long long>(stamp_ns / 1'000'000'000),
+                static_cast<long long>(stamp_ns % 1'000'000'000), p[0], p[1], p[2], q[0], q[1], q[2], q[3]);
+  return line;
+}
+
 std::span<const std::uint8_t> bytes_of(std::string_view text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
@@ -62,14 +70,13 @@ Result<std::monostate> replace_file(const fs::path& path, const std::string& con
 
 }  // namespace
 
-std::string tum_line(const ipc::PoseRecord& r) {
-  char line[256];
-  std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
-                static_cast<long long>(r.stamp_ns / 1'000'000'000),
-                static_cast<long long>(r.stamp_ns % 1'000'000'000), r.position[0], r.position[1],
-                r.position[2], r.orientation_xyzw[0], r.orientation_xyzw[1], r.orientation_xyzw[2],
-                r.orientation_xyzw[3]);
-  return line;
+std::string tum_line(const ipc::PoseRecord& record) {
+  return tum_line(record.stamp_ns, record.position, record.orientation_xyzw);
+}
+
+std::string middle_tum_line(const ipc::PoseRecord& record) {
+  const std::int64_t half_sweep_ns = (record.stamp_ns - record.scan_start_ns) / 2;
+  return tum_line(record.stamp_ns - half_sweep_ns, record.middle_position, record.middle_orientation_xyzw);
 }
 
 RunOutput::RunOutput(const Options& options, drivers::DiskState::Report report)
@@ -77,6 +84,7 @@ RunOutput::RunOutput(const Options& options, drivers::DiskState::Report report)
       folder_(options.folder),
       disk_(std::move(report)),
       tum_(folder_ / "trajectory.tum", {}),
+      middle_tum_(folder_ / "trajectory_mid.tum", {}),
       kitti_(folder_ / "trajectory.kitti", {}),
       scans_(folder_ / "scans.csv", header_of(scan_table_header())) {
   if (options.map) map_.emplace(folder_ / "map.ply", options.map_voxel_m);
@@ -103,6 +111,7 @@ void RunOutput::add(const ipc::PoseRecord& record) {
     T_first_now = T_camera_base * T_first_now * T_camera_base.inverse();
   }
   if (!kitti_.append(bytes_of(kitti_line(T_first_now))) || !tum_.append(bytes_of(tum_line(record))) ||
+      !middle_tum_.append(bytes_of(middle_tum_line(record))) ||
       !scans_.append(bytes_of(scan_table_line(record))))
     ++lost_.poses;
 }
@@ -122,8 +131,8 @@ void RunOutput::add(const CloudRecord& cloud) {
 
 void RunOutput::flush(std::int64_t now_ns) {
   if (!disk_.is_due(now_ns)) return;
-  std::array<drivers::RecordFile*, 5> files{&tum_, &kitti_, &scans_, &decisions_,
-                                            map_ ? &map_->file() : nullptr};
+  std::array<drivers::RecordFile*, 6> files{&tum_,   &middle_tum_, &kitti_,
+                                            &scans_, &decisions_,  map_ ? &map_->file() : nullptr};
   int error = 0;
   for (drivers::RecordFile* const file : files) {
     if (file == nullptr || error != 0) continue;

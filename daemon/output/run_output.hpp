@@ -19,10 +19,13 @@ namespace nilio::daemon {
 
 /// Line of trajectory.tum for a pose.
 std::string tum_line(const ipc::PoseRecord& record);
+/// Line of trajectory_mid.tum for the pose in the middle of the sweep.
+std::string middle_tum_line(const ipc::PoseRecord& record);
 
-/// Files of one run: trajectory.tum, trajectory.kitti, scans.csv, decisions.jsonl and map.ply grow during the
-/// run, config.yaml is written at the start, latency.json and latency/<stage>.hgrm at the end. While the disk
-/// does not accept data, a bounded amount waits in memory and the rest is dropped and counted. One thread.
+/// Files of one run: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, decisions.jsonl and
+/// map.ply grow during the run, config.yaml is written at the start, latency.json and latency/<stage>.hgrm at
+/// the end. While the disk does not accept data, a bounded amount waits in memory and the rest is dropped and
+/// counted. One thread.
 class RunOutput {
  public:
   struct Options {
@@ -69,6 +72,7 @@ class RunOutput {
   std::filesystem::path folder_;
   drivers::DiskState disk_;
   drivers::RecordFile tum_;
+  drivers::RecordFile middle_tum_;
   drivers::RecordFile kitti_;
   drivers::RecordFile scans_;
   drivers::RecordFile decisions_;

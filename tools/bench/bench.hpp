@@ -59,6 +59,18 @@ struct BasinOptions {
 };
 core::Result<bool> run_basin_bench(const BasinOptions& options);
 
+/// `nilio bench sharpness`: sharpness of local maps, which needs no truth, for nilio and its peers.
+struct SharpnessBenchOptions {
+  std::string drive;               ///< KITTI odometry sequence or raw drive
+  std::vector<std::string> peers;  ///< "NAME=FILE", 12 numbers a line: the pose of the LiDAR at each scan
+  std::string deskew_from;         ///< trajectory that compensates the motion of all scans; empty = none
+  double elevation_correction_deg = 0.205;
+  std::vector<std::string> overrides;
+  std::string json;
+  ResultsPage::Options page;
+};
+core::Result<bool> run_sharpness_bench(const SharpnessBenchOptions& options);
+
 /// `nilio bench matrix`: success, drift and silent errors over scenes, sensors, IMU and faults.
 struct MatrixOptions {
   bool quick = false;                ///< short drives, fixed seeds

@@ -242,6 +242,34 @@ void add_realism(CLI::App& bench) {
   on_command(command, options, bench::run_realism_bench);
 }
 
+void add_sharpness(CLI::App& bench) {
+  CLI::App& command =
+      *bench.add_subcommand("sharpness", "sharpness of local maps, which needs no truth, and of peers' maps");
+  const auto options = std::make_shared<bench::SharpnessBenchOptions>();
+  command
+      .add_option("drive", options->drive,
+                  "KITTI odometry sequence, or unpacked KITTI raw drive with the calibration beside it")
+      ->required();
+  command
+      .add_option("--peer", options->peers,
+                  "NAME=FILE with the poses of the LiDAR at each scan, 12 numbers a line; may be repeated")
+      ->take_all()
+      ->expected(1);
+  command.add_option(
+      "--deskew-from", options->deskew_from,
+      "compensate the motion within the scans of a raw drive by this trajectory's mean motion, the "
+      "same for all: the name of a peer or of a row; default: none");
+  command
+      .add_option("--elevation-correction", options->elevation_correction_deg,
+                  "added to the elevation of all points, degrees")
+      ->check(number_between(-2.0, 2.0))
+      ->capture_default_str();
+  command.add_option("--json", options->json, "file for the figures");
+  add_override_option(command, options->overrides, "configuration of nilio's run; may be repeated");
+  add_page_options(command, options->page);
+  on_command(command, options, bench::run_sharpness_bench);
+}
+
 void add_soak(CLI::App& bench) {
   CLI::App& command = *bench.add_subcommand(
       "soak", "hours of drives in minutes: does the memory grow, is every pose counted");
@@ -353,6 +381,7 @@ void add_bench_command(CLI::App& app) {
   add_realtime(bench);
   add_receive(bench);
   add_matrix(bench);
+  add_sharpness(bench);
   add_soak(bench);
 }
 

@@ -91,6 +91,22 @@ TEST_CASE("with an IMU the rotation is predicted, its bias is estimated and the 
   CHECK(run.results.back().imu_used);
 }
 
+TEST_CASE("the pose in the middle of a sweep is the true motion before the pose of its end", "[odometry]") {
+  for (const bool imu : {false, true}) {
+    RunSettings settings;
+    settings.imu = imu;
+    const Run run = run_odometry(winding, settings);
+    CHECK(run.results.front().T_odom_base_middle.translation == run.results.front().T_odom_base.translation);
+    for (std::size_t i = 5; i < run.results.size(); ++i) {
+      const double end_s = (static_cast<double>(i) + 1.0) * kPeriod;
+      const SE3 truth = winding(end_s - 0.5 * kPeriod).inverse() * winding(end_s);
+      const SE3 estimate = run.results[i].T_odom_base_middle.inverse() * run.results[i].T_odom_base;
+      CHECK((truth.translation - estimate.translation).norm() < 0.05);
+      CHECK(truth.rotation.angularDistance(estimate.rotation) < 0.01);
+    }
+  }
+}
+
 TEST_CASE("a stationary vehicle keeps its pose", "[odometry]") {
   const Run run = run_odometry([](double) { return SE3{}; }, {});
   CHECK(run.worst_error_m < 0.02);

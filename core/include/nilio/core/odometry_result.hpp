@@ -20,6 +20,9 @@ struct OdometryResult {
   Time scan_end;
   /// Pose of base_link at scan_end.
   SE3 T_odom_base;
+  /// Pose of base_link half-way between scan_start and scan_end, which the points of a sweep determine best.
+  /// Equal to T_odom_base for scans without a known motion: the first one and motion-compensated ones.
+  SE3 T_odom_base_middle;
   /// Covariance of the registration against the map: position then rotation, in odom axes; m^2, rad^2.
   Matrix6 pose_covariance = Matrix6::Zero();
   /// Linear then angular velocity of base_link in its own axes, m/s and rad/s.
