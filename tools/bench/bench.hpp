@@ -74,9 +74,13 @@ core::Result<bool> run_sharpness_bench(const SharpnessBenchOptions& options);
 /// `nilio bench matrix`: success, drift and silent errors over scenes, sensors, IMU and faults.
 struct MatrixOptions {
   bool quick = false;                ///< short drives, fixed seeds
+  bool effects = false;              ///< the town with each effect of realism alone
   bool list = false;                 ///< only print the names of the rows
   std::string rows;                  ///< pattern of a shell; empty = all
   std::size_t runs = 12;             ///< drawn seeds of a simulated drive
+  std::size_t sample = 0;            ///< rows that the commit draws; 0 = all
+  double minutes = 0.0;              ///< ends after this time; 0 = no limit
+  std::string repeat;                ///< result whose runs are repeated and compared; empty = none
   std::vector<std::uint64_t> seeds;  ///< instead of drawn ones
   std::string commit;                ///< that the seeds are drawn from; empty = of the working folder
   std::string data;                  ///< real recordings; empty = NILIO_DATA
@@ -88,7 +92,8 @@ struct MatrixOptions {
   std::string json;
   ResultsPage::Options page;
 };
-/// Status of a benchmark that a signal stopped, with the page of what was done: 128 + SIGINT, as shells have it.
+/// Status of a benchmark that a signal stopped, with the page of what was done: 128 + SIGINT, as shells have
+/// it.
 inline constexpr int kInterrupted = 130;
 /// The exit status: 0, 3 where it is worse than the baseline, or kInterrupted.
 core::Result<int> run_matrix_bench(const MatrixOptions& options);

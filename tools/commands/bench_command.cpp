@@ -168,6 +168,11 @@ void add_matrix_run_options(CLI::App& command, bench::MatrixOptions& o) {
           "--full", [&o] { o.quick = false; },
           "every scene, sensor, IMU and fault, which takes hours (default)")
       ->excludes(quick);
+  command
+      .add_flag("--effects", o.effects,
+                "instead the town ideal, with each effect of 'nilio simulate --realism typical' alone, and "
+                "with all: what hurts")
+      ->excludes(quick);
   command.add_flag("--list", o.list, "print the names of the rows");
   command.add_option("--rows", o.rows,
                      "only rows that match this pattern of a shell, such as 'town*no IMU*'");
@@ -175,7 +180,23 @@ void add_matrix_run_options(CLI::App& command, bench::MatrixOptions& o) {
       ->check(number_between(1, 1000))
       ->capture_default_str()
       ->excludes(quick);
-  command.add_option("--seeds", o.seeds, "these seeds instead, such as 1,2: repeats runs")->delimiter(',');
+  CLI::Option* const seeds =
+      command.add_option("--seeds", o.seeds, "these seeds instead, such as 1,2: repeats runs")
+          ->delimiter(',');
+  CLI::Option* const sample =
+      command.add_option("--sample", o.sample, "only so many rows, which the commit draws")
+          ->check(number_between(1, 100000));
+  command
+      .add_option("--minutes", o.minutes,
+                  "end after this time with the runs done by then; drives in an order that the commit draws")
+      ->check(number_between(0.1, 1e5));
+  command
+      .add_option("--repeat", o.repeat,
+                  "the rows and seeds of an earlier --json, compared with it as by --baseline: the same runs "
+                  "before and after a change")
+      ->check(CLI::ExistingFile)
+      ->excludes(seeds)
+      ->excludes(sample);
   command.add_option("--commit", o.commit,
                      "commit to draw the seeds from; default: that of the folder, or the version");
   command.add_option("--jobs", o.jobs, "runs at the same time")
@@ -226,9 +247,15 @@ void add_realism(CLI::App& bench) {
       .add_option("recording", options->recording,
                   "KITTI's raw drive 0009 as 'nilio convert kitti-raw' writes it: FOLDER or FOLDER:TRUTH")
       ->required();
-  command.add_option("--seeds", options->seeds, "towns, whose mean is compared")
-      ->delimiter(',')
+  command.add_option("--seeds", options->seeds, "these towns; default: drawn from the commit")
+      ->delimiter(',');
+  command.add_option("--runs", options->runs, "towns to draw, whose mean is compared")
+      ->check(number_between(1, 100))
       ->capture_default_str();
+  command.add_option("--commit", options->commit,
+                     "commit to draw the seeds from; default: that of the folder, or the version");
+  command.add_option("--effects", options->effects, "these effects of 'nilio simulate' alone, for studies")
+      ->delimiter(',');
   command.add_option("--seconds", options->seconds, "length of each simulated drive")
       ->check(number_between(2.0, 600.0))
       ->capture_default_str();

@@ -3,6 +3,8 @@
 #include "daemon/exit_status.hpp"
 #include "tools/bench/bench.hpp"
 #include "tools/bench/matrix/comparison.hpp"
+#include "tools/bench/matrix/effects.hpp"
+#include "tools/bench/matrix/jobs.hpp"
 #include "tools/bench/matrix/runner.hpp"
 #include "tools/bench/matrix/summary.hpp"
 #include "tools/common/child_process.hpp"
@@ -13,6 +15,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <map>
+#include <set>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -27,7 +31,6 @@ using core::Error;
 using core::Result;
 
 constexpr Duration kPoll = Duration::from_milliseconds(100.0);
-constexpr std::size_t kQuickSeeds = 2;
 constexpr const char* kLegend =
     "Success: never a silent error, and a drift within the bound; with the 95 % interval of Wilson. Drift: "
     "mean translation "
@@ -40,53 +43,6 @@ constexpr const char* kLegend =
     "or 1 degree while the state said tracking; mean of all runs. Recovery: longest time until tracking was "
     "regained. CPU: "
     "mean of a scan, one thread. Seeds are drawn from the commit and the run number.";
-
-/// The commit that is measured: given, or that of the working folder.
-std::string find_commit(const std::string& given) {
-  if (!given.empty()) return given;
-  std::string text;
-  if (FILE* const pipe = popen("git rev-parse HEAD 2>/dev/null", "re"); pipe != nullptr) {
-    char line[128];
-    if (std::fgets(line, sizeof line, pipe) != nullptr) text = line;
-    pclose(pipe);
-  }
-  while (!text.empty() && text.back() == '\n') text.pop_back();
-  return text.empty() ? NILIO_VERSION : text;
-}
-
-/// Seeds of a drive: given, fixed for the quick matrix, or drawn. Real drives have one.
-std::vector<std::uint64_t> seeds_of(const DriveSpec& drive, const MatrixOptions& options,
-                                    const std::string& commit) {
-  std::vector<std::uint64_t> seeds = options.seeds;
-  if (seeds.empty() && options.quick) {
-    for (std::size_t i = 1; i <= kQuickSeeds; ++i) seeds.push_back(i);
-  }
-  for (std::size_t i = 1; seeds.empty() || (options.seeds.empty() && !options.quick && i <= options.runs);
-       ++i)
-    seeds.push_back(draw_seed(commit, drive.name, i));
-  const bool has_one = drive.kind != DriveKind::kSimulated && options.seeds.empty();
-  if (has_one) seeds.resize(1);
-  return seeds;
-}
-
-/// Run by run, so that an interrupted matrix has as many seeds for every row as possible.
-std::vector<MatrixJob> make_jobs(const Matrix& matrix, const MatrixOptions& options,
-                                 const std::string& commit) {
-  std::vector<MatrixJob> jobs;
-  for (const DriveSpec& drive : matrix.drives) {
-    const std::vector<std::uint64_t> seeds = seeds_of(drive, options, commit);
-    for (std::size_t i = 0; i < seeds.size(); ++i) {
-      MatrixJob job{drive, i + 1, seeds[i], {}};
-      for (const MatrixRow& row : matrix.rows) {
-        if (row.drive == drive.name) job.rows.push_back(row);
-      }
-      jobs.push_back(std::move(job));
-    }
-  }
-  std::stable_sort(jobs.begin(), jobs.end(),
-                   [](const MatrixJob& a, const MatrixJob& b) { return a.number < b.number; });
-  return jobs;
-}
 
 /// Leaves out the real drives whose recordings are not there, with a line for each.
 Matrix available_rows(Matrix matrix, const DriveSources& sources) {
@@ -146,12 +102,14 @@ Result<RunnerOptions> runner_options(const MatrixOptions& options, const fs::pat
   return runner;
 }
 
-/// Runs all jobs beside this thread, which waits for signals. Returns whether all were done.
-bool run_until_stopped(const std::vector<MatrixJob>& jobs, const RunnerOptions& runner, StopSignals& signals,
-                       MatrixResult& result) {
-  std::size_t total = 0;
-  for (const MatrixJob& job : jobs) total += job.rows.size();
-  MatrixProgress progress(total);
+/// How a matrix ended.
+enum class End : std::uint8_t { kDone, kTime, kSignal };
+
+/// Runs all jobs beside this thread, which waits for signals and the end of the time.
+End run_until_stopped(const std::vector<MatrixJob>& jobs, const RunnerOptions& runner, double minutes,
+                      StopSignals& signals, MatrixResult& result) {
+  const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(minutes * 60e9);
+  MatrixProgress progress(count_runs(jobs));
   std::atomic<bool> stop{false};
   std::atomic<bool> finished{false};
   std::jthread worker([&] {
@@ -161,17 +119,26 @@ bool run_until_stopped(const std::vector<MatrixJob>& jobs, const RunnerOptions& 
     });
     finished = true;
   });
+  End end = End::kDone;
   while (!finished) {
-    if (signals.wait(kPoll)) stop = true;
+    if (signals.wait(kPoll)) end = End::kSignal;
+    if (end == End::kDone && minutes > 0.0 && monotonic_ns() > end_ns) end = End::kTime;
+    if (end != End::kDone) stop = true;
   }
   worker.join();
-  return !stop;
+  return end;
+}
+
+std::vector<std::string> names_of(const Matrix& matrix) {
+  std::vector<std::string> names;
+  for (const MatrixRow& row : matrix.rows) names.push_back(row.name);
+  return names;
 }
 
 /// In the order of the matrix, whatever order they were done in.
-void sort_runs(const Matrix& matrix, std::vector<MatrixRun>& runs) {
+void sort_runs(const std::vector<std::string>& rows, std::vector<MatrixRun>& runs) {
   std::map<std::string, std::size_t> order;
-  for (const MatrixRow& row : matrix.rows) order.emplace(row.name, order.size());
+  for (const std::string& row : rows) order.emplace(row, order.size());
   std::sort(runs.begin(), runs.end(), [&](const MatrixRun& a, const MatrixRun& b) {
     return std::pair(order[a.row], a.number) < std::pair(order[b.row], b.number);
   });
@@ -212,15 +179,42 @@ Result<std::vector<std::string>> report_comparison(const std::string& path, cons
   return find_regressions(comparison);
 }
 
+Matrix matrix_of(const MatrixOptions& options) {
+  if (options.effects) return effects_matrix();
+  return options.quick ? quick_matrix() : full_matrix();
+}
+
+const char* option_of(const MatrixOptions& options) {
+  if (options.effects) return "--effects ";
+  return options.quick ? "--quick " : "";
+}
+
+/// Which part of the matrix the tables show.
+std::string describe_extent(const MatrixOptions& options, const MatrixResult& result,
+                            const std::vector<MatrixJob>& jobs, End end) {
+  std::set<std::string> rows;
+  for (const MatrixRun& run : result.runs) rows.insert(run.row);
+  const std::size_t all = matrix_of(options).rows.size();
+  std::string text = "Commit " + result.commit + ": " + std::to_string(result.runs.size()) + " of " +
+                     std::to_string(count_runs(jobs)) + " runs, on " + std::to_string(rows.size()) +
+                     " of the " + std::to_string(all) + " rows of the matrix";
+  if (options.sample > 0 || options.minutes > 0.0) text += ", which the commit draws";
+  if (end == End::kTime) text += "; ended after " + fixed(options.minutes, 0) + " minutes";
+  if (end == End::kSignal) text += "; interrupted";
+  return text + ".";
+}
+
 void report_tables(const MatrixOptions& options, const MatrixResult& result,
-                   const std::vector<MatrixJob>& jobs, ResultsPage& page) {
+                   const std::vector<MatrixJob>& jobs, End end, ResultsPage& page) {
   page.paragraph(kLegend);
-  page.paragraph("Commit " + result.commit + ", " + std::to_string(result.runs.size()) + " runs" +
-                 (result.complete ? "." : ", interrupted: rows have the runs that were done."));
+  page.paragraph(describe_extent(options, result, jobs, end));
   page.table("Real drives", matrix_table(result, false));
   page.table("Simulated drives", matrix_table(result, true));
+  for (const char* sensor : {"vlp16", "hdl64e"}) {
+    if (options.effects) page.table(std::string("Effects, town, ") + sensor, effects_table(result, sensor));
+  }
   page.table("Peers on the same recordings", peer_table(result));
-  page.table("Failures", failure_table(result, options.quick ? "--quick " : ""));
+  page.table("Failures", failure_table(result, option_of(options)));
   page.table("Seeds", seed_table(jobs));
 }
 
@@ -232,7 +226,7 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
   if (!work) return work.error();
   auto runner = runner_options(options, work->path());
   if (!runner) return runner.error();
-  Matrix matrix = options.quick ? quick_matrix() : full_matrix();
+  Matrix matrix = matrix_of(options);
   if (!options.rows.empty()) matrix = select_rows(std::move(matrix), options.rows);
   if (matrix.rows.empty()) return Error{"--rows " + options.rows + ": matches no row - --list shows them"};
   if (options.list) {
@@ -245,19 +239,34 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
   result.version = NILIO_VERSION;
   result.commit = find_commit(options.commit);
   result.command = current_command_line();
-  const std::vector<MatrixJob> jobs = make_jobs(matrix, options, result.commit);
+  const std::vector<std::string> order = names_of(matrix);
+  std::vector<MatrixJob> jobs;
+  if (options.repeat.empty()) {
+    // The drives of a part come in drawn order, so that the part is a fair one.
+    if (options.sample > 0 || options.minutes > 0.0)
+      matrix = draw_rows(std::move(matrix), result.commit,
+                         options.sample > 0 ? options.sample : matrix.rows.size());
+    jobs = make_jobs(matrix, options, result.commit);
+  } else {
+    const auto earlier = read_matrix_result(options.repeat);
+    if (!earlier) return earlier.error();
+    jobs = repeated_jobs(matrix, *earlier);
+    if (jobs.empty()) return Error{options.repeat + ": has no run of this matrix - --list shows its rows"};
+  }
   auto page =
       ResultsPage::create(options.page, "Success, drift and silent errors over scenes, sensors and faults");
   if (!page) return page.error();
-  result.complete = run_until_stopped(jobs, *runner, signals, result);
-  sort_runs(matrix, result.runs);
-  report_tables(options, result, jobs, *page);
-  const auto regressions = report_comparison(options.baseline, result, *page);
+  const End end = run_until_stopped(jobs, *runner, options.minutes, signals, result);
+  result.complete = end == End::kDone;
+  sort_runs(order, result.runs);
+  report_tables(options, result, jobs, end, *page);
+  const std::string& baseline = options.repeat.empty() ? options.baseline : options.repeat;
+  const auto regressions = report_comparison(baseline, result, *page);
   if (!regressions) return regressions.error();
   if (const auto written = write_result(options.json, result); !written) return written.error();
   if (const auto saved = page->save(); !saved) return saved.error();
   for (const std::string& line : *regressions) std::fprintf(stderr, "regression: %s\n", line.c_str());
-  if (!result.complete) return kInterrupted;
+  if (end == End::kSignal) return kInterrupted;
   return static_cast<int>(regressions->empty() ? kDone : kBadResult);
 }
 

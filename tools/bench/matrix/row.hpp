@@ -19,9 +19,10 @@ enum class DriveKind {
 
 /// A drive that rows share. Simulated ones differ in their seed from run to run.
 struct DriveSpec {
-  std::string name;  ///< the seed is drawn from it
+  std::string name;
   DriveKind kind = DriveKind::kSimulated;
   std::vector<std::string> options;  ///< of nilio simulate, without seed
+  std::string draws_as;              ///< drives with equal names here get equal seeds; empty = `name`
 };
 
 /// A row of the matrix: a drive, faults, and what nilio may use.
@@ -39,8 +40,8 @@ struct Matrix {
   std::vector<MatrixRow> rows;
 };
 
-/// Every scene of the simulator with two sensors, with and without an IMU, grades, levels of realism and
-/// faults; the real drives and their mangled forms.
+/// The real drives and their mangled forms; every scene of the simulator with two sensors, ideal and typical,
+/// with each grade of IMU and without one; faults of the stream, weather and dirt on chosen ones.
 Matrix full_matrix();
 /// A part of it with short drives, for every change.
 Matrix quick_matrix();
@@ -48,9 +49,16 @@ Matrix quick_matrix();
 /// The rows whose name matches the pattern of a shell (*, ?), and their drives.
 Matrix select_rows(Matrix matrix, const std::string& pattern);
 
+/// `count` rows that the commit draws: those with the smallest SHA-256(commit, "row", name). Rows keep their
+/// order; the drives come in the order of the draw, so that a run that ends early has a fair part of them.
+Matrix draw_rows(Matrix matrix, const std::string& commit, std::size_t count);
+
 /// First 64 bits of SHA-256(commit, drive, run number), so that nobody can choose what a version is measured
 /// on.
 std::uint64_t draw_seed(const std::string& commit, const std::string& drive, std::size_t run);
+
+/// The commit that is measured: given, or that of the working folder, or the version.
+std::string find_commit(const std::string& given);
 
 /// Name for files: "town_vlp16_no_imu".
 std::string slug(const std::string& name);

@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdio>
 #include <fnmatch.h>
+#include <map>
 #include <string_view>
+#include <utility>
 
 namespace nilio::tools::bench {
 
@@ -83,7 +86,7 @@ std::vector<NamedFaults> short_faults(bool reversible) {
 class MatrixBuilder {
  public:
   void add_drive(const std::string& name, DriveKind kind, std::vector<std::string> options = {}) {
-    matrix_.drives.push_back({name, kind, std::move(options)});
+    matrix_.drives.push_back({name, kind, std::move(options), {}});
   }
   /// A row of the last drive.
   void add(const std::string& suffix, bool imu, double bound, const Faults& faults = {}) {
@@ -107,8 +110,8 @@ class MatrixBuilder {
 double bound_of(const std::string& scene) { return scene == "tunnel" ? kUnobservableBound : kBound; }
 
 std::vector<std::string> scene_options(const std::string& scene, const std::string& sensor,
-                                       const std::string& seconds) {
-  return {"--scene", scene, "--sensor", sensor, "--duration", seconds};
+                                       const std::string& realism, const std::string& seconds) {
+  return {"--scene", scene, "--sensor", sensor, "--realism", realism, "--duration", seconds};
 }
 
 std::vector<std::string> with(std::vector<std::string> options, std::initializer_list<const char*> more) {
@@ -116,32 +119,72 @@ std::vector<std::string> with(std::vector<std::string> options, std::initializer
   return options;
 }
 
-void add_scenes(MatrixBuilder& builder, const std::string& seconds) {
-  for (const char* sensor : {"vlp16", "hdl64e"}) {
+bool has_fault_rows(const simulate::SceneInfo& scene, const std::string& sensor) {
+  return sensor == "vlp16" &&
+         (scene.kind == simulate::SceneKind::kTown || scene.kind == simulate::SceneKind::kHighway);
+}
+
+void add_all_faults(MatrixBuilder& builder) {
+  builder.add_faults(stream_faults(), "", true);
+  builder.add_faults(stream_faults(), kNoImu, false);
+  builder.add_faults(return_faults(), "", true);
+}
+
+void add_ideal_scenes(MatrixBuilder& builder, const std::string& seconds) {
+  for (const std::string sensor : {"vlp16", "hdl64e"}) {
     for (const simulate::SceneInfo& scene : simulate::scene_infos()) {
-      builder.add_drive(std::string(scene.name) + " " + sensor, DriveKind::kSimulated,
-                        scene_options(scene.name, sensor, seconds));
+      builder.add_drive(std::string(scene.name) + " " + sensor + " ideal", DriveKind::kSimulated,
+                        scene_options(scene.name, sensor, "ideal", seconds));
       builder.add_both(bound_of(scene.name));
-      const bool has_faults =
-          std::string_view(sensor) == "vlp16" &&
-          (scene.kind == simulate::SceneKind::kTown || scene.kind == simulate::SceneKind::kHighway);
-      if (!has_faults) continue;
-      builder.add_faults(stream_faults(), "", true);
-      builder.add_faults(stream_faults(), kNoImu, false);
-      builder.add_faults(return_faults(), "", true);
+      if (has_fault_rows(scene, sensor)) add_all_faults(builder);
+    }
+  }
+}
+
+/// Every scene and sensor as they are, with each grade of IMU and without one.
+void add_typical_scenes(MatrixBuilder& builder, const std::string& seconds) {
+  for (const std::string sensor : {"vlp16", "hdl64e"}) {
+    for (const simulate::SceneInfo& scene : simulate::scene_infos()) {
+      for (const char* grade : {"industrial", "consumer", "automotive", "tactical"}) {
+        const bool usual = std::string_view(grade) == "industrial";
+        builder.add_drive(
+            std::string(scene.name) + " " + sensor + " typical " + grade, DriveKind::kSimulated,
+            with(scene_options(scene.name, sensor, "typical", seconds), {"--imu-grade", grade}));
+        builder.add("", true, bound_of(scene.name));
+        if (!usual) continue;
+        builder.add(kNoImu, false, bound_of(scene.name));
+        if (has_fault_rows(scene, sensor)) add_all_faults(builder);
+      }
     }
   }
 }
 
 void add_variants(MatrixBuilder& builder, const std::string& seconds) {
-  const auto highway = scene_options("highway", "vlp16", seconds);
-  builder.add_drive("highway vlp16, moving start", DriveKind::kSimulated, with(highway, {"--moving-start"}));
+  const auto highway = scene_options("highway", "vlp16", "ideal", seconds);
+  builder.add_drive("highway vlp16 ideal, moving start", DriveKind::kSimulated,
+                    with(highway, {"--moving-start"}));
   builder.add_both(kBound);
-  const auto manoeuvres = scene_options("manoeuvres", "vlp16", seconds);
+  const auto manoeuvres = scene_options("manoeuvres", "vlp16", "ideal", seconds);
   for (const char* fault : {"time_offset=50", "mounting_yaw=15", "gyro_range=60", "axes=xy-z"}) {
-    builder.add_drive(std::string("manoeuvres vlp16, IMU ") + fault, DriveKind::kSimulated,
+    builder.add_drive(std::string("manoeuvres vlp16 ideal, IMU ") + fault, DriveKind::kSimulated,
                       with(manoeuvres, {"--imu-fault", fault}));
     builder.add("", true, kFaultBound);
+  }
+  for (const std::string sensor : {"vlp16", "hdl64e"}) {
+    const auto town = scene_options("town", sensor, "typical", seconds);
+    for (const char* weather : {"wet", "rain=10", "fog=100", "dust=50"}) {
+      builder.add_drive("town " + sensor + " typical, weather " + weather, DriveKind::kSimulated,
+                        with(town, {"--weather", weather}));
+      builder.add_both(kFaultBound);
+    }
+    builder.add_drive("town " + sensor + " typical, dirt on 90 degrees", DriveKind::kSimulated,
+                      with(town, {"--dirt", "90"}));
+    builder.add_both(kFaultBound);
+    for (const char* scene : {"town", "highway"}) {
+      builder.add_drive(std::string(scene) + " " + sensor + " poor", DriveKind::kSimulated,
+                        scene_options(scene, sensor, "poor", seconds));
+      builder.add_both(kFaultBound);
+    }
   }
 }
 
@@ -159,7 +202,8 @@ void add_real(MatrixBuilder& builder) {
 Matrix full_matrix() {
   MatrixBuilder builder;
   add_real(builder);
-  add_scenes(builder, "40");
+  add_ideal_scenes(builder, "40");
+  add_typical_scenes(builder, "40");
   add_variants(builder, "40");
   return builder.take();
 }
@@ -167,11 +211,16 @@ Matrix full_matrix() {
 Matrix quick_matrix() {
   MatrixBuilder builder;
   add_real(builder);
-  builder.add_drive("town vlp16", DriveKind::kSimulated, scene_options("town", "vlp16", "15"));
-  builder.add_both(kBound);
-  builder.add(std::string(kNoImu) + ", 20 % of packets lost", false, kFaultBound, stream_faults()[3].faults);
-  builder.add_drive("highway vlp16", DriveKind::kSimulated, scene_options("highway", "vlp16", "15"));
-  builder.add_both(kBound);
+  for (const char* realism : {"ideal", "typical"}) {
+    builder.add_drive(std::string("town vlp16 ") + realism, DriveKind::kSimulated,
+                      scene_options("town", "vlp16", realism, "15"));
+    builder.add_both(kBound);
+    builder.add(std::string(kNoImu) + ", 20 % of packets lost", false, kFaultBound,
+                stream_faults()[3].faults);
+    builder.add_drive(std::string("highway vlp16 ") + realism, DriveKind::kSimulated,
+                      scene_options("highway", "vlp16", realism, "15"));
+    builder.add_both(kBound);
+  }
   return builder.take();
 }
 
@@ -185,9 +234,43 @@ Matrix select_rows(Matrix matrix, const std::string& pattern) {
   return matrix;
 }
 
+Matrix draw_rows(Matrix matrix, const std::string& commit, std::size_t count) {
+  std::vector<std::pair<std::string, std::string>> order;
+  for (const MatrixRow& row : matrix.rows)
+    order.emplace_back(daemon::sha256(commit + "row" + row.name), row.name);
+  std::sort(order.begin(), order.end());
+  order.resize(std::min(count, order.size()));
+  std::map<std::string, std::size_t> place;
+  for (std::size_t i = 0; i < order.size(); ++i) place.emplace(order[i].second, i);
+  std::map<std::string, std::size_t> drive_place;
+  std::erase_if(matrix.rows, [&](const MatrixRow& row) { return !place.contains(row.name); });
+  for (const MatrixRow& row : matrix.rows) {
+    const std::size_t row_place = place.at(row.name);
+    const auto [drive, added] = drive_place.emplace(row.drive, row_place);
+    drive->second = std::min(drive->second, row_place);
+  }
+  std::erase_if(matrix.drives, [&](const DriveSpec& drive) { return !drive_place.contains(drive.name); });
+  std::sort(matrix.drives.begin(), matrix.drives.end(), [&](const DriveSpec& a, const DriveSpec& b) {
+    return drive_place.at(a.name) < drive_place.at(b.name);
+  });
+  return matrix;
+}
+
 std::uint64_t draw_seed(const std::string& commit, const std::string& drive, std::size_t run) {
   const std::string digest = daemon::sha256(commit + drive + std::to_string(run));
   return std::stoull(digest.substr(0, 16), nullptr, 16);
+}
+
+std::string find_commit(const std::string& given) {
+  if (!given.empty()) return given;
+  std::string text;
+  if (FILE* const pipe = popen("git rev-parse HEAD 2>/dev/null", "re"); pipe != nullptr) {
+    char line[128];
+    if (std::fgets(line, sizeof line, pipe) != nullptr) text = line;
+    pclose(pipe);
+  }
+  while (!text.empty() && text.back() == '\n') text.pop_back();
+  return text.empty() ? NILIO_VERSION : text;
 }
 
 std::string slug(const std::string& name) {

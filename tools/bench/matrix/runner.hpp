@@ -1,6 +1,7 @@
 #pragma once
 
 #include "tools/bench/matrix/drive.hpp"
+#include "tools/bench/matrix/jobs.hpp"
 #include "tools/bench/matrix/result.hpp"
 
 #include <atomic>
@@ -13,14 +14,6 @@
 #include <vector>
 
 namespace nilio::tools::bench {
-
-/// A drive with a seed, and the rows that are run on it.
-struct MatrixJob {
-  DriveSpec drive;
-  std::size_t number = 0;
-  std::uint64_t seed = 0;
-  std::vector<MatrixRow> rows;
-};
 
 struct RunnerOptions {
   DriveSources sources;

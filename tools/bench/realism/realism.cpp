@@ -1,5 +1,6 @@
 #include "tools/bench/realism/realism.hpp"
 
+#include "tools/bench/matrix/row.hpp"
 #include "tools/bench/odometry/run.hpp"
 #include "tools/bench/realism/scan_statistics.hpp"
 #include "tools/simulate/simulate.hpp"
@@ -99,6 +100,11 @@ Result<Rows> measure_simulated(const RealismOptions& options, std::uint64_t seed
   drive.realism = options.realism == "ideal"  ? simulate::Realism::kIdeal
                   : options.realism == "poor" ? simulate::Realism::kPoor
                                               : simulate::Realism::kTypical;
+  if (!options.effects.empty()) {
+    const auto effects = simulate::parse_effects(options.effects);
+    if (!effects) return effects.error();
+    drive.effects = *effects;
+  }
   const auto written = simulate::write_recording(drive);
   if (!written) return written.error();
   return measure(folder.path(), kSimulatedFirings, options.every);
@@ -107,6 +113,12 @@ Result<Rows> measure_simulated(const RealismOptions& options, std::uint64_t seed
 std::string joined(const std::vector<double>& values, int digits) {
   std::string text;
   for (const double value : values) text += (text.empty() ? "" : " / ") + fixed(value, digits);
+  return text;
+}
+
+std::string list_of(const std::vector<std::uint64_t>& seeds) {
+  std::string text;
+  for (const std::uint64_t seed : seeds) text += (text.empty() ? "" : ", ") + std::to_string(seed);
   return text;
 }
 
@@ -145,7 +157,11 @@ Result<std::vector<RealismRow>> compare_with_recording(const RealismOptions& opt
   return table;
 }
 
-Result<bool> run_realism_bench(const RealismOptions& options) {
+Result<bool> run_realism_bench(const RealismOptions& given) {
+  RealismOptions options = given;
+  const std::string commit = find_commit(options.commit);
+  for (std::size_t i = 1; given.seeds.empty() && i <= options.runs; ++i)
+    options.seeds.push_back(draw_seed(commit, "realism", i));
   auto page = ResultsPage::create(options.page, "Simulated and real scans");
   if (!page) return page.error();
   const auto rows = compare_with_recording(options);
@@ -163,7 +179,8 @@ Result<bool> run_realism_bench(const RealismOptions& options) {
   }
   page->paragraph(
       "Real: KITTI raw drive 0009, HDL-64E, as recorded. Simulated: HDL-64E in the town, `--realism " +
-      options.realism + "`, mean of " + std::to_string(options.seeds.size()) + " seeds, " +
+      options.realism + "`, mean of the seeds " + list_of(options.seeds) +
+      (given.seeds.empty() ? " (drawn by commit " + commit.substr(0, 12) + "), " : ", ") +
       fixed(options.seconds, 0) + " s each from a moving start. Every " + std::to_string(options.every) +
       "th scan. Bounds: the interval of two real drives of one sensor in one city, widened by 10 to 25 %.");
   page->table("Scans", table);

@@ -12,10 +12,13 @@ namespace nilio::tools::bench {
 
 /// `nilio bench realism`: simulated HDL-64E scans of the town beside a real recording.
 struct RealismOptions {
-  std::string recording;                      ///< FOLDER or FOLDER:TRUTH of KITTI's raw drive 0009
-  std::vector<std::uint64_t> seeds{1, 2, 3};  ///< towns; their mean is compared
-  double seconds = 10.0;                      ///< of each simulated drive
-  int every = 4;                              ///< every so many scans are looked at
+  std::string recording;             ///< FOLDER or FOLDER:TRUTH of KITTI's raw drive 0009
+  std::vector<std::uint64_t> seeds;  ///< towns; empty = `runs` that the commit draws
+  std::size_t runs = 3;              ///< their mean is compared
+  std::string commit;                ///< that the seeds are drawn from; empty = of the working folder
+  std::vector<std::string> effects;  ///< these alone, for studies; empty = those of `realism`
+  double seconds = 10.0;             ///< of each simulated drive
+  int every = 4;                     ///< every so many scans are looked at
   std::string realism = "typical";
   ResultsPage::Options page;
 };

@@ -1,6 +1,7 @@
 #include "tools/bench/matrix/row.hpp"
 #include "tools/simulate/scenes/scene.hpp"
 
+#include <algorithm>
 #include <set>
 #include <string>
 
@@ -48,11 +49,45 @@ TEST_CASE("the full matrix has every scene of the simulator, and the quick one r
 }
 
 TEST_CASE("a pattern selects rows and the drives that they need", "[rows]") {
-  const Matrix rows = select_rows(full_matrix(), "town vlp16*, no IMU");
+  const Matrix rows = select_rows(full_matrix(), "town vlp16 ideal*, no IMU");
   REQUIRE(rows.drives.size() == 1);
-  CHECK(rows.drives.front().name == "town vlp16");
+  CHECK(rows.drives.front().name == "town vlp16 ideal");
   for (const MatrixRow& row : rows.rows) CHECK_FALSE(row.imu);
   CHECK(select_rows(full_matrix(), "nowhere").rows.empty());
+}
+
+TEST_CASE("the matrix has typical rows with each grade of IMU and without one, the quick one some",
+          "[rows]") {
+  const Matrix full = full_matrix();
+  for (const simulate::SceneInfo& scene : simulate::scene_infos()) {
+    for (const char* grade : {"consumer", "automotive", "industrial", "tactical", "industrial, no IMU"}) {
+      INFO(scene.name << " " << grade);
+      CHECK(select_rows(full, std::string(scene.name) + " vlp16 typical " + grade).rows.size() == 1);
+      CHECK(select_rows(full, std::string(scene.name) + " hdl64e typical " + grade).rows.size() == 1);
+    }
+  }
+  CHECK(select_rows(quick_matrix(), "*typical*").rows.size() >= 4);
+}
+
+TEST_CASE("the commit draws the rows of a part, and a larger part contains the smaller one", "[rows]") {
+  const Matrix full = full_matrix();
+  const auto names = [](const Matrix& matrix) {
+    std::set<std::string> result;
+    for (const MatrixRow& row : matrix.rows) result.insert(row.name);
+    return result;
+  };
+  const auto small = names(draw_rows(full, "abc", 20));
+  const auto large = names(draw_rows(full, "abc", 60));
+  CHECK(small.size() == 20);
+  CHECK(large.size() == 60);
+  CHECK(std::includes(large.begin(), large.end(), small.begin(), small.end()));
+  CHECK(names(draw_rows(full, "abd", 20)) != small);
+  CHECK(names(draw_rows(full, "abc", 100'000)) == names(full));
+  // Only drives of drawn rows remain.
+  const Matrix part = draw_rows(full, "abc", 20);
+  for (const DriveSpec& drive : part.drives)
+    CHECK(std::any_of(part.rows.begin(), part.rows.end(),
+                      [&](const MatrixRow& row) { return row.drive == drive.name; }));
 }
 
 TEST_CASE("names for files have only letters, digits and underscores", "[rows]") {

@@ -1,0 +1,61 @@
+#include "tools/bench/matrix/jobs.hpp"
+
+#include <set>
+#include <string>
+#include <utility>
+
+#include <catch2/catch.hpp>
+
+using namespace nilio;
+using namespace nilio::tools;
+using namespace nilio::tools::bench;
+
+namespace {
+
+std::set<std::pair<std::string, std::uint64_t>> runs_of(const std::vector<MatrixJob>& jobs) {
+  std::set<std::pair<std::string, std::uint64_t>> runs;
+  for (const MatrixJob& job : jobs) {
+    for (const MatrixRow& row : job.rows) {
+      CHECK(row.drive == job.drive.name);
+      CHECK(runs.emplace(row.name, job.seed).second);
+    }
+  }
+  return runs;
+}
+
+MatrixRun run_of(const std::string& row, std::size_t number, std::uint64_t seed) {
+  MatrixRun run;
+  run.row = row;
+  run.number = number;
+  run.seed = seed;
+  return run;
+}
+
+}  // namespace
+
+TEST_CASE("every row gets all its seeds, those of the first run first, and a real drive one", "[jobs]") {
+  const Matrix matrix = select_rows(full_matrix(), "*town vlp16 ideal*");
+  MatrixOptions options;
+  options.runs = 3;
+  const std::vector<MatrixJob> jobs = make_jobs(matrix, options, "abc");
+  CHECK(count_runs(jobs) == 3 * matrix.rows.size());
+  CHECK(runs_of(jobs).size() == count_runs(jobs));
+  for (std::size_t i = 1; i < jobs.size(); ++i) CHECK(jobs[i - 1].number <= jobs[i].number);
+  CHECK(make_jobs(select_rows(full_matrix(), "KITTI 04"), options, "abc").size() == 1);
+}
+
+TEST_CASE("an earlier result is repeated run by run, without the rows that are no longer there", "[jobs]") {
+  const Matrix matrix = full_matrix();
+  MatrixResult earlier;
+  earlier.runs = {run_of("town vlp16 ideal", 1, 11), run_of("town vlp16 ideal, no IMU", 1, 11),
+                  run_of("town vlp16 ideal", 2, 12), run_of("forest hdl64e typical industrial", 1, 13),
+                  run_of("a row of another version", 1, 14)};
+  const std::vector<MatrixJob> jobs = repeated_jobs(matrix, earlier);
+  const std::set<std::pair<std::string, std::uint64_t>> expected{{"town vlp16 ideal", 11},
+                                                                 {"town vlp16 ideal, no IMU", 11},
+                                                                 {"town vlp16 ideal", 12},
+                                                                 {"forest hdl64e typical industrial", 13}};
+  CHECK(runs_of(jobs) == expected);
+  // The two rows of seed 11 share their drive.
+  CHECK(jobs.size() == 3);
+}
