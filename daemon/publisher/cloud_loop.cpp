@@ -93,8 +93,12 @@ void CloudLoop::take_path() {
   ipc::PathPose pose;
   while (inputs_.path.read(pose)) {
     if (limits_.path_poses == 0) continue;
-    if (poses_.size() == limits_.path_poses) poses_.erase(poses_.begin());
-    poses_.push_back(pose);
+    if (poses_.size() < limits_.path_poses) {
+      poses_.push_back(pose);
+    } else {
+      poses_[oldest_] = pose;
+      oldest_ = (oldest_ + 1) % poses_.size();
+    }
     path_changed_ = true;
   }
 }
@@ -107,13 +111,14 @@ void CloudLoop::publish_path(Time now) {
   if (subscribers == 0 || poses_.empty() || !path_changed_ || now < path_due_) return;
   path_due_ = now + kPathPeriod;
   path_changed_ = false;
-  path_.stamp = {poses_.back().stamp_ns};
   path_.poses.resize(poses_.size());
   for (std::size_t i = 0; i < poses_.size(); ++i) {
-    path_.poses[i].stamp = {poses_[i].stamp_ns};
-    path_.poses[i].position = poses_[i].position;
-    path_.poses[i].orientation_xyzw = poses_[i].orientation_xyzw;
+    const ipc::PathPose& pose = poses_[(oldest_ + i) % poses_.size()];
+    path_.poses[i].stamp = {pose.stamp_ns};
+    path_.poses[i].position = pose.position;
+    path_.poses[i].orientation_xyzw = pose.orientation_xyzw;
   }
+  path_.stamp = path_.poses.back().stamp;
   count(publisher_->publish_path(path_), paths_);
 }
 

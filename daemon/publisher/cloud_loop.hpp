@@ -87,7 +87,8 @@ class CloudLoop {
   CloudLimits limits_;
   RateLimit scan_rate_;
   std::unique_ptr<ipc::ScanCloud> scan_ = std::make_unique<ipc::ScanCloud>();
-  std::vector<ipc::PathPose> poses_;
+  std::vector<ipc::PathPose> poses_;  ///< a ring once it is full
+  std::size_t oldest_ = 0;
   Path path_;  // refilled
   bool path_changed_ = false;
   int path_subscribers_ = 0;
