@@ -20,6 +20,13 @@ std::optional<std::string> file_text(const fs::path& path) {
   return std::move(text).str();
 }
 
+core::Result<std::monostate> write_text(const fs::path& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (file.flush()) return std::monostate{};
+  return core::Error{path.string() + ": cannot be written - check the folder and the space on the disk"};
+}
+
 UnfinishedFile::UnfinishedFile(fs::path path) : path_(std::move(path)) {
   std::error_code ignored;
   fs::remove(path_, ignored);

@@ -14,6 +14,9 @@ namespace nilio::tools {
 /// All bytes of a file; unset when it cannot be read.
 std::optional<std::string> file_text(const std::filesystem::path& path);
 
+/// Writes a file, or says why not.
+core::Result<std::monostate> write_text(const std::filesystem::path& path, const std::string& text);
+
 /// A large file that has its name only when it is complete, so that an interrupted program leaves nothing
 /// that could be taken for a whole recording. One thread.
 class UnfinishedFile {

@@ -39,9 +39,8 @@ struct Digest {
 };
 
 std::optional<Digest> read_independently(const fs::path& file) {
-  const std::string command = std::string("/usr/bin/python3 " + nilio::tests::source_folder() +
-                                          "/tests/golden/tools/read_points.py ") +
-                              file.string();
+  const std::string command = "/usr/bin/python3 " + nilio::tests::source_folder() +
+                              "/tests/golden/tools/read_points.py " + file.string();
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> pipe(popen(command.c_str(), "r"), pclose);
   REQUIRE(pipe);
   std::string text;

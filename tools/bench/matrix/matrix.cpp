@@ -14,7 +14,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <fstream>
 #include <map>
 #include <set>
 #include <system_error>
@@ -160,10 +159,7 @@ Table seed_table(const std::vector<MatrixJob>& jobs) {
 
 Result<std::monostate> write_result(const std::string& path, const MatrixResult& result) {
   if (path.empty()) return std::monostate{};
-  std::ofstream file(path);
-  file << to_json(result);
-  if (file.flush()) return std::monostate{};
-  return Error{path + ": cannot be written - check the folder and the space on the disk"};
+  return write_text(path, to_json(result));
 }
 
 /// Adds the comparison with a baseline; returns the regressions.

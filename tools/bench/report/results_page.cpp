@@ -1,5 +1,7 @@
 #include "tools/bench/report/results_page.hpp"
 
+#include "tools/common/files.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -39,13 +41,6 @@ std::string describe_machine() {
   return processor() + ", " + std::to_string(std::thread::hardware_concurrency()) + " cores; " +
          system.sysname + " " + system.release + "; g++ " + __VERSION__ + "; nilio " NILIO_VERSION "; " +
          date.data();
-}
-
-Result<std::monostate> write_text(const fs::path& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  if (file.flush()) return std::monostate{};
-  return Error{path.string() + ": cannot be written - check the folder and the space on the disk"};
 }
 
 }  // namespace

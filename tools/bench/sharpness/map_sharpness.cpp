@@ -1,5 +1,7 @@
 #include "tools/bench/sharpness/map_sharpness.hpp"
 
+#include "tools/common/statistics.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -99,16 +101,6 @@ std::vector<ScanMoments> scan_moments(const Cloud& scan, const Isometry3d& T_mid
   return moments;
 }
 
-/// Population standard deviation.
-double spread(const std::vector<double>& values) {
-  double mean = 0.0;
-  for (const double value : values) mean += value / static_cast<double>(values.size());
-  double square = 0.0;
-  for (const double value : values)
-    square += (value - mean) * (value - mean) / static_cast<double>(values.size());
-  return std::sqrt(square);
-}
-
 AnchorFigures figures_at(std::size_t anchor, const std::vector<std::vector<ScanMoments>>& scans) {
   double votes = 0.0;
   std::size_t seen = 0;
@@ -132,13 +124,12 @@ AnchorFigures figures_at(std::size_t anchor, const std::vector<std::vector<ScanM
   const double logs = std::log(l[0] + 1e-6) + std::log(l[1] + 1e-6) + std::log(l[2] + 1e-6);
   figures.entropy = 0.5 * (3.0 * std::log(2.0 * std::numbers::pi * std::numbers::e) + logs);
   figures.planar = l[1] > 0.01 && l[0] < 0.05 * l[1];
-  std::vector<double> offsets;
+  Spread offsets;
   for (const auto& scan : scans) {
     const ScanMoments& m = scan[anchor];
-    if (m.count >= kMinPointsOfScan)
-      offsets.push_back((m.sum / m.count - mean).dot(solver.eigenvectors().col(0)));
+    if (m.count >= kMinPointsOfScan) offsets.add((m.sum / m.count - mean).dot(solver.eigenvectors().col(0)));
   }
-  figures.shift_m = spread(offsets);
+  figures.shift_m = offsets.standard_deviation();
   return figures;
 }
 

@@ -1,3 +1,5 @@
+#include "nilio/core/units.hpp"
+
 #include "tools/bench/sharpness/map_sharpness.hpp"
 
 #include <algorithm>
@@ -13,7 +15,6 @@ namespace {
 constexpr double kMinRangeM = 5.0;
 constexpr double kMaxRangeM = 50.0;
 constexpr double kCellM = 0.1;
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 
 /// The same hash as the reference implementation has, so that the same points remain where two cells collide.
 std::int64_t cell_hash(const Eigen::Vector3d& p, double cell_m) {

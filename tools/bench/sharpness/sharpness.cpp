@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <optional>
 #include <utility>
 
@@ -184,10 +183,7 @@ Result<std::monostate> write_json(const std::string& path, const std::vector<Nam
                     {"anchors", f.anchors},
                     {"windows", f.windows}});
   }
-  std::ofstream file(path);
-  file << json.dump(2) << '\n';
-  if (file.flush()) return std::monostate{};
-  return Error{path + ": cannot be written - check the folder and the space on the disk"};
+  return write_text(path, json.dump(2) + '\n');
 }
 
 }  // namespace
