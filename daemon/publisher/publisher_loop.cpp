@@ -2,8 +2,8 @@
 
 #include "nilio/core/clock.hpp"
 
-#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/reports.hpp"
+#include "ipc/messages/diagnostics.hpp"
 
 #include <algorithm>
 #include <csignal>

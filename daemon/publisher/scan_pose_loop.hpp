@@ -2,10 +2,10 @@
 
 #include "nilio/core/time.hpp"
 
-#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/reports.hpp"
 #include "ipc/histogram.hpp"
+#include "ipc/messages/diagnostics.hpp"
 #include "ipc/publisher_state.hpp"
 #include "ipc/records.hpp"
 #include "ipc/ring.hpp"

@@ -2,8 +2,8 @@
 
 #include "nilio/core/result.hpp"
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/dds/participant.hpp"
+#include "ipc/messages/messages.hpp"
 #include "ipc/scan_cloud.hpp"
 
 #include <initializer_list>

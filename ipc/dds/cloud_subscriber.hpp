@@ -2,8 +2,8 @@
 
 #include "nilio/core/result.hpp"
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/dds/participant.hpp"
+#include "ipc/messages/messages.hpp"
 
 #include <cstdint>
 #include <memory>

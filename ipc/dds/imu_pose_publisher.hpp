@@ -2,9 +2,9 @@
 
 #include "nilio/core/result.hpp"
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/imu_pose_stream.hpp"
+#include "ipc/messages/messages.hpp"
 
 #include <memory>
 

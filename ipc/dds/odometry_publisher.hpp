@@ -3,8 +3,8 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/dds/participant.hpp"
+#include "ipc/messages/messages.hpp"
 #include "ipc/records.hpp"
 
 #include <memory>

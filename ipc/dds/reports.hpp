@@ -2,8 +2,8 @@
 
 #include "nilio/core/time.hpp"
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/histogram.hpp"
+#include "ipc/messages/messages.hpp"
 #include "ipc/records.hpp"
 
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "ipc/dds/messages.hpp"
+#include "ipc/messages/messages.hpp"
 
 #include <cstdint>
 #include <functional>

@@ -1,5 +1,5 @@
 #include "daemon/exit_status.hpp"
-#include "ipc/dds/diagnostics.hpp"
+#include "ipc/messages/diagnostics.hpp"
 #include "tools/commands/commands.hpp"
 
 #include <iostream>

@@ -2,8 +2,8 @@
 
 #include "nilio/core/time.hpp"
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
+#include "ipc/messages/messages.hpp"
 #include "tools/view/live_path.hpp"
 #include "tools/view/stage_window.hpp"
 #include "tools/watch/packet_to_pose.hpp"

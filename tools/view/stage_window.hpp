@@ -1,6 +1,6 @@
 #pragma once
 
-#include "ipc/dds/messages.hpp"
+#include "ipc/messages/messages.hpp"
 #include "tools/common/statistics.hpp"
 
 #include <array>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "ipc/dds/messages.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
+#include "ipc/messages/messages.hpp"
 
 #include <cstddef>
 #include <cstdint>

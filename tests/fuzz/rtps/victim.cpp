@@ -1,10 +1,10 @@
 #include "tests/fuzz/rtps/victim.hpp"
 
-#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/imu_pose_publisher.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/dds/reports.hpp"
+#include "ipc/messages/diagnostics.hpp"
 
 #include <chrono>
 #include <csignal>

@@ -1,4 +1,4 @@
-#include "ipc/dds/diagnostics.hpp"
+#include "ipc/messages/diagnostics.hpp"
 
 #include "nilio/core/imu_check_limits.hpp"
 

@@ -1,4 +1,3 @@
-#include "ipc/dds/diagnostics.hpp"
 #include "ipc/dds/odometry_publisher.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
 #include "ipc/dds/participant.hpp"
@@ -6,6 +5,7 @@
 #include "ipc/dds/rtps_filter.hpp"
 #include "ipc/dds/types.hpp"
 #include "ipc/histogram.hpp"
+#include "ipc/messages/diagnostics.hpp"
 #include "ipc/publisher_process.hpp"
 #include "tests/support/dds_support.hpp"
 

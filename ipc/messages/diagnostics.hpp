@@ -2,7 +2,7 @@
 
 #include "nilio/core/time.hpp"
 
-#include "ipc/dds/messages.hpp"
+#include "ipc/messages/messages.hpp"
 #include "ipc/odometry_resets.hpp"
 #include "ipc/records.hpp"
 
