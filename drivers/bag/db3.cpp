@@ -117,7 +117,7 @@ std::optional<BagMessage> Db3::next() {
     if (found == topic_of_.end()) continue;
     BagMessage message;
     message.topic = found->second;
-    message.stamp = {sqlite3_column_int64(messages_.get(), 1)};
+    message.stamp = limit_stamp(sqlite3_column_int64(messages_.get(), 1));
     const auto* const blob = static_cast<const std::uint8_t*>(sqlite3_column_blob(messages_.get(), 2));
     message.data = {blob,
                     blob == nullptr ? 0 : static_cast<std::size_t>(sqlite3_column_bytes(messages_.get(), 2))};

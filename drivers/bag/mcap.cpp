@@ -250,7 +250,7 @@ void Mcap::add_message(std::span<const std::uint8_t> content) {
     return;
   }
   constexpr std::uint64_t kLatest = std::numeric_limits<std::int64_t>::max();
-  const core::Time stamp{static_cast<std::int64_t>(std::min(log_time, kLatest))};
+  const core::Time stamp = limit_stamp(static_cast<std::int64_t>(std::min(log_time, kLatest)));
   if (found->second && table_.is_wanted(*found->second))
     queue_.add({*found->second, stamp, content.subspan(kMessageHead)});
 }

@@ -69,6 +69,12 @@ class ChunkQueue {
   std::size_t next_ = 0;
 };
 
+/// A stamp of a recording in the range of ROS 1 times, 1970 to 2106: sums and differences cannot overflow.
+inline core::Time limit_stamp(std::int64_t ns) {
+  constexpr std::int64_t kLatestNs = 4'294'967'295'999'999'999;
+  return {std::clamp<std::int64_t>(ns, 0, kLatestNs)};
+}
+
 /// "sensor_msgs/msg/PointCloud2" as "sensor_msgs/PointCloud2".
 inline std::string plain_type(std::string_view type) {
   std::string result(type);
