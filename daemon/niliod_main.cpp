@@ -73,9 +73,9 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option(
       "--config", arguments.config_file,
       "configuration file (YAML); without one niliod listens on the ports of a Velodyne and publishes");
-  app.add_option(
-         "--replay", arguments.replay,
-         "replay a folder or files instead of live sensors: capture, CAN log, or KITTI sequence folder")
+  app.add_option("--replay", arguments.replay,
+                 "replay a folder or files instead of live sensors: capture, CAN log, ROS bag (rosbag1, db3, "
+                 "MCAP), or KITTI sequence folder")
       ->expected(1, -1);
   app.add_option("--speed", arguments.speed, "pace of a replay: as recorded, or as fast as possible")
       ->check(CLI::IsMember({"real", "max"}))
@@ -93,7 +93,8 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option(
       "--output", arguments.output,
       "output folder: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, latency.json, "
-      "config.yaml, map.ply, and under live rules decisions.jsonl. A replay refuses a folder with an earlier "
+      "config.yaml, map.ply, and under live rules decisions.jsonl. A replay refuses a folder with "
+      "an earlier "
       "run; a live run "
       "writes to FOLDER-2, FOLDER-3, ... instead");
   app.add_flag("--force", arguments.force, "replace the files of an earlier run in the output folder");

@@ -155,6 +155,14 @@ struct RealtimeSection {
   bool strict = false;
 };
 
+/// Choices of a replayed ROS bag.
+struct RecordingSection {
+  std::string lidar_topic;
+  std::string imu_topic;
+  std::string base_frame;
+  std::string point_times = "auto";
+};
+
 struct OutputSection {
   bool map = true;
   double map_voxel_m = 0.3;
@@ -181,6 +189,7 @@ struct Config {
   OdometrySection odometry;
   PublisherSection publisher;
   RealtimeSection realtime;
+  RecordingSection recording;
   OutputSection output;
   LogSection log;
   /// No value: has no effect on a run.

@@ -1,6 +1,7 @@
 #include "daemon/config/schema.hpp"
 
 #include "nilio/core/registration_method.hpp"
+#include "nilio/drivers/bag/point_cloud.hpp"
 #include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"
 
@@ -255,6 +256,20 @@ void add_realtime(Section s, RealtimeSection& c) {
   s.add("strict", &c.strict, "exit if a required privilege or CPU is missing");
 }
 
+void add_recording(Section s, RecordingSection& c) {
+  s.add("lidar_topic", &c.lidar_topic, "ROS bag: topic of packets or point clouds; empty = the only one");
+  s.add("imu_topic", &c.imu_topic,
+        "ROS bag: topic of sensor_msgs/Imu or can_msgs/Frame; empty = the only one");
+  s.add("base_frame", &c.base_frame,
+        "ROS bag: frame of /tf_static that is base_link and places LiDAR and IMU; empty = the LiDAR's frame, "
+        "unless an extrinsic is configured");
+  const auto names = drivers::point_times_names();
+  s.choice("point_times", c.point_times, {names.begin(), names.end()},
+           "point clouds: what the header's stamp is the time of (start, middle, end of the sweep), times by "
+           "azimuth, "
+           "or none; auto = recognised from the data");
+}
+
 }  // namespace
 
 std::string extra_lidar_section(std::size_t index) { return "lidar" + std::to_string(index + 2); }
@@ -268,6 +283,7 @@ std::vector<ConfigKey> config_keys(Config& config) {
   add_odometry({keys, "odometry"}, config.odometry);
   add_publisher({keys, "publisher"}, config.publisher);
   add_realtime({keys, "realtime"}, config.realtime);
+  add_recording({keys, "recording"}, config.recording);
   Section output(keys, "output");
   output.add("map", &config.output.map, "write map.ply into the output folder");
   output.number("map_voxel_m", &config.output.map_voxel_m, "m", 0.05, 10, "voxel size of map.ply");

@@ -7,6 +7,7 @@
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include "daemon/config/schema.hpp"
+#include "daemon/input/bag_input.hpp"
 #include "daemon/input/imu_input.hpp"
 #include "daemon/input/kitti_sequence.hpp"
 #include "daemon/input/sender_selection.hpp"
@@ -65,9 +66,12 @@ bool has_motion(const drivers::Packet& packet) {
   return position && position->motion;
 }
 
-Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, const LidarConfig& config,
-                                        const std::string& section, Input& input) {
-  Result<std::unique_ptr<drivers::PacketSource>> source = drivers::chain_captures(paths, pcap_config(config));
+using OpenPackets = std::function<Result<std::unique_ptr<drivers::PacketSource>>()>;
+
+/// `open` opens the recorded packets, and `name` names them.
+Result<CaptureHead> identify_recorded(const OpenPackets& open, const std::string& name,
+                                      const LidarConfig& config, const std::string& section, Input& input) {
+  Result<std::unique_ptr<drivers::PacketSource>> source = open();
   if (!source) return source.error();
   CaptureHead head;
   const std::optional<std::uint32_t> sender = find_sender(**source);
@@ -75,7 +79,7 @@ Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, c
     head.status = (*source)->status();
     return head;
   }
-  source = drivers::chain_captures(paths, pcap_config(config));
+  source = open();
   if (!source) return source.error();
   SensorIdentification identification(config, section);
   std::vector<drivers::Packet> packets(kReadBatch);
@@ -92,13 +96,18 @@ Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, c
     }
   }
   if (state == SensorIdentification::State::kUndecided) state = identification.finish();
-  if (state == SensorIdentification::State::kRejected)
-    return Error{paths.front() + ": " + identification.problem()};
+  if (state == SensorIdentification::State::kRejected) return Error{name + ": " + identification.problem()};
   const std::string prefix = section == "lidar" ? "" : section + ": ";
   for (const std::string& note : identification.notes()) input.notes.push_back(prefix + note);
   for (const std::string& warning : identification.warnings()) input.warnings.push_back(warning);
   head.sensor = identification.take();
   return head;
+}
+
+Result<CaptureHead> identify_in_capture(const std::vector<std::string>& paths, const LidarConfig& config,
+                                        const std::string& section, Input& input) {
+  const auto open = [&] { return drivers::chain_captures(paths, pcap_config(config)); };
+  return identify_recorded(open, paths.front(), config, section, input);
 }
 
 std::string describe(const std::vector<std::string>& parts) {
@@ -249,6 +258,24 @@ Result<std::monostate> open_more_sockets(const Config& config, Input& input) {
 
 }  // namespace
 
+void apply_extrinsics(const Input& input, Config& config) {
+  if (input.lidar_extrinsic) config.lidar.extrinsic = *input.lidar_extrinsic;
+  if (input.imu_extrinsic) config.imu.extrinsic = *input.imu_extrinsic;
+}
+
+Result<std::monostate> open_recorded_packets(const OpenPackets& open, const std::string& name,
+                                             const Config& config, Input& input) {
+  Result<CaptureHead> head = identify_recorded(open, name, config.lidar, "lidar", input);
+  if (!head) return head.error();
+  if (!head->sensor) return Error{head->status};
+  Result<std::unique_ptr<drivers::PacketSource>> packets = open();
+  if (!packets) return packets.error();
+  input.packets = std::move(packets).value();
+  input.sensor = std::move(head->sensor);
+  input.first_stamp = head->first_stamp;
+  return std::monostate{};
+}
+
 void apply_recording_defaults(const ReplayFiles& files, Config& config) {
   // The KITTI scanner reads 0.205 degrees low (Deschaud 2018, IMLS-SLAM); a property of the data set.
   if (!files.kitti_sequence.empty()) config.lidar.elevation_correction_deg = 0.205;
@@ -275,6 +302,14 @@ Result<Input> open_replay(const ReplayFiles& files, const Config& config) {
     input.scans = std::move(sequence->feed);
     input.T_camera_lidar = sequence->T_camera_lidar;
     return input;
+  }
+  if (!files.bags.empty()) {
+    // A CAN log beside the bag holds the IMU.
+    const bool has_log = !files.can_logs.empty() && config.recording.imu_topic.empty();
+    Result<Input> bag = open_bag_replay(files.bags, config, has_log ? ImuPlace::kElsewhere : ImuPlace::kBag);
+    if (!bag || !has_log) return bag;
+    if (auto imu = open_recorded_imu(files, config, false, *bag); !imu) return imu.error();
+    return bag;
   }
   if (auto checked = check_told_apart(config); !checked) return checked.error();
   Result<CaptureHead> head = identify_in_capture(files.captures, config.lidar, "lidar", input);

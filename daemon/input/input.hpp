@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 #include "nilio/core/se3.hpp"
+#include "nilio/drivers/bag/sources.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/source.hpp"
@@ -12,6 +13,7 @@
 #include "daemon/input/scan_feed.hpp"
 #include "daemon/output/can_watch.hpp"
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -43,16 +45,29 @@ struct Input {
   std::optional<drivers::ImuDecoder> imu_decoder;
   /// Live with imu.preset auto.
   std::unique_ptr<drivers::ImuIdentification> imu_identification;
+  /// Recorded samples of an IMU that needs no decoder, instead of frames.
+  std::unique_ptr<drivers::SampleSource> samples;
   /// Set for live frames only.
   std::unique_ptr<CanWatch> can_watch;
   /// Stamp of the recording's first packet, for paced replay.
   std::optional<core::Time> first_stamp;
   /// Set for data sets that state their poses in a camera frame.
   std::optional<core::SE3> T_camera_lidar;
+  /// Mounting that the recording states; replaces the configured one.
+  std::optional<ExtrinsicConfig> lidar_extrinsic;
+  std::optional<ExtrinsicConfig> imu_extrinsic;
   /// Log lines: opened sources, and warnings such as a missing IMU.
   std::vector<std::string> notes;
   std::vector<std::string> warnings;
 };
+
+/// Writes the mounting that the recording states into the configuration.
+void apply_extrinsics(const Input& input, Config& config);
+
+/// Opens recorded packets of one LiDAR and identifies its sensor. `open` opens the source, `name` names it.
+core::Result<std::monostate> open_recorded_packets(
+    const std::function<core::Result<std::unique_ptr<drivers::PacketSource>>()>& open,
+    const std::string& name, const Config& config, Input& input);
 
 /// Applies the defaults of a recording: KITTI's elevation correction. Call before any configuration file.
 void apply_recording_defaults(const ReplayFiles& files, Config& config);

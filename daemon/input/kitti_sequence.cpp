@@ -81,7 +81,8 @@ class KittiScanFeed : public ScanFeed {
       point.y = buffer_[i + 1];
       point.z = buffer_[i + 2];
       point.intensity = 255.0F * buffer_[i + 3];
-      scan.points.push_back(point);
+      // Files of some tools end with points at the origin, which are no returns.
+      if (point.x != 0.0F || point.y != 0.0F || point.z != 0.0F) scan.points.push_back(point);
     }
     return true;
   }

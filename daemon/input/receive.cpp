@@ -169,4 +169,38 @@ void ImuReceiver::deliver(const core::ImuSample& sample, std::int64_t received_n
 
 void ImuReceiver::finish() { announce_end(state_, data_event_); }
 
+SampleReceiver::SampleReceiver(drivers::SampleSource& source, ipc::Ring<core::ImuSample>& ring,
+                               ipc::WakeEvent& data_event, const ReceivePolicy& policy, ReceiveState& state,
+                               ipc::PublisherProcess* publisher)
+    : source_(source),
+      ring_(ring),
+      data_event_(data_event),
+      policy_(policy),
+      state_(state),
+      publisher_(publisher) {}
+
+bool SampleReceiver::run() {
+  if (state_.stop.load(std::memory_order_relaxed)) return false;
+  if (waiting_.empty()) {
+    if (at_end_) return false;
+    const drivers::SourceRead read = source_.read(samples_, kReadTimeout);
+    at_end_ = has_ended(read.state, state_);
+    waiting_ = std::span(samples_).first(read.count);
+  }
+  for (; !waiting_.empty(); waiting_ = waiting_.subspan(1)) {
+    const core::ImuSample& sample = waiting_.front();
+    if (ring_.begin_write(1).empty()) {
+      sleep_ns(kRoomPollNs);
+      return true;
+    }
+    if (!wait_until_due(sample.stamp, policy_.pace)) return true;
+    if (publisher_ != nullptr) publisher_->publish_sample({sample, monotonic_ns()});
+    ring_.try_push(sample);
+    if (state_.is_awaited.load(std::memory_order_seq_cst)) data_event_.notify();
+  }
+  return true;
+}
+
+void SampleReceiver::finish() { announce_end(state_, data_event_); }
+
 }  // namespace nilio::daemon

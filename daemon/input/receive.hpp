@@ -3,6 +3,7 @@
 #include "nilio/core/clock.hpp"
 #include "nilio/core/scan.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/drivers/bag/sources.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 #include "nilio/drivers/imu/detect.hpp"
 #include "nilio/drivers/source.hpp"
@@ -122,6 +123,33 @@ class ImuReceiver {
   std::span<const drivers::CanFrame> waiting_;
   /// Samples of the identification that are not delivered yet.
   std::span<const drivers::ReceivedSample> backlog_;
+  bool at_end_ = false;
+};
+
+/// Work of the IMU receive thread for recorded samples: as ImuReceiver, without decoding.
+class SampleReceiver {
+ public:
+  SampleReceiver(drivers::SampleSource& source, ipc::Ring<core::ImuSample>& ring, ipc::WakeEvent& data_event,
+                 const ReceivePolicy& policy, ReceiveState& state,
+                 ipc::PublisherProcess* publisher = nullptr);
+
+  /// One round: at most one batch. False at the end of the source, on failure and on stop.
+  bool run();
+  /// Announces the end; after the last round.
+  void finish();
+
+ private:
+  static constexpr std::size_t kBatch = 64;
+
+  drivers::SampleSource& source_;
+  ipc::Ring<core::ImuSample>& ring_;
+  ipc::WakeEvent& data_event_;
+  const ReceivePolicy& policy_;
+  ReceiveState& state_;
+  ipc::PublisherProcess* publisher_;
+  std::array<core::ImuSample, kBatch> samples_{};
+  /// Samples read and not yet delivered.
+  std::span<const core::ImuSample> waiting_;
   bool at_end_ = false;
 };
 

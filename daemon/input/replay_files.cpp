@@ -1,5 +1,6 @@
 #include "daemon/input/replay_files.hpp"
 
+#include "nilio/drivers/bag/bag.hpp"
 #include "nilio/drivers/capture/file_kind.hpp"
 
 #include "daemon/input/kitti_sequence.hpp"
@@ -65,9 +66,28 @@ Result<std::monostate> put_part(std::vector<std::string>& parts, const fs::path&
   return std::monostate{};
 }
 
+/// Number at the end of the name of a part, such as 12 of drive_12.bag.
+bool has_part_number(const fs::path& path) {
+  const std::string stem = path.stem().string();
+  const std::size_t digits = stem.size() - (stem.find_last_not_of("0123456789") + 1);
+  return digits > 0 && digits < stem.size() && stem[stem.size() - digits - 1] == '_';
+}
+
+Result<std::monostate> put_bag(const fs::path& path, ReplayFiles& files, bool named_by_user) {
+  if (!files.bags.empty() && !named_by_user &&
+      !(has_part_number(files.bags.front()) && has_part_number(path)))
+    return Error{path.string() + ": a second ROS bag beside " + files.bags.front() +
+                 ": name the one to replay"};
+  files.bags.push_back(path.string());
+  return std::monostate{};
+}
+
 Result<std::monostate> sort_file(const fs::path& path, ReplayFiles& files, bool named_by_user) {
+  // run.mcap is an output of niliod, no input of the next run.
+  if (path.filename() == "run.mcap" && !named_by_user) return std::monostate{};
   if (path.filename() == "nilio.yaml") return put(files.configuration, path.string(), "configuration");
   const FileKind kind = drivers::file_kind(path.string());
+  if (kind == FileKind::kBag) return put_bag(path, files, named_by_user);
   if (kind == FileKind::kCapture) return put_part(files.captures, path, "capture");
   // Text logs of other forms than candump -L are taken by their name; other programs write *.log files, too.
   const std::string extension = path.extension().string();
@@ -85,6 +105,13 @@ Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
   if (!fs::exists(path, error)) return Error{path + ": does not exist"};
   if (!fs::is_directory(path, error)) return sort_file(path, files, true);
   if (is_kitti_sequence(path)) return put(files.kitti_sequence, path, "KITTI sequence");
+  if (fs::exists(fs::path(path) / "metadata.yaml", error)) {
+    auto bags = drivers::bag_files(path);
+    if (!bags) return bags.error();
+    files.bags.insert(files.bags.end(), bags->begin(), bags->end());
+    const fs::path configuration = fs::path(path) / "nilio.yaml";
+    return fs::exists(configuration, error) ? sort_file(configuration, files, true) : std::monostate{};
+  }
   std::set<fs::path> entries;
   for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
     entries.insert(entry->path());
@@ -108,17 +135,22 @@ Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths) {
     return Error{files.captures.front() + ": beside the KITTI sequence " + files.kitti_sequence +
                  ": replay one of them"};
   }
+  if (!files.bags.empty() && !(files.captures.empty() && files.kitti_sequence.empty())) {
+    const std::string& other = files.captures.empty() ? files.kitti_sequence : files.captures.front();
+    return Error{files.bags.front() + ": beside " + other + ": replay one of them"};
+  }
   return files;
 }
 
 Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
   Result<ReplayFiles> files = sort_replay_files(paths);
-  if (files && files->captures.empty() && files->kitti_sequence.empty()) {
+  if (files && files->captures.empty() && files->bags.empty() && files->kitti_sequence.empty()) {
     if (!files->unreadable.empty())
       return Error{files->unreadable.front() + ": " + drivers::why_no_recording(files->unreadable.front())};
-    return Error{
-        paths.front() +
-        ": nothing to replay: expected a capture (.pcap, .pcapng) or a KITTI sequence (velodyne/*.bin)"};
+    return Error{paths.front() +
+                 ": nothing to replay: expected a capture (.pcap, .pcapng), a ROS bag (.bag, .db3, .mcap) or "
+                 "a KITTI sequence "
+                 "(velodyne/*.bin)"};
   }
   return files;
 }

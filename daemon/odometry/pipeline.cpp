@@ -104,6 +104,7 @@ Pipeline::Pipeline(const Config& config, Input input, const PipelineOptions& opt
       decisions_(ipc::Ring<ScanDecision>::in_private_memory(kPoseSlots)),
       data_event_(std::move(data_event)),
       output_event_(std::move(output_event)) {
+  apply_extrinsics(input_, config_);
   policy_.rules = options_.rules;
   make_feed();
   if (!options_.record) return;
@@ -194,7 +195,7 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   outputs.event = &output_event_;
   outputs.publisher = publisher_;
   outputs.observer = options_.observer;
-  const bool with_imu = input_.frames != nullptr || input_.has_lidar_imu;
+  const bool with_imu = input_.frames != nullptr || input_.samples != nullptr || input_.has_lidar_imu;
   ReceiveState& imu_state = input_.has_lidar_imu ? lidars_.front()->state : imu_state_;
   outputs.imu_health = with_imu ? &imu_health_ : nullptr;
   outputs.decisions = options_.rules.are_live() ? &decisions_ : nullptr;
@@ -263,7 +264,7 @@ void Pipeline::start_thread(ThreadRole role, RealtimeWork work, std::vector<Plan
 Result<std::vector<PlanOutcome>> Pipeline::start() {
   prepare_heap(plan_);
   std::vector<PlanOutcome> outcomes{lock_process_memory(plan_), check_throttling(plan_)};
-  if (options_.rules.is_paced() && !input_.first_stamp) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
+  if (options_.rules.is_paced() && !input_.packets) feed_->set_pace(monotonic_ns() + kPaceLeadNs);
   start_thread(ThreadRole::kOdometry, odometry_work(), outcomes);
   if (guard_) start_thread(ThreadRole::kDeadlineGuard, {.run = [this] { return guard_->run(); }}, outcomes);
   if (options_.rules.is_paced() && input_.first_stamp)
@@ -277,10 +278,18 @@ Result<std::vector<PlanOutcome>> Pipeline::start() {
         {.run = [receiver] { return receiver->run(); }, .finish = [receiver] { receiver->finish(); }},
         outcomes);
   }
+  // An unpaced replay has samples seconds before the scans they belong to.
+  ipc::PublisherProcess* const imu_poses =
+      options_.rules.has_sensors() || policy_.pace ? publisher_ : nullptr;
+  if (input_.samples) {
+    const auto receiver = std::make_shared<SampleReceiver>(*input_.samples, imu_ring_, data_event_, policy_,
+                                                           imu_state_, imu_poses);
+    start_thread(
+        ThreadRole::kImuReceive,
+        {.run = [receiver] { return receiver->run(); }, .finish = [receiver] { receiver->finish(); }},
+        outcomes);
+  }
   if (input_.frames) {
-    // An unpaced replay has samples seconds before the scans they belong to.
-    ipc::PublisherProcess* const imu_poses =
-        options_.rules.has_sensors() || policy_.pace ? publisher_ : nullptr;
     const auto receiver = std::make_shared<ImuReceiver>(
         *input_.frames, input_.imu_decoder, input_.imu_identification.get(), imu_ring_, data_event_, policy_,
         imu_state_, imu_poses, recorded_frames());

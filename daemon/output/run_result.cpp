@@ -100,6 +100,7 @@ Result<nlohmann::json> describe_inputs(const ReplayFiles& files, const Config& c
                                        const std::string& decisions_file) {
   std::vector<std::string> names = files.captures;
   names.insert(names.end(), files.can_logs.begin(), files.can_logs.end());
+  names.insert(names.end(), files.bags.begin(), files.bags.end());
   names.insert(names.end(), {config.imu.dbc, config.lidar.calibration, decisions_file});
   for (const ExtraLidarConfig& lidar : config.more_lidars) {
     if (lidar.enabled) names.push_back(lidar.calibration);

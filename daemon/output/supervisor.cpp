@@ -209,6 +209,7 @@ Result<std::monostate> Supervisor::open() {
   if (!input) return input.error();
   for (const std::string& note : input->notes) spdlog::info("{}", note);
   for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
+  apply_extrinsics(*input, config_);
   if (auto opened = open_publisher(); !opened) return opened;
   can_watch_ = std::move(input->can_watch);
   const std::optional<core::SE3> T_camera_lidar = input->T_camera_lidar;

@@ -61,6 +61,12 @@ bool is_capture(std::string_view head) {
                      [&](std::string_view magic) { return head.starts_with(magic); });
 }
 
+bool is_bag(std::string_view head) {
+  constexpr std::array kMagics{"#ROSBAG V"sv, "SQLite format 3"sv, "\x89MCAP"sv};
+  return std::any_of(kMagics.begin(), kMagics.end(),
+                     [&](std::string_view magic) { return head.starts_with(magic); });
+}
+
 bool is_can_log(std::string_view head) {
   while (!head.empty()) {
     const std::size_t end = std::min(head.find('\n'), head.size());
@@ -76,6 +82,7 @@ FileKind file_kind(const std::string& path) {
   if (path.ends_with(kPartialSuffix)) return FileKind::kOther;
   const std::string head = read_head(path);
   if (is_capture(head)) return FileKind::kCapture;
+  if (is_bag(head)) return FileKind::kBag;
   if (is_can_log(head)) return FileKind::kCanLog;
   const fs::path name(path);
   constexpr std::array kCaptures{".pcap"sv, ".pcapng"sv, ".cap"sv};
@@ -90,15 +97,18 @@ FileKind file_kind(const std::string& path) {
 }
 
 std::string why_no_recording(const std::string& path) {
+  constexpr const char* kPointFiles =
+      "is a single point cloud without a time; write the clouds of a drive into a ROS bag as "
+      "sensor_msgs/PointCloud2 "
+      "with a field of times";
   struct Known {
     std::string_view magic;
     const char* text;
   };
-  constexpr std::array<Known, 4> kKnown{{
+  constexpr std::array<Known, 3> kKnown{{
       {"PK\x03\x04"sv, "is a zip archive; unpack it"},
-      {"#ROSBAG"sv, "is a ROS bag; captures and CAN logs are read"},
-      {"SQLite format 3"sv, "is an SQLite file, perhaps a ROS 2 bag; captures and CAN logs are read"},
-      {"\x89MCAP"sv, "is an MCAP file; captures and CAN logs are read"},
+      {"# .PCD v"sv, kPointFiles},
+      {"ply\n"sv, kPointFiles},
   }};
   if (path.ends_with(kPartialSuffix))
     return "is unfinished: the program that wrote it was interrupted; record again, or rename it to use what "
@@ -111,7 +121,8 @@ std::string why_no_recording(const std::string& path) {
   for (const Known& known : kKnown) {
     if (head.starts_with(known.magic)) return known.text;
   }
-  return "is neither a capture (pcap, pcapng) nor a CAN log ('candump -L': (1700000000.123456) can0 "
+  return "is neither a capture (pcap, pcapng) nor a ROS bag (bag, db3, mcap) nor a CAN log ('candump -L': "
+         "(1700000000.123456) can0 "
          "034#0000000009CF)";
 }
 

@@ -11,14 +11,16 @@ namespace nilio::tools {
 void add_inspect_command(CLI::App& app, int& status) {
   auto options = std::make_shared<inspect::Options>();
   CLI::App* command = app.add_subcommand(
-      "inspect", "report the contents of captures and CAN logs, and write a configuration for them");
+      "inspect",
+      "report the contents of captures, ROS bags and CAN logs, and write a configuration for them");
   command->footer(
       "Captures (pcap, pcapng) and CAN logs (candump -L) are recognised by their content; folders are "
       "searched.\n"
       "With LiDAR and IMU the odometry runs, with the recording's own nilio.yaml or --config, and the IMU "
       "is checked against the registered motion: axes, mounting, units, clock. Corrections are printed and "
       "go into --write-config.");
-  command->add_option("recording", options->paths, "captures, CAN logs, or folders of them")->required();
+  command->add_option("recording", options->paths, "captures, ROS bags, CAN logs, or folders of them")
+      ->required();
   command->add_option("--json", options->json_path,
                       "also write the findings as JSON; '-': only JSON, to standard output");
   command->add_option("--dbc", options->dbc_path,

@@ -35,6 +35,9 @@ core::Result<std::unique_ptr<play::PlaySession>> open_session(PlayArguments& arg
         files->kitti_sequence +
         ": a KITTI sequence has no packets to send; 'nilio convert kitti-raw' makes packets of "
         "KITTI's raw drives"};
+  if (!files->bags.empty())
+    return core::Error{files->bags.front() +
+                       ": a ROS bag is replayed by 'niliod --replay', not sent as packets"};
   config.captures = files->captures;
   config.can_logs = files->can_logs;
   config.longest_gap = core::Duration::from_seconds(arguments.longest_gap_s);

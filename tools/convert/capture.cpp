@@ -30,6 +30,7 @@ constexpr std::size_t kBatch = 64;
 Result<daemon::Input> open_input(const CaptureOptions& options, daemon::Config& config) {
   const auto files = daemon::find_replay_files({options.recording});
   if (!files) return files.error();
+  if (!files->bags.empty()) return Error{files->bags.front() + ": is a ROS bag, not a capture"};
   if (files->captures.empty())
     return Error{files->kitti_sequence + ": has no packets - its velodyne/*.bin are point clouds already"};
   auto loaded = daemon::replay_config(*files, options.config_file);

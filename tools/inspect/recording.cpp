@@ -1,5 +1,6 @@
 #include "tools/inspect/recording.hpp"
 
+#include "nilio/drivers/bag/bag.hpp"
 #include "nilio/drivers/capture/file_kind.hpp"
 
 #include <algorithm>
@@ -13,8 +14,20 @@ namespace {
 namespace fs = std::filesystem;
 using drivers::FileKind;
 
+void add_bag(const std::vector<std::string>& files, RecordingFindings& findings) {
+  core::Result<BagFindings> bag = inspect_bag(files);
+  if (!bag) {
+    findings.problems.push_back(bag.error().message);
+    return;
+  }
+  if (!bag->usable()) findings.problems.push_back(bag->problem);
+  findings.bags.push_back(std::move(bag).value());
+}
+
 void inspect_file(const fs::path& path, bool named_by_user, const drivers::DbcDatabase* dbc,
                   RecordingFindings& findings) {
+  // run.mcap is an output of niliod.
+  if (path.filename() == "run.mcap" && !named_by_user) return;
   const FileKind kind = drivers::file_kind(path.string());
   std::error_code error;
   const bool is_empty = fs::is_regular_file(path, error) && fs::file_size(path, error) == 0 && !error;
@@ -22,6 +35,10 @@ void inspect_file(const fs::path& path, bool named_by_user, const drivers::DbcDa
     const bool unfinished = path.extension() == drivers::kPartialSuffix;
     if (named_by_user || unfinished || kind != FileKind::kOther)
       findings.problems.push_back(path.string() + ": " + drivers::why_no_recording(path.string()));
+    return;
+  }
+  if (kind == FileKind::kBag) {
+    add_bag({path.string()}, findings);
     return;
   }
   if (kind == FileKind::kCapture) {
@@ -45,16 +62,29 @@ void inspect_file(const fs::path& path, bool named_by_user, const drivers::DbcDa
 
 void inspect_folder(const fs::path& folder, const drivers::DbcDatabase* dbc, RecordingFindings& findings) {
   std::error_code code;
+  if (fs::exists(folder / "metadata.yaml", code)) {
+    const auto files = drivers::bag_files(folder.string());
+    if (files) {
+      add_bag(*files, findings);
+    } else {
+      findings.problems.push_back(files.error().message);
+    }
+    return;
+  }
   std::set<fs::path> entries;
   for (fs::directory_iterator entry(folder, code), end; !code && entry != end; entry.increment(code))
     if (entry->is_regular_file(code)) entries.insert(entry->path());
-  const std::size_t before = findings.captures.size() + findings.can_logs.size() + findings.problems.size();
+  const auto found = [&] {
+    return findings.captures.size() + findings.can_logs.size() + findings.bags.size() +
+           findings.problems.size();
+  };
+  const std::size_t before = found();
   for (const fs::path& entry : entries) inspect_file(entry, false, dbc, findings);
   if (code) {
     findings.problems.push_back(folder.string() + ": cannot be read (" + code.message() + ")");
-  } else if (before == findings.captures.size() + findings.can_logs.size() + findings.problems.size()) {
-    findings.problems.push_back(folder.string() +
-                                ": no capture (pcap, pcapng) or CAN log (candump -L) in this folder");
+  } else if (before == found()) {
+    findings.problems.push_back(
+        folder.string() + ": no capture (pcap, pcapng), ROS bag or CAN log (candump -L) in this folder");
   }
 }
 
@@ -71,6 +101,7 @@ TimeRelation relate(const CanFindings& can, const CaptureFindings& capture) {
 
 bool RecordingFindings::usable() const {
   return std::any_of(captures.begin(), captures.end(), [](const CaptureFindings& c) { return c.usable(); }) ||
+         std::any_of(bags.begin(), bags.end(), [](const BagFindings& b) { return b.usable(); }) ||
          std::any_of(can_logs.begin(), can_logs.end(), [](const CanFindings& c) { return c.usable(); });
 }
 

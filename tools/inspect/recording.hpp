@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
+#include "tools/inspect/bag.hpp"
 #include "tools/inspect/can.hpp"
 #include "tools/inspect/capture.hpp"
 #include "tools/inspect/drive.hpp"
@@ -28,6 +29,7 @@ TimeRelation relate(const CanFindings& can, const CaptureFindings& capture);
 struct RecordingFindings {
   std::vector<CaptureFindings> captures;
   std::vector<CanFindings> can_logs;
+  std::vector<BagFindings> bags;
   /// Result of the IMU check; unset if it was not run or, with a reason, failed.
   std::optional<DriveFindings> drive;
   std::string drive_problem;

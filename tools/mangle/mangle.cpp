@@ -77,6 +77,8 @@ Result<Summary> mangle(const Options& options) {
   if (auto checked = check_faults(options.faults); !checked) return checked.error();
   const auto files = daemon::find_replay_files({options.input});
   if (!files) return files.error();
+  if (!files->bags.empty())
+    return Error{files->bags.front() + ": is a ROS bag - give a capture or a KITTI sequence"};
   if (auto prepared = prepare_output(options.output); !prepared) return prepared.error();
   Result<Summary> summary =
       files->captures.empty() ? mangle_kitti(files->kitti_sequence, options) : mangle_packets(options);

@@ -127,7 +127,7 @@ TEST_CASE("a replay reads the calibration transmitted by an HDL-64E ahead and st
 TEST_CASE("a damaged KITTI scan is delivered as an empty scan with a warning that names the file",
           "[replay_files]") {
   const TemporaryFolder folder;
-  const std::string whole(160, '\0');
+  const std::string whole(160, '\x3F');
   const std::map<std::string, std::string> content{{"velodyne/000000.bin", whole},
                                                    {"velodyne/000001.bin", whole.substr(0, 150)},
                                                    {"velodyne/000002.bin", whole},

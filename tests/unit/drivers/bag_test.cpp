@@ -58,7 +58,7 @@ class Drive {
   /// False without the writer.
   [[nodiscard]] bool write_rosbag(const std::string& compression) const {
     const std::string command = std::string("/usr/bin/python3 ") + nilio::tests::source_folder() +
-                                "/tests/support/bags/write_rosbag.py " + folder_.path().string() + " " +
+                                "/tests/recordings/write_rosbag.py " + folder_.path().string() + " " +
                                 path("drive.bag").string() + " " + compression;
     const int status = std::system(command.c_str());
     if (WEXITSTATUS(status) == 77) return false;

@@ -269,7 +269,7 @@ TEST_CASE("missing files and folders without recordings are errors with a messag
   write(folder.path() / "notes.txt", "hello\n");
   const CommandResult empty = run_inspect(folder.path().string());
   CHECK(empty.status == 1);
-  CHECK_THAT(empty.errors, Contains("no capture (pcap, pcapng) or CAN log"));
+  CHECK_THAT(empty.errors, Contains("no capture (pcap, pcapng), ROS bag or CAN log"));
   const CommandResult missing = run_inspect((folder.path() / "none.pcap").string());
   CHECK(missing.status == 1);
   CHECK_THAT(missing.errors, Contains("no such file or folder"));

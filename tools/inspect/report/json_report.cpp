@@ -295,6 +295,19 @@ std::string inspect_json(const RecordingFindings& findings) {
     result["captures"].push_back(capture_json(capture));
   for (const CanFindings& can : findings.can_logs)
     result["can_logs"].push_back(can_json(can, findings.captures));
+  for (const BagFindings& bag : findings.bags) {
+    json topics = json::array();
+    for (const drivers::BagTopicSurvey& topic : bag.survey.topics)
+      topics.push_back({{"name", topic.topic.name},
+                        {"type", topic.topic.type},
+                        {"messages", topic.messages},
+                        {"rate_hz", topic.rate_hz()}});
+    result["bags"].push_back({{"files", bag.files},
+                              {"topics", topics},
+                              {"notes", bag.notes},
+                              {"warnings", bag.warnings},
+                              {"problem", bag.problem}});
+  }
   // Paths and interface names may contain any bytes.
   return result.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }

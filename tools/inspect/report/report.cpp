@@ -109,6 +109,7 @@ std::string inspect_report(const RecordingFindings& findings) {
   std::string text;
   for (const CaptureFindings& capture : findings.captures)
     text += (text.empty() ? "" : "\n") + capture_report(capture);
+  for (const BagFindings& bag : findings.bags) text += (text.empty() ? "" : "\n") + bag_report(bag);
   for (const CanFindings& can : findings.can_logs) {
     text += (text.empty() ? "" : "\n") + can_report(can);
     if (can.frames == 0) continue;
