@@ -93,7 +93,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option(
       "--output", arguments.output,
       "output folder: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, latency.json, "
-      "config.yaml, map.ply, and under live rules decisions.jsonl. A replay refuses a folder with "
+      "config.yaml, map.ply, run.mcap, and under live rules decisions.jsonl. A replay refuses a folder with "
       "an earlier "
       "run; a live run "
       "writes to FOLDER-2, FOLDER-3, ... instead");

@@ -166,6 +166,7 @@ struct RecordingSection {
 struct OutputSection {
   bool map = true;
   double map_voxel_m = 0.3;
+  bool mcap = true;
 };
 
 struct LogSection {

@@ -287,6 +287,8 @@ std::vector<ConfigKey> config_keys(Config& config) {
   Section output(keys, "output");
   output.add("map", &config.output.map, "write map.ply into the output folder");
   output.number("map_voxel_m", &config.output.map_voxel_m, "m", 0.05, 10, "voxel size of map.ply");
+  output.add("run_mcap", &config.output.mcap,
+             "write run.mcap into the output folder: poses, path, thinned scans, diagnostics");
   Section(keys, "log")
       .choice("level", config.log.level, {"debug", "info", "warn", "error"},
               "minimum severity of printed messages");

@@ -245,6 +245,7 @@ void OdometryLoop::push_cloud(const core::OdometryResult& result, const std::ato
     return;
   }
   CloudRecord& cloud = slot[0];
+  cloud.stamp_ns = result.scan_end.ns;
   cloud.count = static_cast<std::uint32_t>(std::min(points.size(), CloudRecord::kCapacity));
   for (std::size_t i = 0; i < cloud.count; ++i) {
     const Eigen::Vector3f& p = points[i * points.size() / cloud.count];

@@ -88,6 +88,7 @@ RunOutput::RunOutput(const Options& options, drivers::DiskState::Report report)
       kitti_(folder_ / "trajectory.kitti", {}),
       scans_(folder_ / "scans.csv", header_of(scan_table_header())) {
   if (options.map) map_.emplace(folder_ / "map.ply", options.map_voxel_m);
+  if (options.mcap) mcap_ = std::make_unique<RunMcap>(folder_ / "run.mcap", options.frames);
 }
 
 Result<std::unique_ptr<RunOutput>> RunOutput::create(const Options& options,
@@ -114,6 +115,7 @@ void RunOutput::add(const ipc::PoseRecord& record) {
       !middle_tum_.append(bytes_of(middle_tum_line(record))) ||
       !scans_.append(bytes_of(scan_table_line(record))))
     ++lost_.poses;
+  if (mcap_) mcap_->add(record);
 }
 
 void RunOutput::open_decisions(const std::string& header) {
@@ -127,18 +129,26 @@ void RunOutput::add(const ScanDecision& decision) {
 
 void RunOutput::add(const CloudRecord& cloud) {
   if (map_) map_->add(cloud);
+  if (mcap_) mcap_->add(cloud);
 }
 
 void RunOutput::flush(std::int64_t now_ns) {
+  if (mcap_) mcap_->close_old_chunk(now_ns);
   if (!disk_.is_due(now_ns)) return;
-  std::array<drivers::RecordFile*, 6> files{&tum_,   &middle_tum_, &kitti_,
-                                            &scans_, &decisions_,  map_ ? &map_->file() : nullptr};
+  std::array<drivers::RecordFile*, 7> files{&tum_,
+                                            &middle_tum_,
+                                            &kitti_,
+                                            &scans_,
+                                            &decisions_,
+                                            map_ ? &map_->file() : nullptr,
+                                            mcap_ ? &mcap_->file() : nullptr};
   int error = 0;
   for (drivers::RecordFile* const file : files) {
     if (file == nullptr || error != 0) continue;
     error = file->write_pending();
     if (error != 0) disk_.note_failure(file->path(), error, now_ns, lost_.total());
   }
+  if (mcap_) lost_.messages = mcap_->lost();
   if (map_) {
     lost_.map_points = map_->lost();
     if (error == 0) error = map_->update_count();
@@ -147,6 +157,7 @@ void RunOutput::flush(std::int64_t now_ns) {
 }
 
 Result<std::monostate> RunOutput::finish(const FinalFiles& final_files, std::int64_t now_ns) {
+  if (mcap_) mcap_->finish();
   disk_.retry_at_once();
   flush(now_ns);
   if (disk_.is_blocked() || lost_.total() > 0) {

@@ -6,6 +6,7 @@
 
 #include "daemon/odometry/odometry_loop.hpp"
 #include "daemon/output/map_file.hpp"
+#include "daemon/output/run_mcap.hpp"
 #include "ipc/records.hpp"
 
 #include <cstdint>
@@ -22,10 +23,10 @@ std::string tum_line(const ipc::PoseRecord& record);
 /// Line of trajectory_mid.tum for the pose in the middle of the sweep.
 std::string middle_tum_line(const ipc::PoseRecord& record);
 
-/// Files of one run: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, decisions.jsonl and
-/// map.ply grow during the run, config.yaml is written at the start, latency.json and latency/<stage>.hgrm at
-/// the end. While the disk does not accept data, a bounded amount waits in memory and the rest is dropped and
-/// counted. One thread.
+/// Files of one run: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, decisions.jsonl,
+/// map.ply and run.mcap grow during the run, config.yaml is written at the start, latency.json and
+/// latency/<stage>.hgrm at the end. While the disk does not accept data, a bounded amount waits in memory and
+/// the rest is dropped and counted. One thread.
 class RunOutput {
  public:
   struct Options {
@@ -35,6 +36,8 @@ class RunOutput {
     core::SE3 T_base_lidar;
     bool map = true;
     double map_voxel_m = 0.3;
+    bool mcap = true;
+    RunFrames frames;
   };
   /// Content of files that are written at the end, by path in the folder.
   using FinalFiles = std::map<std::string, std::string>;
@@ -43,7 +46,8 @@ class RunOutput {
     std::uint64_t poses = 0;
     std::uint64_t decisions = 0;
     std::uint64_t map_points = 0;
-    [[nodiscard]] std::uint64_t total() const { return poses + decisions + map_points; }
+    std::uint64_t messages = 0;  ///< of run.mcap
+    [[nodiscard]] std::uint64_t total() const { return poses + decisions + map_points + messages; }
   };
 
   /// Creates the folder, which must not hold an earlier run; the error names the file that cannot be written.
@@ -77,6 +81,7 @@ class RunOutput {
   drivers::RecordFile scans_;
   drivers::RecordFile decisions_;
   std::optional<MapFile> map_;
+  std::unique_ptr<RunMcap> mcap_;
   std::optional<core::SE3> T_base_odom_;  ///< inverse of the first pose
   Lost lost_;
 };

@@ -161,7 +161,8 @@ Result<std::monostate> Supervisor::open_pipeline(Input input) {
     if (decisions->empty()) return Error{options_.decisions_file + ": contains no decision"};
     pipeline_options.decisions = std::move(decisions).value();
   }
-  pipeline_options.collect_map = !options_.output_folder.empty() && config_.output.map;
+  pipeline_options.collect_map =
+      !options_.output_folder.empty() && (config_.output.map || config_.output.mcap);
   pipeline_options.record = !options_.record_folder.empty();
   auto pipeline = Pipeline::create(config_, std::move(input), pipeline_options, publisher_.get());
   if (!pipeline) return pipeline.error();
@@ -191,6 +192,8 @@ Result<std::monostate> Supervisor::open_files(const std::optional<core::SE3>& T_
     output_options.T_base_lidar = odometry_config(config_).T_base_lidar;
     output_options.map = config_.output.map;
     output_options.map_voxel_m = config_.output.map_voxel_m;
+    output_options.mcap = config_.output.mcap;
+    output_options.frames = {config_.publisher.odom_frame, config_.publisher.base_frame};
     auto created = RunOutput::create(output_options, to_yaml(config_), report);
     if (!created) return created.error();
     output = std::move(created).value();

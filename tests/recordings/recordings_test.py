@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""A simulated drive as ROS bags and MCAP files of independent writers.
+"""A simulated drive as ROS bags and MCAP files of independent writers, and run.mcap read by an independent reader.
 
 recordings_test.py PROGRAMS FOLDER     FOLDER keeps the npm packages; exit status: 77 = skipped
 """
 
 import hashlib
+import json
 import math
 import os
 import shutil
@@ -156,6 +157,42 @@ def check_choice(drive, bag):
     check(done.returncode == 0 and "sensor_msgs/PointCloud2" in done.stdout and "/imu/data" in done.stdout, "nilio inspect lists the topics")
 
 
+def read_run(drive, file, *arguments):
+    done = drive.run("node", os.path.join(drive.scripts, "read_run.mjs"), file, *arguments)
+    if done.returncode != 0:
+        check(False, f"npm's reader reads {os.path.basename(file)}: {done.stderr[-600:]}")
+        return None
+    return json.loads(done.stdout)
+
+
+def check_run(drive, run):
+    """run.mcap against the other files of the run, whole and cut as after a crash."""
+    file = os.path.join(run, "run.mcap")
+    found = read_run(drive, file)
+    if found is None:
+        return
+    lines = poses(os.path.join(run, "trajectory.tum"))
+    counts = found["counts"]
+    print(f"      run.mcap: {os.path.getsize(file) / 1e6:.2f} MB, {found['chunks']} chunks, {counts}")
+    check(found["problems"] == [], f"every message decodes, and its definition is the published one {found['problems'][:5]}")
+    check(found["statistics"] == counts, f"the statistics count the messages {found['statistics']}")
+    check(counts.get("/odom") == len(lines) and counts.get("/tf") == len(lines), f"one pose and transform for each of {len(lines)} lines of trajectory.tum")
+    check(counts.get("/scan_registered", 0) > 0.9 * len(lines), f"{counts.get('/scan_registered')} registered scans")
+    check(all(counts.get(topic, 0) > 0 for topic in ("/path", "/diagnostics", "/latency_ms")) and found["pathPoses"] > 5, f"path of {found['pathPoses']} poses")
+    position = [found["odometry"][axis] for axis in "xyz"]
+    check(math.dist(position, lines[-1][1:4]) < 1e-8, f"the last pose is that of trajectory.tum: {position}")
+    check(found["frames"] == {"odom": "odom", "base": "base_link", "tf": "base_link"}, f"frames {found['frames']}")
+    check(len(found["diagnostics"]) >= 3, f"diagnostics of {found['diagnostics']}")
+    data = read(file)
+    cut = drive.path("cut.mcap")
+    open(cut, "wb").write(data[: len(data) * 6 // 10])
+    part = read_run(drive, cut, "--cut")
+    if part is None:
+        return
+    poses_left = part["counts"].get("/odom", 0)
+    check(0 < poses_left < len(lines) and part["problems"] == [], f"a file cut at 60 % gives {poses_left} of {len(lines)} poses")
+
+
 def main():
     programs, folder = sys.argv[1:3]
     if not install_packages(folder):
@@ -168,6 +205,7 @@ def main():
         subprocess.run(["node", os.path.join(folder, "write_rosbag2.mjs"), drive.path("drive"), work], check=True, timeout=600)
         reference, _ = drive.replay("capture", drive.path("drive"))
         check_packets(drive, reference, open(drive.path("drive", "nilio.yaml")).read())
+        check_run(drive, reference)
         bag = check_clouds(drive, reference)
         check_choice(drive, bag)
     finally:

@@ -230,7 +230,7 @@ TEST_CASE("a full disk is reported once, poses continue, and files go on with fr
   const fs::path run = disk / "run";
   {
     NiliodProcess niliod(folder, as_live(folder, {"--output", run.string(), "--set", kNoPublisher, "--set",
-                                                  "output.map=false"}));
+                                                  "output.map=false", "--set", "output.run_mcap=false"}));
     REQUIRE(tests::eventually([&] { return poses_in(run) >= 10; }));
     {
       std::ofstream filler(disk / "filler", std::ios::binary);

@@ -1,0 +1,183 @@
+#include "daemon/output/run_messages.hpp"
+
+#include <array>
+#include <cstring>
+#include <initializer_list>
+#include <string_view>
+#include <type_traits>
+
+namespace nilio::daemon {
+
+namespace {
+
+constexpr std::uint8_t kFloat32 = 7;
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+
+struct Definition {
+  std::string_view name;
+  std::string_view text;
+};
+constexpr Definition kTime{"builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"};
+constexpr Definition kHeader{"std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"};
+constexpr Definition kPoint{"geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"};
+constexpr Definition kVector{"geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n"};
+constexpr Definition kQuaternion{"geometry_msgs/Quaternion",
+                                 "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"};
+constexpr Definition kPose{"geometry_msgs/Pose", "Point position\nQuaternion orientation\n"};
+constexpr Definition kTwist{"geometry_msgs/Twist", "Vector3 linear\nVector3 angular\n"};
+constexpr Definition kPoseCovariance{"geometry_msgs/PoseWithCovariance",
+                                     "Pose pose\nfloat64[36] covariance\n"};
+constexpr Definition kTwistCovariance{"geometry_msgs/TwistWithCovariance",
+                                      "Twist twist\nfloat64[36] covariance\n"};
+constexpr Definition kTransform{"geometry_msgs/Transform", "Vector3 translation\nQuaternion rotation\n"};
+constexpr Definition kTransformStamped{
+    "geometry_msgs/TransformStamped", "std_msgs/Header header\nstring child_frame_id\nTransform transform\n"};
+constexpr Definition kPoseStamped{"geometry_msgs/PoseStamped", "std_msgs/Header header\nPose pose\n"};
+constexpr Definition kPointField{
+    "sensor_msgs/PointField",
+    "uint8 INT8=1\nuint8 UINT8=2\nuint8 INT16=3\nuint8 UINT16=4\nuint8 INT32=5\nuint8 "
+    "UINT32=6\nuint8 FLOAT32=7\nuint8 FLOAT64=8\nstring name\nuint32 offset\nuint8 "
+    "datatype\nuint32 count\n"};
+constexpr Definition kKeyValue{"diagnostic_msgs/KeyValue", "string key\nstring value\n"};
+constexpr Definition kStatus{
+    "diagnostic_msgs/DiagnosticStatus",
+    "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\nstring "
+    "message\nstring hardware_id\nKeyValue[] values\n"};
+
+/// Definition of a type and of those it depends on.
+std::string definition(std::string_view text, std::initializer_list<Definition> dependencies) {
+  std::string result(text);
+  for (const Definition& dependency : dependencies) {
+    result += std::string(80, '=') + "\nMSG: ";
+    result += dependency.name;
+    result += '\n';
+    result += dependency.text;
+  }
+  return result;
+}
+
+/// Appends fields of a message in CDR; alignment counts from behind the encapsulation.
+class CdrWriter {
+ public:
+  explicit CdrWriter(std::vector<std::uint8_t>& out) : out_(out) { out_.assign({0, 1, 0, 0}); }
+
+  template <class T>
+  CdrWriter& number(T value) {
+    static_assert(std::is_arithmetic_v<T>);
+    while ((out_.size() - 4) % sizeof(T) != 0) out_.push_back(0);
+    std::memcpy(extend(sizeof(T)), &value, sizeof(T));
+    return *this;
+  }
+  template <std::size_t N>
+  CdrWriter& numbers(const std::array<double, N>& values) {
+    for (const double value : values) number(value);
+    return *this;
+  }
+  CdrWriter& text(std::string_view value) {
+    length(value.size() + 1);
+    std::uint8_t* const bytes = extend(value.size() + 1);
+    if (!value.empty()) std::memcpy(bytes, value.data(), value.size());
+    bytes[value.size()] = 0;
+    return *this;
+  }
+  CdrWriter& length(std::size_t count) { return number(static_cast<std::uint32_t>(count)); }
+  CdrWriter& header(std::int64_t stamp_ns, std::string_view frame) {
+    const std::int64_t nanoseconds = ((stamp_ns % kNsPerSecond) + kNsPerSecond) % kNsPerSecond;
+    number(static_cast<std::int32_t>((stamp_ns - nanoseconds) / kNsPerSecond));
+    number(static_cast<std::uint32_t>(nanoseconds));
+    return text(frame);
+  }
+  /// Bytes to be filled.
+  std::uint8_t* extend(std::size_t count) {
+    out_.resize(out_.size() + count);
+    return out_.data() + out_.size() - count;
+  }
+
+ private:
+  std::vector<std::uint8_t>& out_;
+};
+
+}  // namespace
+
+std::vector<drivers::McapWriter::Channel> run_channels() {
+  return {
+      {"/odom", "nav_msgs/msg/Odometry",
+       definition(
+           "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance "
+           "pose\ngeometry_msgs/TwistWithCovariance twist\n",
+           {kHeader, kTime, kPoseCovariance, kPose, kPoint, kQuaternion, kTwistCovariance, kTwist, kVector})},
+      {"/tf", "tf2_msgs/msg/TFMessage",
+       definition("geometry_msgs/TransformStamped[] transforms\n",
+                  {kTransformStamped, kHeader, kTime, kTransform, kVector, kQuaternion})},
+      {"/path", "nav_msgs/msg/Path",
+       definition("std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
+                  {kHeader, kTime, kPoseStamped, kPose, kPoint, kQuaternion})},
+      {"/scan_registered", "sensor_msgs/msg/PointCloud2",
+       definition("std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool "
+                  "is_bigendian\nuint32 "
+                  "point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n",
+                  {kHeader, kTime, kPointField})},
+      {"/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
+       definition("std_msgs/Header header\nDiagnosticStatus[] status\n",
+                  {kHeader, kTime, kStatus, kKeyValue})},
+      {"/latency_ms", "std_msgs/msg/Float64", "float64 data\n"},
+  };
+}
+
+void write_odometry(const ipc::PoseRecord& record, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  CdrWriter(out)
+      .header(record.stamp_ns, frames.odom)
+      .text(frames.base)
+      .numbers(record.position)
+      .numbers(record.orientation_xyzw)
+      .numbers(record.pose_covariance)
+      .numbers(record.linear_velocity)
+      .numbers(record.angular_velocity)
+      .numbers(record.twist_covariance);
+}
+
+void write_transform(const ipc::PoseRecord& record, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  CdrWriter(out)
+      .length(1)
+      .header(record.stamp_ns, frames.odom)
+      .text(frames.base)
+      .numbers(record.position)
+      .numbers(record.orientation_xyzw);
+}
+
+void write_path(std::span<const PathPose> poses, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  CdrWriter writer(out);
+  writer.header(poses.empty() ? 0 : poses.back().stamp_ns, frames.odom).length(poses.size());
+  for (const PathPose& pose : poses)
+    writer.header(pose.stamp_ns, frames.odom).numbers(pose.position).numbers(pose.orientation_xyzw);
+}
+
+void write_scan(const CloudRecord& cloud, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  constexpr std::array<std::string_view, 3> kFields{"x", "y", "z"};
+  constexpr std::uint32_t kStep = 12;
+  CdrWriter writer(out);
+  writer.header(cloud.stamp_ns, frames.odom)
+      .number(std::uint32_t{1})
+      .number(cloud.count)
+      .length(kFields.size());
+  for (std::uint32_t i = 0; i < kFields.size(); ++i)
+    writer.text(kFields[i]).number(4 * i).number(kFloat32).number(std::uint32_t{1});
+  writer.number(std::uint8_t{0}).number(kStep).number(kStep * cloud.count).number(kStep * cloud.count);
+  if (cloud.count > 0)
+    std::memcpy(writer.extend(kStep * cloud.count), cloud.points.data(), kStep * cloud.count);
+  writer.number(std::uint8_t{1});
+}
+
+void write_diagnostics(const dds::DiagnosticArray& array, std::vector<std::uint8_t>& out) {
+  CdrWriter writer(out);
+  writer.header(array.stamp.ns, array.frame_id).length(array.statuses.size());
+  for (const dds::DiagnosticStatus& status : array.statuses) {
+    writer.number(static_cast<std::uint8_t>(status.level)).text(status.name).text(status.message);
+    writer.text(status.hardware_id).length(status.values.size());
+    for (const dds::KeyValue& value : status.values) writer.text(value.key).text(value.value);
+  }
+}
+
+void write_number(double value, std::vector<std::uint8_t>& out) { CdrWriter(out).number(value); }
+
+}  // namespace nilio::daemon
