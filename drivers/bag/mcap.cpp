@@ -1,3 +1,5 @@
+#include "drivers/bag/mcap.hpp"
+
 #include "drivers/bag/decompress.hpp"
 #include "drivers/bag/readers.hpp"
 #include "drivers/bag/topic_table.hpp"
@@ -17,24 +19,12 @@ namespace {
 using core::Error;
 using core::Result;
 
-constexpr std::array<std::uint8_t, 8> kMagic{0x89, 'M', 'C', 'A', 'P', '0', '\r', '\n'};
-constexpr std::size_t kRecordHead = 9;
-constexpr std::size_t kFooterBytes = 37;
+using namespace mcap;
+
+/// The last record and the magic at the end of a closed file.
+constexpr std::size_t kFooterBytes = kRecordHead + kFooterContent + kMagic.size();
 constexpr std::uint64_t kMaxRecord = std::uint64_t{16} << 20U;
 constexpr std::uint64_t kMaxSummary = std::uint64_t{256} << 20U;
-constexpr std::size_t kMessageHead = 22;
-
-enum Op : std::uint8_t {
-  kHeader = 1,
-  kFooter = 2,
-  kSchema = 3,
-  kChannel = 4,
-  kMessage = 5,
-  kChunk = 6,
-  kMessageIndex = 7,
-  kChunkIndex = 8,
-  kDataEnd = 0x0F,
-};
 
 struct Record {
   std::uint8_t op = 0;
@@ -115,7 +105,8 @@ void Mcap::read_summary() {
   wire.number<std::uint64_t>();
   const auto expected_crc = wire.number<std::uint32_t>();
   if (start == 0 || start >= footer || footer - start > kMaxSummary) return;
-  if (!bytes_->read_all(start, footer - start + kRecordHead + 16, raw_)) return;
+  if (!bytes_->read_all(start, footer - start + kRecordHead + kFooterContent - sizeof expected_crc, raw_))
+    return;
   if (expected_crc != 0 && crc32_z(0, raw_.data(), raw_.size()) != expected_crc) {
     note("its summary is damaged and not used");
     return;

@@ -1,5 +1,6 @@
 #include "nilio/drivers/bag/mcap_writer.hpp"
 
+#include "drivers/bag/mcap.hpp"
 #include "drivers/bag/wire_writer.hpp"
 
 #include <algorithm>
@@ -13,9 +14,9 @@ namespace nilio::drivers {
 namespace {
 
 using bag::WireWriter;
+using namespace bag::mcap;
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::array<std::uint8_t, 8> kMagic{0x89, 'M', 'C', 'A', 'P', '0', '\r', '\n'};
 // Packets hardly compress and poses do: the fastest level gives most of it.
 constexpr int kLevel = 1;
 // Integers, as every version of rosbag2 reads them: keep last 10, reliable.
@@ -25,20 +26,6 @@ constexpr const char* kQos =
     "854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  "
     "liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n  "
     "avoid_ros_namespace_conventions: false\n";
-
-enum Op : std::uint8_t {
-  kHeader = 1,
-  kFooter = 2,
-  kSchema = 3,
-  kChannel = 4,
-  kMessage = 5,
-  kChunk = 6,
-  kMessageIndex = 7,
-  kChunkIndex = 8,
-  kStatistics = 0x0B,
-  kSummaryOffset = 0x0E,
-  kDataEnd = 0x0F,
-};
 
 void append_record(Bytes& out, Op op, const Bytes& content) {
   WireWriter(out).number(static_cast<std::uint8_t>(op)).number(std::uint64_t{content.size()}).bytes(content);
@@ -123,7 +110,7 @@ void McapWriter::add(std::size_t channel, core::Time stamp, std::span<const std:
   entries_[channel].push_back({stamp.ns, chunk_.size()});
   WireWriter(chunk_)
       .number(static_cast<std::uint8_t>(kMessage))
-      .number(std::uint64_t{22 + message.size()})
+      .number(std::uint64_t{kMessageHead + message.size()})
       .number(static_cast<std::uint16_t>(channel))
       .number(sequences_[channel]++)
       .number(stamp.ns)
@@ -264,7 +251,7 @@ void McapWriter::finish() {
   // The checksum covers the summary and the footer up to itself.
   WireWriter(out)
       .number(static_cast<std::uint8_t>(kFooter))
-      .number(std::uint64_t{20})
+      .number(std::uint64_t{kFooterContent})
       .number(base + summary)
       .number(base + offsets);
   const std::uint32_t crc = checksum(std::span(out).subspan(summary));

@@ -1,5 +1,7 @@
 #include "nilio/drivers/bag/messages.hpp"
 
+#include "nilio/drivers/velodyne/model.hpp"
+
 #include "drivers/bag/wire.hpp"
 
 #include <algorithm>
@@ -13,8 +15,6 @@ namespace {
 
 using bag::WireReader;
 
-constexpr std::size_t kDataPacketBytes = 1206;
-constexpr std::size_t kPositionPacketBytes = 512;
 constexpr std::uint16_t kDataPort = 2368;
 constexpr std::uint16_t kPositionPort = 8308;
 constexpr std::uint32_t kMaxFields = 64;
@@ -70,7 +70,7 @@ Packet& append_packet(std::span<const std::uint8_t> bytes, core::Time stamp, cor
   packet.size = static_cast<std::uint16_t>(std::min(bytes.size(), packet.data.size()));
   std::copy_n(bytes.begin(), packet.size, packet.data.begin());
   packet.sender_port = packet.destination_port =
-      packet.size == kPositionPacketBytes ? kPositionPort : kDataPort;
+      packet.size == kPositionPacketSize ? kPositionPort : kDataPort;
   return packet;
 }
 
@@ -90,7 +90,8 @@ bool decode_livox(WireReader& wire, BagEncoding encoding, CloudView& cloud) {
   const std::uint32_t count = wire.count(kLivoxPointBytes);
   if (!wire.ok() || wire.is_swapped()) return false;
   // Offsets count from the time base; without time synchronisation it is another clock than the header's.
-  if (std::abs(static_cast<double>(base_ns - cloud.header.stamp.ns)) < 1e9) cloud.header.stamp.ns = base_ns;
+  if (std::abs(static_cast<double>(base_ns) - static_cast<double>(cloud.header.stamp.ns)) < 1e9)
+    cloud.header.stamp.ns = base_ns;
   cloud.fields = livox_fields();
   cloud.step = encoding == BagEncoding::kCdr ? 20 : kLivoxPointBytes;
   cloud.height = 1;
@@ -214,7 +215,7 @@ bool decode_packets(const BagTopic& topic, const BagMessage& message, std::vecto
   WireReader wire(message.data, topic.encoding);
   if (topic.type == "velodyne_msgs/VelodynePacket") {
     const core::Time stamp = wire.time();
-    const auto data = wire.bytes(kDataPacketBytes);
+    const auto data = wire.bytes(kDataPacketSize);
     if (wire.ok()) append_packet(data, stamp, message.stamp, packets);
     return wire.ok();
   }
@@ -226,10 +227,10 @@ bool decode_packets(const BagTopic& topic, const BagMessage& message, std::vecto
   BagHeader header;
   read_header(wire, topic.encoding, header);
   const bool has_lengths = topic.type == "nebula_msgs/NebulaPackets";
-  const std::uint32_t count = wire.count(has_lengths ? 12 : 8 + kDataPacketBytes);
+  const std::uint32_t count = wire.count(has_lengths ? 12 : 8 + kDataPacketSize);
   for (std::uint32_t i = 0; i < count; ++i) {
     const core::Time stamp = wire.time();
-    const auto data = has_lengths ? wire.blob() : wire.bytes(kDataPacketBytes);
+    const auto data = has_lengths ? wire.blob() : wire.bytes(kDataPacketSize);
     if (!wire.ok()) return false;
     append_packet(data, stamp, message.stamp, packets);
   }

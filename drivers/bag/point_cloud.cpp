@@ -38,6 +38,13 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kShortestTurn = 300.0 / 360.0 * kTwoPi;
 constexpr double kLongestTurn = 400.0 / 360.0 * kTwoPi;
 constexpr std::size_t kCoverageStep = 7;
+// Longest sweep of a recognised topic that is decoded, twice that of recognition: a turn may have been
+// missed.
+constexpr double kLongestSweep = 2.0 * 0.3;
+// Clocks of header and points were recognised within 1 s of each other; times that left it are damaged.
+constexpr double kFarthestFromHeader = 10.0;
+// Range of the stamps of messages, 32 bits of seconds.
+constexpr double kLatestSecond = 4294967296.0;
 
 template <class... Values>
 std::string text(const char* format, Values... values) {
@@ -293,6 +300,10 @@ Result<std::monostate> CloudDecoder::Impl::analyse(std::span<const CloudCopy> cl
       bag::find_field(first, {"z"}) == nullptr)
     return Error{name + ": its points have no fields x, y and z - choose another topic"};
   map_columns(first);
+  // Columns hold for clouds of one layout only.
+  const auto other =
+      std::ranges::find_if(clouds, [&](const CloudCopy& cloud) { return !has_same_layout(cloud.view); });
+  clouds = clouds.first(static_cast<std::size_t>(other - clouds.begin()));
   layout.beams = bag::find_beams(clouds, layout.position);
   map_columns(first);
   find_intensity_factor(clouds);
@@ -332,11 +343,12 @@ bool CloudDecoder::Impl::add_with_times(const CloudView& cloud, core::Scan& scan
   if (!span) return false;
   const PointTimeForm& form = *layout.form;
   const double length_s = (span->max - span->min) * form.unit_s;
-  if (length_s > 2.0 * 0.3) return false;
+  if (length_s > kLongestSweep) return false;
   const core::Time header = cloud.header.stamp;
   core::Time base = header;
   switch (form.origin) {
     case Origin::kHeader:
+      if (std::abs(span->min * form.unit_s) > kFarthestFromHeader) return false;
       base = header + core::Duration::from_seconds(span->min * form.unit_s);
       break;
     case Origin::kLast:
@@ -350,6 +362,7 @@ bool CloudDecoder::Impl::add_with_times(const CloudView& cloud, core::Scan& scan
     case Origin::kAbsolute: {
       // Whole seconds apart from the fraction: their product with 1e9 is beyond the precision of a double.
       const double seconds = std::floor(span->min * form.unit_s);
+      if (seconds < 0.0 || seconds >= kLatestSecond) return false;
       const double fraction = (span->min - seconds / form.unit_s) * form.unit_s;
       base = core::Time{static_cast<std::int64_t>(seconds) * 1'000'000'000} +
              core::Duration::from_seconds(fraction);

@@ -8,6 +8,7 @@
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include "drivers/velodyne/calibration/calibration_fields.hpp"
+#include "tests/fuzz/bag_seeds.hpp"
 #include "tests/fuzz/fuzz_support.hpp"
 #include "tests/support/capture_bytes.hpp"
 
@@ -291,6 +292,14 @@ void write_seeds(const fs::path& root, const fs::path& sources) {
   write_seed_folder(root, "calibration", write_calibration_seeds);
   write_seed_folder(root, "telemetry", write_telemetry_seeds);
   write_seed_folder(root, "status", write_status_seeds);
+  const auto write_bags = [&](const char* target, const std::vector<BagSeed>& seeds) {
+    write_seed_folder(root, target, [&](const SeedFolder& folder) {
+      for (const BagSeed& seed : seeds) folder.add(seed.name, seed.bytes);
+    });
+  };
+  write_bags("rosbag1", rosbag1_seeds());
+  write_bags("mcap", mcap_seeds());
+  write_bags("db3", db3_seeds());
   write_seed_folder(root, "dbc", [&](const SeedFolder& folder) { folder.add_files(sources / "config/dbc"); });
 }
 
