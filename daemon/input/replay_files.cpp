@@ -123,6 +123,38 @@ Result<std::monostate> sort_path(const std::string& path, ReplayFiles& files) {
   return std::monostate{};
 }
 
+/// First point cloud file in a folder and the folders in it, but the map of a run.
+std::optional<fs::path> find_point_file(const fs::path& folder) {
+  constexpr int kDepth = 2;
+  constexpr int kMaxEntries = 10'000;
+  std::error_code error;
+  int entries = 0;
+  for (fs::recursive_directory_iterator entry(folder, error), end;
+       !error && entry != end && ++entries < kMaxEntries; entry.increment(error)) {
+    if (entry.depth() >= kDepth) entry.disable_recursion_pending();
+    const std::string extension = entry->path().extension().string();
+    const bool is_cloud = extension == ".bin" || extension == ".pcd" || extension == ".ply";
+    if (is_cloud && entry->path().filename() != "map.ply") return entry->path();
+  }
+  return std::nullopt;
+}
+
+/// Contents of a folder without a recording, and the way to make it one.
+std::string why_nothing(const fs::path& folder) {
+  std::error_code error;
+  if (fs::is_directory(folder / "velodyne_points", error))
+    return "is a drive of KITTI's raw data - make a recording of it with 'nilio convert kitti-raw " +
+           folder.string() + " OUTPUT'";
+  if (const auto file = find_point_file(folder))
+    return "holds point clouds (" + file->lexically_relative(folder).string() +
+           ") that state no times - write them into a ROS bag as sensor_msgs/PointCloud2 with a field of "
+           "times, or, if "
+           "they are motion-compensated, into a KITTI sequence (velodyne/*.bin, times.txt, calib.txt)";
+  return "nothing to replay: expected a capture (.pcap, .pcapng), a ROS bag (.bag, .db3, .mcap) or a KITTI "
+         "sequence "
+         "(velodyne/*.bin)";
+}
+
 }  // namespace
 
 Result<ReplayFiles> sort_replay_files(const std::vector<std::string>& paths) {
@@ -147,10 +179,7 @@ Result<ReplayFiles> find_replay_files(const std::vector<std::string>& paths) {
   if (files && files->captures.empty() && files->bags.empty() && files->kitti_sequence.empty()) {
     if (!files->unreadable.empty())
       return Error{files->unreadable.front() + ": " + drivers::why_no_recording(files->unreadable.front())};
-    return Error{paths.front() +
-                 ": nothing to replay: expected a capture (.pcap, .pcapng), a ROS bag (.bag, .db3, .mcap) or "
-                 "a KITTI sequence "
-                 "(velodyne/*.bin)"};
+    return Error{paths.front() + ": " + why_nothing(paths.front())};
   }
   return files;
 }

@@ -121,6 +121,7 @@ std::string why_no_recording(const std::string& path) {
   for (const Known& known : kKnown) {
     if (head.starts_with(known.magic)) return known.text;
   }
+  if (path.ends_with(".bin")) return kPointFiles;
   return "is neither a capture (pcap, pcapng) nor a ROS bag (bag, db3, mcap) nor a CAN log ('candump -L': "
          "(1700000000.123456) can0 "
          "034#0000000009CF)";

@@ -78,6 +78,30 @@ TEST_CASE("captures and CAN logs of a replay are recognised by their content", "
   CHECK_THAT(other.error().message, Contains("drive.gz: is compressed (gzip)"));
 }
 
+TEST_CASE("folders of point clouds without times are refused with the way to convert them",
+          "[replay_files]") {
+  const auto message_of = [](const TemporaryFolder& folder) {
+    const auto files = find_replay_files({folder.text()});
+    REQUIRE_FALSE(files.ok());
+    return files.error().message;
+  };
+  const TemporaryFolder raw;
+  REQUIRE_FALSE(raw.write("velodyne_points/data/0000000000.bin", "1234").empty());
+  CHECK_THAT(message_of(raw), Contains("nilio convert kitti-raw"));
+  for (const char* const name : {"lidar/1630597205.bin", "000000.bin", "clouds/000.pcd", "a.ply"}) {
+    CAPTURE(name);
+    const TemporaryFolder folder;
+    REQUIRE_FALSE(folder.write(name, "x").empty());
+    CHECK_THAT(message_of(folder), Contains(name) && Contains("PointCloud2") && Contains("times.txt"));
+  }
+  const TemporaryFolder run;
+  REQUIRE_FALSE(run.write("map.ply", "ply\n").empty());
+  CHECK_THAT(message_of(run), Contains("nothing to replay"));
+  const auto file = find_replay_files({raw.file("velodyne_points/data/0000000000.bin")});
+  REQUIRE_FALSE(file.ok());
+  CHECK_THAT(file.error().message, Contains("single point cloud"));
+}
+
 TEST_CASE("an unfinished recording is not replayed and is named", "[replay_files]") {
   const TemporaryFolder folder;
   tests::write_room_drive(folder.path(), tests::s_curve, 0.3, true);
