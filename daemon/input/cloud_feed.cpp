@@ -20,16 +20,19 @@ core::Result<std::unique_ptr<CloudScanFeed>> CloudScanFeed::create(
   std::deque<drivers::CloudCopy> queue(std::make_move_iterator(head.begin()),
                                        std::make_move_iterator(head.end()));
   std::unique_ptr<CloudScanFeed> feed(
-      new CloudScanFeed(std::move(clouds), std::move(queue), std::move(decoder).value()));
+      new CloudScanFeed(std::move(clouds), name, std::move(queue), std::move(decoder).value()));
   feed->has_held_ = feed->load(feed->held_);
   if (!feed->has_held_) return core::Error{name + ": no cloud has a return"};
   feed->first_stamp_ = feed->held_.end;
   return feed;
 }
 
-CloudScanFeed::CloudScanFeed(std::unique_ptr<drivers::CloudSource> clouds,
+CloudScanFeed::CloudScanFeed(std::unique_ptr<drivers::CloudSource> clouds, std::string name,
                              std::deque<drivers::CloudCopy> head, drivers::CloudDecoder decoder)
-    : clouds_(std::move(clouds)), head_(std::move(head)), decoder_(std::move(decoder)) {}
+    : clouds_(std::move(clouds)),
+      name_(std::move(name)),
+      head_(std::move(head)),
+      decoder_(std::move(decoder)) {}
 
 bool CloudScanFeed::load(core::Scan& scan) {
   for (;;) {
@@ -51,6 +54,16 @@ bool CloudScanFeed::load(core::Scan& scan) {
     stats_.points += scan.points.size();
     return true;
   }
+}
+
+std::vector<std::string> CloudScanFeed::skipped() const {
+  std::vector<std::string> lines = clouds_->notes();
+  if (clouds_->damaged() > 0)
+    lines.push_back(name_ + ": " + std::to_string(clouds_->damaged()) + " damaged clouds are skipped");
+  if (decoder_.stray_points() > 0)
+    lines.push_back(name_ + ": " + std::to_string(decoder_.stray_points()) +
+                    " points with times outside of their sweep are skipped");
+  return lines;
 }
 
 FeedState CloudScanFeed::next(core::Scan& scan, core::Duration timeout) {

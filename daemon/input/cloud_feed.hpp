@@ -9,6 +9,8 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
 namespace nilio::daemon {
 
@@ -24,17 +26,19 @@ class CloudScanFeed : public ScanFeed {
   FeedState next(core::Scan& scan, core::Duration timeout) override;
   void set_pace(std::int64_t start_ns) override { start_ns_ = start_ns; }
   [[nodiscard]] drivers::ScanAssemblerStats stats() const override { return stats_; }
+  [[nodiscard]] std::vector<std::string> skipped() const override;
   [[nodiscard]] const drivers::CloudDecoder& decoder() const { return decoder_; }
   /// End of the first scan.
   [[nodiscard]] std::optional<core::Time> first_stamp() const { return first_stamp_; }
 
  private:
-  CloudScanFeed(std::unique_ptr<drivers::CloudSource> clouds, std::deque<drivers::CloudCopy> head,
-                drivers::CloudDecoder decoder);
+  CloudScanFeed(std::unique_ptr<drivers::CloudSource> clouds, std::string name,
+                std::deque<drivers::CloudCopy> head, drivers::CloudDecoder decoder);
   /// Decodes the next usable cloud; false at the end.
   bool load(core::Scan& scan);
 
   std::unique_ptr<drivers::CloudSource> clouds_;
+  std::string name_;
   /// Clouds read for learning and not delivered yet.
   std::deque<drivers::CloudCopy> head_;
   drivers::CloudDecoder decoder_;

@@ -10,6 +10,8 @@
 
 #include <atomic>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 namespace nilio::daemon {
 
@@ -44,6 +46,8 @@ class ScanFeed {
   [[nodiscard]] virtual MergeDecision merge_decision() const { return {}; }
   /// Only while next() is not running.
   [[nodiscard]] virtual drivers::ScanAssemblerStats stats() const { return {}; }
+  /// Lines about parts of a recording that were skipped, at its end.
+  [[nodiscard]] virtual std::vector<std::string> skipped() const { return {}; }
 };
 
 /// Decodes one LiDAR's packets and cuts them into scans while they arrive.

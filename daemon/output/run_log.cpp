@@ -169,6 +169,10 @@ void RunLog::report_end(const Pipeline& pipeline, double seconds) const {
   log_merged_lidars(pipeline);
   const Input& input = pipeline.input();
   if (input.packets && input.packets->stats().malformed > 0) spdlog::warn("{}", input.packets->status());
+  if (input.scans) {
+    for (const std::string& line : input.scans->skipped()) spdlog::warn("{}", line);
+  }
+  if (input.samples && input.samples->stats().malformed > 0) spdlog::warn("{}", input.samples->status());
   if (input.frames) {
     if (input.frames->stats().malformed > 0) spdlog::warn("{}", input.frames->status());
     if (counters.scans_with_imu.load() == 0) report_unused_imu(pipeline);

@@ -5,6 +5,7 @@
 #include <array>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <sqlite3.h>
 #include <utility>
 
@@ -46,6 +47,15 @@ void protect(sqlite3* database) {
                nullptr, nullptr);
 }
 
+/// Tables of a ROS 2 bag, two if it is one; empty if the file cannot be read.
+std::optional<int> count_tables(sqlite3* database) {
+  const Statement tables = prepare(database,
+                                   "SELECT count(*) FROM sqlite_master WHERE type='table' AND name IN "
+                                   "('topics','messages')");
+  if (!tables || sqlite3_step(tables.get()) != SQLITE_ROW) return std::nullopt;
+  return sqlite3_column_int(tables.get(), 0);
+}
+
 class Db3 : public BagReader {
  public:
   Db3(Database database, std::string name, Filter filter)
@@ -72,13 +82,16 @@ class Db3 : public BagReader {
 
 Result<std::monostate> Db3::begin() {
   const auto fail = [&](const std::string& reason) { return Error{name_ + ": " + reason}; };
-  const Statement tables = prepare(database_.get(),
-                                   "SELECT count(*) FROM sqlite_master WHERE type='table' AND name IN "
-                                   "('topics','messages')");
-  if (!tables || sqlite3_step(tables.get()) != SQLITE_ROW)
-    return fail(std::string("cannot be read as SQLite (") + sqlite3_errmsg(database_.get()) + ")");
-  if (sqlite3_column_int(tables.get(), 0) != 2)
-    return fail("is an SQLite file without the tables of a ROS 2 bag (topics, messages)");
+  std::optional<int> tables = count_tables(database_.get());
+  if (!tables && sqlite3_errcode(database_.get()) == SQLITE_CORRUPT) {
+    // Mode in which SQLite opens a file that is shorter than its header says; nothing is written to it.
+    sqlite3_db_config(database_.get(), SQLITE_DBCONFIG_DEFENSIVE, 0, nullptr);
+    sqlite3_exec(database_.get(), "PRAGMA writable_schema=ON", nullptr, nullptr, nullptr);
+    tables = count_tables(database_.get());
+    if (tables) note("is cut or damaged; read as far as it goes");
+  }
+  if (!tables) return fail(std::string("cannot be read as SQLite (") + sqlite3_errmsg(database_.get()) + ")");
+  if (*tables != 2) return fail("is an SQLite file without the tables of a ROS 2 bag (topics, messages)");
   const Statement topics = prepare(database_.get(), "SELECT id,name,type,serialization_format FROM topics");
   if (!topics)
     return fail(std::string("its table of topics cannot be read (") + sqlite3_errmsg(database_.get()) + ")");

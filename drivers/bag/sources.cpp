@@ -41,7 +41,8 @@ class BagSource : public Source<Slot> {
   [[nodiscard]] SourceStats stats() const override { return stats_; }
   [[nodiscard]] std::string status() const override {
     std::string text = name_ + ": " + std::to_string(stats_.delivered) + " delivered";
-    if (stats_.malformed > 0) text += ", " + std::to_string(stats_.malformed) + " damaged messages skipped";
+    if (stats_.malformed > 0)
+      text += ", " + std::to_string(stats_.malformed) + " damaged messages and parts skipped";
     for (const std::string& note : reader_->notes()) text += "; " + note;
     return text + remark_;
   }
@@ -54,7 +55,10 @@ class BagSource : public Source<Slot> {
     const std::size_t before = waiting_.size();
     while (waiting_.size() == before) {
       const auto message = reader_->next();
-      if (!message) return false;
+      if (!message) {
+        if (!std::exchange(has_ended_, true)) stats_.malformed += reader_->notes().size();
+        return false;
+      }
       const std::size_t kept = waiting_.size();
       if (!decode_(reader_->topics()[message->topic], *message, waiting_)) {
         // Whole packets of a damaged message are good.
@@ -76,6 +80,7 @@ class BagSource : public Source<Slot> {
   std::string name_;
   Decode decode_;
   SourceStats stats_;
+  bool has_ended_ = false;
 };
 
 bool decode_frame(const BagTopic& topic, const BagMessage& message, std::vector<CanFrame>& frames) {

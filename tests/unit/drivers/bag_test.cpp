@@ -211,6 +211,35 @@ TEST_CASE("a recording of the sqlite3 program gives its messages", "[bag]") {
   CHECK_FALSE((*reader)->next());
 }
 
+TEST_CASE("a db3 file that was cut gives the messages before the cut", "[bag]") {
+  const tests::TemporaryFolder folder;
+  const std::string file = (folder.path() / "drive_0.db3").string();
+  const std::string sql =
+      "CREATE TABLE topics(id INTEGER PRIMARY KEY,name TEXT,type TEXT,serialization_format TEXT);"
+      "CREATE TABLE messages(id INTEGER PRIMARY KEY,topic_id INTEGER,timestamp INTEGER,data BLOB);"
+      "INSERT INTO topics VALUES(1,'/can','can_msgs/msg/Frame','cdr');"
+      "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i+1 FROM n WHERE i<2000) "
+      "INSERT INTO messages SELECT i,1,i,randomblob(600) FROM n;";
+  if (std::system(("sqlite3 '" + file + "' \"" + sql + "\" 2> /dev/null").c_str()) != 0) {
+    WARN("skipped: no sqlite3");
+    return;
+  }
+  fs::resize_file(file, fs::file_size(file) * 6 / 10);
+  auto reader = open_bag({file});
+  REQUIRE(reader.ok());
+  std::size_t messages = 0;
+  core::Time last{};
+  while (const auto message = (*reader)->next()) {
+    CHECK(message->stamp > last);
+    last = message->stamp;
+    ++messages;
+  }
+  CHECK(messages > 1000);
+  CHECK(messages < 1300);
+  REQUIRE((*reader)->notes().size() == 2);
+  CHECK_THAT((*reader)->notes().back(), Catch::Contains("messages are read"));
+}
+
 TEST_CASE("metadata that leaves its folder is refused", "[bag]") {
   const tests::TemporaryFolder folder;
   for (const char* const path : {"../other.db3", "/etc/passwd"}) {
