@@ -15,6 +15,7 @@
 #include <vector>
 
 #include <catch2/catch.hpp>
+#include <zlib.h>
 
 namespace {
 
@@ -109,7 +110,7 @@ void write_mcap(const std::string& path) {
         .number(i)
         .number(i)
         .number(std::uint64_t{records.size()})
-        .number(std::uint32_t{0})
+        .number(static_cast<std::uint32_t>(crc32_z(0, records.data(), records.size())))
         .text("")
         .number(std::uint64_t{records.size()})
         .bytes(records);
