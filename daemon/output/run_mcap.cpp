@@ -24,7 +24,8 @@ void RunMcap::write(RunChannel channel, std::int64_t stamp_ns) {
 void RunMcap::add(const ipc::PoseRecord& record) {
   write_odometry(record, frames_, message_);
   write(RunChannel::kOdometry, record.stamp_ns);
-  write_transform(record, frames_, message_);
+  const StampedPose pose{record.stamp_ns, record.position, record.orientation_xyzw};
+  write_transform(pose, frames_, message_);
   write(RunChannel::kTransform, record.stamp_ns);
   const std::int64_t received = stage_of(record, ipc::Stage::kReceived);
   if (received > 0) {
@@ -32,14 +33,14 @@ void RunMcap::add(const ipc::PoseRecord& record) {
     write_number(static_cast<double>(latency_ns) * 1e-6, message_);
     write(RunChannel::kLatency, record.stamp_ns);
   }
-  extend_path(record);
+  extend_path(pose);
   report(record);
 }
 
 /// The path is written whenever it grew by a tenth: the file then holds a fixed multiple of it.
-void RunMcap::extend_path(const ipc::PoseRecord& record) {
-  if (!path_.empty() && record.stamp_ns - path_.back().stamp_ns < path_period_ns_) return;
-  path_.push_back({record.stamp_ns, record.position, record.orientation_xyzw});
+void RunMcap::extend_path(const StampedPose& pose) {
+  if (!path_.empty() && pose.stamp_ns - path_.back().stamp_ns < path_period_ns_) return;
+  path_.push_back(pose);
   if (path_.size() >= kMaxPathPoses) {
     for (std::size_t i = 0; 2 * i < path_.size(); ++i) path_[i] = path_[2 * i];
     path_.resize((path_.size() + 1) / 2);
@@ -49,7 +50,7 @@ void RunMcap::extend_path(const ipc::PoseRecord& record) {
   if (path_.size() < written_path_poses_ + 1 + written_path_poses_ / 10) return;
   written_path_poses_ = path_.size();
   write_path(path_, frames_, message_);
-  write(RunChannel::kPath, record.stamp_ns);
+  write(RunChannel::kPath, pose.stamp_ns);
 }
 
 /// Diagnostics as the publisher reports them, once a second of the scans' time.

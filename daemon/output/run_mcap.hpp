@@ -35,13 +35,13 @@ class RunMcap {
 
  private:
   void write(RunChannel channel, std::int64_t stamp_ns);
-  void extend_path(const ipc::PoseRecord& record);
+  void extend_path(const StampedPose& pose);
   void report(const ipc::PoseRecord& record);
 
   RunFrames frames_;
   drivers::McapWriter writer_;
   std::vector<std::uint8_t> message_;
-  std::vector<PathPose> path_;
+  std::vector<StampedPose> path_;
   std::int64_t path_period_ns_ = 1'000'000'000;
   std::size_t written_path_poses_ = 0;
   ipc::OdometryResetDetector resets_;

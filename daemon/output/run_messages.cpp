@@ -5,6 +5,7 @@
 #include <initializer_list>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 
 namespace nilio::daemon {
 
@@ -99,6 +100,31 @@ class CdrWriter {
 
 }  // namespace
 
+namespace {
+
+drivers::McapWriter::Channel transform_channel() {
+  return {"/tf", "tf2_msgs/msg/TFMessage",
+          definition("geometry_msgs/TransformStamped[] transforms\n",
+                     {kTransformStamped, kHeader, kTime, kTransform, kVector, kQuaternion})};
+}
+
+drivers::McapWriter::Channel path_channel() {
+  return {"/path", "nav_msgs/msg/Path",
+          definition("std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
+                     {kHeader, kTime, kPoseStamped, kPose, kPoint, kQuaternion})};
+}
+
+}  // namespace
+
+std::vector<drivers::McapWriter::Channel> trajectory_channels() {
+  drivers::McapWriter::Channel path = path_channel();
+  path.is_latched = true;
+  return {{"/pose", "geometry_msgs/msg/PoseStamped",
+           definition(kPoseStamped.text, {kHeader, kTime, kPose, kPoint, kQuaternion})},
+          transform_channel(),
+          std::move(path)};
+}
+
 std::vector<drivers::McapWriter::Channel> run_channels() {
   return {
       {"/odom", "nav_msgs/msg/Odometry",
@@ -106,12 +132,8 @@ std::vector<drivers::McapWriter::Channel> run_channels() {
            "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance "
            "pose\ngeometry_msgs/TwistWithCovariance twist\n",
            {kHeader, kTime, kPoseCovariance, kPose, kPoint, kQuaternion, kTwistCovariance, kTwist, kVector})},
-      {"/tf", "tf2_msgs/msg/TFMessage",
-       definition("geometry_msgs/TransformStamped[] transforms\n",
-                  {kTransformStamped, kHeader, kTime, kTransform, kVector, kQuaternion})},
-      {"/path", "nav_msgs/msg/Path",
-       definition("std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
-                  {kHeader, kTime, kPoseStamped, kPose, kPoint, kQuaternion})},
+      transform_channel(),
+      path_channel(),
       {"/scan_registered", "sensor_msgs/msg/PointCloud2",
        definition("std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool "
                   "is_bigendian\nuint32 "
@@ -136,19 +158,23 @@ void write_odometry(const ipc::PoseRecord& record, const RunFrames& frames, std:
       .numbers(record.twist_covariance);
 }
 
-void write_transform(const ipc::PoseRecord& record, const RunFrames& frames, std::vector<std::uint8_t>& out) {
-  CdrWriter(out)
-      .length(1)
-      .header(record.stamp_ns, frames.odom)
-      .text(frames.base)
-      .numbers(record.position)
-      .numbers(record.orientation_xyzw);
+void write_pose(const StampedPose& pose, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  CdrWriter(out).header(pose.stamp_ns, frames.odom).numbers(pose.position).numbers(pose.orientation_xyzw);
 }
 
-void write_path(std::span<const PathPose> poses, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+void write_transform(const StampedPose& pose, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  CdrWriter(out)
+      .length(1)
+      .header(pose.stamp_ns, frames.odom)
+      .text(frames.base)
+      .numbers(pose.position)
+      .numbers(pose.orientation_xyzw);
+}
+
+void write_path(std::span<const StampedPose> poses, const RunFrames& frames, std::vector<std::uint8_t>& out) {
   CdrWriter writer(out);
   writer.header(poses.empty() ? 0 : poses.back().stamp_ns, frames.odom).length(poses.size());
-  for (const PathPose& pose : poses)
+  for (const StampedPose& pose : poses)
     writer.header(pose.stamp_ns, frames.odom).numbers(pose.position).numbers(pose.orientation_xyzw);
 }
 

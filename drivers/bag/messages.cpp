@@ -27,7 +27,7 @@ struct KnownType {
   /// Checksum of the ROS 1 definition; empty: unknown, and not compared.
   std::string_view md5;
 };
-constexpr std::array<KnownType, 14> kKnownTypes{{
+constexpr std::array<KnownType, 18> kKnownTypes{{
     {"velodyne_msgs/VelodyneScan", BagContent::kPackets, "50804fc9533a0e579e6322c04ae70566"},
     {"velodyne_msgs/VelodynePacket", BagContent::kPackets, ""},
     {"nebula_msgs/NebulaPackets", BagContent::kPackets, ""},
@@ -42,6 +42,10 @@ constexpr std::array<KnownType, 14> kKnownTypes{{
     {"nmea_msgs/Sentence", BagContent::kSentence, "9f221efc5f4b3bac7ce4af102b32308b"},
     {"tf2_msgs/TFMessage", BagContent::kTransforms, "94810edda583a504dfda3829e70d7eec"},
     {"tf/tfMessage", BagContent::kTransforms, "94810edda583a504dfda3829e70d7eec"},
+    {"nav_msgs/Odometry", BagContent::kPose, "cd5e73d190d741a2f92e81eda573aca7"},
+    {"geometry_msgs/PoseStamped", BagContent::kPose, "d3812c3cbc69362b77dc0b19b345f8f5"},
+    {"geometry_msgs/PoseWithCovarianceStamped", BagContent::kPose, "953b798c0f514ff060a53a3498ce6246"},
+    {"geometry_msgs/TransformStamped", BagContent::kPose, "b5764a33bfeb3588febc2682852579b0"},
 }};
 
 const KnownType* find_type(const std::string& type) {
@@ -60,6 +64,16 @@ void read_header(WireReader& wire, BagEncoding encoding, BagHeader& header) {
 
 bool are_finite(std::span<const double> values) {
   return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
+}
+
+/// Position and orientation; empty for what is no rotation.
+std::optional<core::SE3> read_pose(WireReader& wire) {
+  const auto t = wire.doubles<3>();
+  const auto q = wire.doubles<4>();
+  const Eigen::Quaterniond rotation(q[3], q[0], q[1], q[2]);
+  if (!wire.ok() || !are_finite(t) || !are_finite(q) || std::abs(rotation.norm() - 1.0) >= 0.1)
+    return std::nullopt;
+  return core::SE3{rotation.normalized(), core::Vector3(t[0], t[1], t[2])};
 }
 
 Packet& append_packet(std::span<const std::uint8_t> bytes, core::Time stamp, core::Time received,
@@ -190,6 +204,19 @@ std::optional<CanFrame> decode_can_frame(const BagTopic& topic, const BagMessage
   return frame;
 }
 
+std::optional<BagPose> decode_pose(const BagTopic& topic, const BagMessage& message) {
+  WireReader wire(message.data, topic.encoding);
+  BagPose result;
+  read_header(wire, topic.encoding, result.header);
+  // The name of the body's frame lies between header and pose.
+  if (topic.type == "nav_msgs/Odometry" || topic.type == "geometry_msgs/TransformStamped") wire.text();
+  const auto pose = read_pose(wire);
+  if (!pose) return std::nullopt;
+  result.pose = *pose;
+  if (result.header.stamp.ns <= 0) result.header.stamp = message.stamp;
+  return result;
+}
+
 bool decode_transforms(const BagTopic& topic, const BagMessage& message,
                        std::vector<BagTransform>& transforms) {
   constexpr std::size_t kSmallest = 72;
@@ -200,13 +227,9 @@ bool decode_transforms(const BagTopic& topic, const BagMessage& message,
     read_header(wire, topic.encoding, header);
     std::string_view child = wire.text();
     while (child.starts_with('/')) child.remove_prefix(1);
-    const auto t = wire.doubles<3>();
-    const auto q = wire.doubles<4>();
-    const Eigen::Quaterniond rotation(q[3], q[0], q[1], q[2]);
-    const bool valid = wire.ok() && are_finite(t) && are_finite(q) && std::abs(rotation.norm() - 1.0) < 0.1;
-    if (!valid) return false;
-    transforms.push_back({header.frame_id, std::string(child.substr(0, kMaxName)),
-                          core::SE3{rotation.normalized(), core::Vector3(t[0], t[1], t[2])}});
+    const auto pose = read_pose(wire);
+    if (!pose) return false;
+    transforms.push_back({header.frame_id, std::string(child.substr(0, kMaxName)), *pose});
   }
   return wire.ok();
 }

@@ -16,7 +16,8 @@ constexpr std::uint64_t kMaxSurveyBytes = std::uint64_t{1} << 30U;
 bool has_header(const BagTopicSurvey& topic) {
   const bool known = topic.content == BagContent::kCloud || topic.content == BagContent::kImu ||
                      topic.content == BagContent::kCanFrame || topic.content == BagContent::kFix ||
-                     topic.content == BagContent::kSentence || topic.content == BagContent::kPackets;
+                     topic.content == BagContent::kSentence || topic.content == BagContent::kPackets ||
+                     topic.content == BagContent::kPose;
   return known && topic.topic.type != "velodyne_msgs/VelodynePacket" &&
          !topic.topic.type.ends_with("/PacketMsg");
 }

@@ -24,6 +24,7 @@ inline void read_bag(drivers::BagReader& reader) {
     decode_fix(topic, *message);
     decode_sentence(topic, *message);
     decode_can_frame(topic, *message);
+    decode_pose(topic, *message);
     packets.clear();
     decode_packets(topic, *message, packets);
     transforms.clear();

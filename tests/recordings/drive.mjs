@@ -52,8 +52,10 @@ export function imuSamples(frames) {
   return samples;
 }
 
-// VLP-16 user manual: elevation of each channel, firings every 55.296 us, channels every 2.304 us.
+// VLP-16 user manual: elevation of each channel and the height at which its beam leaves the axis, firings every
+// 55.296 us, channels every 2.304 us.
 const kElevations = [-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15];
+const kHeights = kElevations.map((elevation) => -0.04191 * Math.tan((elevation * Math.PI) / 180));
 const kRing = kElevations.map((elevation) => (elevation + 15) / 2);
 const kHour = 3_600_000_000_000n;
 
@@ -82,7 +84,7 @@ export function sweeps(packets) {
         const angle = ((azimuth + (step * offset) / 110592) * Math.PI) / 18000;
         const elevation = (kElevations[channel & 15] * Math.PI) / 180;
         const level = range * Math.cos(elevation);
-        points.push([level * Math.cos(angle), -level * Math.sin(angle), range * Math.sin(elevation), data[at + 6 + 3 * channel],
+        points.push([level * Math.cos(angle), -level * Math.sin(angle), range * Math.sin(elevation) + kHeights[channel & 15], data[at + 6 + 3 * channel],
           kRing[channel & 15], first + BigInt(110592 * block + offset)]);
       }
     }

@@ -148,6 +148,28 @@ def check_clouds(drive, reference):
     return drive.path("clouds_mcap", "clouds.mcap")
 
 
+def check_damage(drive, reference, configuration):
+    """Cut and damaged recordings are read as far as they go, and the log names what was skipped."""
+    whole = len(poses(os.path.join(reference, "trajectory.tum")))
+    clouds = "recording:\n  base_frame: base_link\n"
+    for name, settings in (("packets_lz4.bag", configuration), ("packets.mcap", configuration), ("packets.db3", configuration), ("clouds.mcap", clouds)):
+        path = drive.path(name.replace(".", "_"), name)
+        if not os.path.exists(path):
+            continue
+        data = read(path)
+        middle = len(data) // 2
+        for kind, content in (("cut", data[: len(data) * 6 // 10]), ("damaged", data[:middle] + bytes(2000) + data[middle + 2000 :])):
+            file = drive.path(f"{kind}_{name}")
+            open(file, "wb").write(content)
+            run, log = drive.replay(f"{kind}_{name}", drive.recording(f"folder_{kind}_{name}", file, settings))
+            kitti = os.path.join(run, "trajectory.tum")
+            left = len(poses(kitti)) if os.path.exists(kitti) else 0
+            # SQLite has no checksums: zeros in a packet are zeros.
+            is_silent = kind == "damaged" and name.endswith(".db3")
+            said = is_silent or [line for line in log.splitlines() if "warning" in line and f"{kind}_{name}" in line]
+            check(0.3 * whole < left < whole and said, f"{kind} {name}: {left} of {whole} poses; {said[-1][33:233] if said and not is_silent else said}")
+
+
 def check_choice(drive, bag):
     done = drive.run(f"{drive.programs}/niliod", "--replay", bag, "--output", drive.path("runs", "none"), "--set", "recording.lidar_topic=/lidar")
     text = done.stdout + done.stderr
@@ -193,6 +215,30 @@ def check_run(drive, run):
     check(0 < poses_left < len(lines) and part["problems"] == [], f"a file cut at 60 % gives {poses_left} of {len(lines)} poses")
 
 
+def check_conversion(drive, run, bag):
+    """nilio convert run and nilio convert bag: back from run.mcap, into an MCAP that npm reads, and the scans of a bag."""
+    lines = poses(os.path.join(run, "trajectory.tum"))
+    tum = drive.path("back.tum")
+    done = drive.run(f"{drive.programs}/nilio", "convert", "run", os.path.join(run, "run.mcap"), "--to", "tum", "--output", tum)
+    back = poses(tum) if done.returncode == 0 else []
+    worst = max((abs(a - b) for one, other in zip(lines, back) for a, b in zip(one[1:], other[1:])), default=None)
+    check(len(back) == len(lines) and worst < 1e-8, f"run.mcap as TUM: {len(back)} poses, largest difference {worst} {done.stderr[-200:]}")
+    mcap = drive.path("poses.mcap")
+    done = drive.run(f"{drive.programs}/nilio", "convert", "run", run, "--to", "mcap", "--output", mcap)
+    found = read_run(drive, mcap) if done.returncode == 0 else {"counts": {}, "problems": [done.stderr]}
+    check(found["problems"] == [] and found["counts"] == {"/path": 1, "/pose": len(lines), "/tf": len(lines)} and found["pathPoses"] == len(lines),
+          f"a run as MCAP: {found['counts']} {found['problems'][:3]}")
+    scans = drive.path("scans")
+    done = drive.run(f"{drive.programs}/nilio", "convert", "bag", bag, scans, "--format", "csv", "--first", "2", "--count", "3")
+    files = sorted(name for name in os.listdir(scans) if name.startswith("scan_")) if done.returncode == 0 else []
+    check(files == [f"scan_00000{i}.csv" for i in (2, 3, 4)], f"scans of a bag: {files} {done.stderr[-200:]}")
+    if files:
+        rows = [line.split(",") for line in open(os.path.join(scans, files[0])).read().splitlines()]
+        column = rows[0].index("time")
+        times = [float(row[column]) for row in rows[1:]]
+        check(len(times) > 1000 and 0.08 < max(times) - min(times) < 0.11, f"{len(times)} points with times over {max(times) - min(times):.4f} s")
+
+
 def main():
     programs, folder = sys.argv[1:3]
     if not install_packages(folder):
@@ -208,6 +254,8 @@ def main():
         check_run(drive, reference)
         bag = check_clouds(drive, reference)
         check_choice(drive, bag)
+        check_conversion(drive, reference, bag)
+        check_damage(drive, reference, open(drive.path("drive", "nilio.yaml")).read())
     finally:
         shutil.rmtree(work)
     print(f"{len(failures)} failures")

@@ -3,10 +3,13 @@
 #include "tools/commands/commands.hpp"
 #include "tools/convert/capture.hpp"
 #include "tools/convert/convert.hpp"
+#include "tools/convert/run.hpp"
 
+#include <cmath>
 #include <iostream>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -14,12 +17,12 @@ namespace nilio::tools {
 
 namespace {
 
-/// `capture` with its options.
-void add_capture_command(CLI::App& parent, int& status) {
+/// `capture` or `bag` with its options: both take any recording.
+void add_capture_command(CLI::App& parent, const char* name, const char* description, const char* explanation,
+                         const char* keys, int& status) {
   const auto options = std::make_shared<convert::CaptureOptions>();
-  CLI::App* const command =
-      parent.add_subcommand("capture", "captures of any Velodyne to one point cloud per scan");
-  command->footer(
+  CLI::App* const command = parent.add_subcommand(name, description);
+  const std::string fields =
       "Writes scan_000000.pcd (or .ply, .csv), ... and scans.csv with the times of the scans. Fields: x, y, "
       "z in "
       "metres in the sensor's frame (x forward, y left, z up); intensity 0 to 255; ring, 0 = lowest beam; "
@@ -27,11 +30,10 @@ void add_capture_command(CLI::App& parent, int& status) {
       "last; "
       "time in seconds since the scan's first firing; azimuth in degrees, clockwise from forward. Every "
       "return "
-      "is written, whatever its range, and points are not deskewed. PCD and PLY are binary.\n"
-      "The sensor is identified from its packets; an HDL-64E's calibration is read from its status stream. "
-      "--config and --set take niliod's keys: lidar.model, lidar.calibration, lidar.port, lidar.returns, "
-      "...");
-  command->add_option("recording", options->recording, "capture, or folder of a recording")->required();
+      "is written, whatever its range, and points are not deskewed. PCD and PLY are binary.\n";
+  command->footer(fields + explanation + " --config and --set take niliod's keys: " + keys + ", ...");
+  command->add_option("recording", options->recording, "capture, ROS bag, or folder of a recording")
+      ->required();
   command->add_option("output", options->output, "folder for the scans, created if missing")->required();
   command->add_option("--format", options->format, "pcd (default), ply or csv")
       ->transform(choice_of<convert::PointFormat>({{"pcd", convert::PointFormat::kPcd},
@@ -52,6 +54,60 @@ void add_capture_command(CLI::App& parent, int& status) {
   });
 }
 
+/// `run` with its options.
+void add_run_command(CLI::App& parent, int& status) {
+  using convert::RunFormat;
+  struct Arguments {
+    convert::RunOptions options;
+    std::vector<double> origin;
+  };
+  const auto arguments = std::make_shared<Arguments>();
+  convert::RunOptions& options = arguments->options;
+  CLI::App* const command =
+      parent.add_subcommand("run", "poses of a run, a trajectory or a ROS bag to other formats");
+  command->footer(
+      "tum: time x y z qx qy qz qw, poses of base_link; kitti: rows of [R|t], those of trajectory.kitti for "
+      "an "
+      "output folder; csv: poses with angles and path length, and for an output folder the columns of "
+      "scans.csv; "
+      "geojson: a line with altitudes and times (RFC 7946), for maps; mcap: /pose, /tf and /path for "
+      "Foxglove and "
+      "PlotJuggler, without the scans and diagnostics of run.mcap.\n"
+      "Poses of a bag are those of nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped "
+      "and "
+      "TransformStamped: the reference trajectory of a data set becomes a file for 'nilio evaluate'.");
+  command->add_option("run", options.run, "output folder of niliod, trajectory file (TUM, KITTI), or ROS bag")
+      ->required();
+  command->add_option("--to", options.format, "tum, kitti, csv, geojson or mcap")
+      ->required()
+      ->transform(choice_of<RunFormat>({{"tum", RunFormat::kTum},
+                                        {"kitti", RunFormat::kKitti},
+                                        {"csv", RunFormat::kCsv},
+                                        {"geojson", RunFormat::kGeoJson},
+                                        {"mcap", RunFormat::kMcap}}));
+  command->add_option("--output", options.output, "file to write (default: standard output)");
+  command->add_option("--topic", options.topic, "topic of a bag with several topics of poses");
+  command
+      ->add_option(
+          "--origin", arguments->origin,
+          "geojson: latitude and longitude in degrees, altitude in metres and heading of the x axis in "
+          "degrees clockwise from north of the frame of the poses: LAT,LON,ALT,HEADING")
+      ->delimiter(',')
+      ->expected(4);
+  command->callback([arguments, &status] {
+    const std::vector<double>& origin = arguments->origin;
+    if (!origin.empty()) {
+      const bool is_place = std::abs(origin[0]) <= 90.0 && std::abs(origin[1]) <= 180.0 &&
+                            std::abs(origin[2]) <= 100'000.0 && std::abs(origin[3]) <= 360.0;
+      if (!is_place) throw CLI::ValidationError("--origin", "is no place: LAT,LON,ALT,HEADING");
+      arguments->options.origin = {origin[0], origin[1], origin[2], origin[3]};
+    }
+    const auto converted = convert::convert_run(arguments->options);
+    if (!converted) std::cerr << "nilio convert: " << converted.error().message << '\n';
+    status = converted ? kDone : kFailed;
+  });
+}
+
 int run_convert(const convert::Options& options) {
   const auto status = convert::convert_kitti_raw(options);
   if (status) return *status;
@@ -63,10 +119,20 @@ int run_convert(const convert::Options& options) {
 
 void add_convert_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<convert::Options>();
-  CLI::App* command =
-      app.add_subcommand("convert", "captures to point clouds, and KITTI's drives to captures");
+  CLI::App* command = app.add_subcommand(
+      "convert",
+      "captures and ROS bags to point clouds, runs to other formats, and KITTI's drives to captures");
   command->require_subcommand(1);
-  add_capture_command(*command, status);
+  add_capture_command(
+      *command, "capture", "captures of any Velodyne to one point cloud per scan",
+      "The sensor is identified from its packets; an HDL-64E's calibration is read from its status stream.",
+      "lidar.model, lidar.calibration, lidar.port, lidar.returns", status);
+  add_capture_command(*command, "bag", "ROS bags (rosbag1, db3, MCAP) to one point cloud per scan",
+                      "Packets and point clouds of any LiDAR are read as niliod reads them; times of points "
+                      "and beams are those "
+                      "that were recognised.",
+                      "recording.lidar_topic, recording.point_times, lidar.calibration", status);
+  add_run_command(*command, status);
   CLI::App* kitti = command->add_subcommand(
       "kitti-raw", "KITTI raw drive to lidar.pcap, imu.candump.log, truth.tum and nilio.yaml");
   kitti->footer(

@@ -140,8 +140,8 @@ core::Result<Trajectory> read_trajectory(const std::string& path) {
   return trajectory;
 }
 
-core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const std::string& path) {
-  std::ofstream file(path);
+std::string trajectory_text(const Trajectory& trajectory) {
+  std::string lines;
   std::array<char, 512> text{};
   for (std::size_t i = 0; i < trajectory.poses.size(); ++i) {
     const Pose& pose = trajectory.poses[i];
@@ -152,14 +152,20 @@ core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const s
       std::snprintf(text.data(), text.size(), "%s%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
                     ns < 0 ? "-" : "", std::abs(ns / 1'000'000'000LL), std::abs(ns % 1'000'000'000LL), t.x(),
                     t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
-      file << text.data();
+      lines += text.data();
     } else {
       for (int k = 0; k < 12; ++k) {
         std::snprintf(text.data(), text.size(), "%.12e%c", pose.matrix()(k / 4, k % 4), k == 11 ? '\n' : ' ');
-        file << text.data();
+        lines += text.data();
       }
     }
   }
+  return lines;
+}
+
+core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const std::string& path) {
+  std::ofstream file(path);
+  file << trajectory_text(trajectory);
   file.close();
   if (!file) return core::Error{path + ": could not be written - check the folder and the space on the disk"};
   return trajectory.poses.size();

@@ -41,7 +41,9 @@ struct Trajectory {
 /// finite, not a rotation, time that does not increase, no pose at all.
 core::Result<Trajectory> read_trajectory(const std::string& path);
 
-/// One line per pose in the trajectory's own format; TUM with nanoseconds. Fails when the file cannot be
+/// One line per pose in the trajectory's own format; TUM with nanoseconds.
+std::string trajectory_text(const Trajectory& trajectory);
+/// The same as a file. Fails when the file cannot be
 /// written.
 core::Result<std::size_t> write_trajectory(const Trajectory& trajectory, const std::string& path);
 

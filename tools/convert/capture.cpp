@@ -30,8 +30,7 @@ constexpr std::size_t kBatch = 64;
 Result<daemon::Input> open_input(const CaptureOptions& options, daemon::Config& config) {
   const auto files = daemon::find_replay_files({options.recording});
   if (!files) return files.error();
-  if (!files->bags.empty()) return Error{files->bags.front() + ": is a ROS bag, not a capture"};
-  if (files->captures.empty())
+  if (!files->kitti_sequence.empty())
     return Error{files->kitti_sequence + ": has no packets - its velodyne/*.bin are point clouds already"};
   auto loaded = daemon::replay_config(*files, options.config_file);
   if (!loaded) return loaded.error();
@@ -93,6 +92,17 @@ class ScanWriter {
   std::uint64_t points_ = 0;
 };
 
+/// Scans of point clouds.
+Result<std::monostate> write_clouds(daemon::ScanFeed& scans, ScanWriter& writer) {
+  Progress progress("scans written");
+  core::Scan scan;
+  while (!writer.is_done() && scans.next(scan, core::Duration{}) == daemon::FeedState::kScan) {
+    progress.update(writer.seen());
+    if (auto written = writer.add(scan); !written) return written;
+  }
+  return std::monostate{};
+}
+
 Result<std::monostate> write_scans(daemon::Input& input, const daemon::LidarConfig& lidar,
                                    ScanWriter& writer) {
   drivers::ScanAssemblerConfig config = daemon::assembler_config(lidar);
@@ -136,7 +146,9 @@ Result<std::monostate> convert_capture(const CaptureOptions& options) {
   if (fs::exists(fs::path(options.output) / kIndex, error))
     return Error{options.output + ": holds an earlier conversion (" + kIndex + ") - choose another folder"};
   ScanWriter writer(options);
-  if (auto written = write_scans(*input, config.lidar, writer); !written) return written;
+  auto written =
+      input->scans ? write_clouds(*input->scans, writer) : write_scans(*input, config.lidar, writer);
+  if (!written) return written;
   return writer.finish();
 }
 

@@ -11,9 +11,9 @@
 
 namespace nilio::tools::convert {
 
-/// Options of "nilio convert capture".
+/// Options of "nilio convert capture" and "nilio convert bag".
 struct CaptureOptions {
-  /// A capture, or the folder of a recording.
+  /// A capture, a ROS bag, or the folder of a recording.
   std::string recording;
   /// Folder for the scans, created if missing.
   std::string output;

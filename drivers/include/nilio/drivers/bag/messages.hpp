@@ -25,6 +25,7 @@ enum class BagContent : std::uint8_t {
   kFix,         ///< sensor_msgs/NavSatFix
   kSentence,    ///< nmea_msgs/Sentence
   kTransforms,  ///< tf2_msgs/TFMessage
+  kPose,        ///< nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped, TransformStamped
   kOther,
 };
 BagContent content_of(const BagTopic& topic);
@@ -69,6 +70,13 @@ struct BagTransform {
   core::SE3 T_parent_child;
 };
 
+/// Pose of a body in the header's frame: nav_msgs/Odometry, geometry_msgs/PoseStamped,
+/// PoseWithCovarianceStamped, TransformStamped.
+struct BagPose {
+  BagHeader header;
+  core::SE3 pose;
+};
+
 /// Column of a point cloud.
 struct CloudField {
   std::string name;
@@ -99,6 +107,7 @@ std::optional<BagImu> decode_imu(const BagTopic& topic, const BagMessage& messag
 std::optional<BagFix> decode_fix(const BagTopic& topic, const BagMessage& message);
 std::optional<BagSentence> decode_sentence(const BagTopic& topic, const BagMessage& message);
 std::optional<CanFrame> decode_can_frame(const BagTopic& topic, const BagMessage& message);
+std::optional<BagPose> decode_pose(const BagTopic& topic, const BagMessage& message);
 /// Appends the transforms; false if the message is damaged.
 bool decode_transforms(const BagTopic& topic, const BagMessage& message,
                        std::vector<BagTransform>& transforms);

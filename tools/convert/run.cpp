@@ -1,0 +1,162 @@
+#include "tools/convert/run.hpp"
+
+#include "nilio/core/units.hpp"
+#include "nilio/drivers/bag/bag.hpp"
+
+#include "tools/common/files.hpp"
+#include "tools/common/trajectory.hpp"
+#include "tools/convert/run_poses.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <iostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace nilio::tools::convert {
+
+namespace {
+
+namespace fs = std::filesystem;
+using core::Error;
+using core::Result;
+
+constexpr const char* kTrajectory = "trajectory.tum";
+
+template <class... Values>
+std::string format(const char* pattern, Values... values) {
+  std::array<char, 512> text{};
+  std::snprintf(text.data(), text.size(), pattern, values...);
+  return text.data();
+}
+
+bool is_run_folder(const fs::path& path) {
+  std::error_code code;
+  return fs::exists(path / kTrajectory, code);
+}
+
+Result<Trajectory> read_poses(const RunOptions& options) {
+  if (is_run_folder(options.run)) {
+    // A run states its poses for KITTI's metrics in the frame of the LiDAR, from the first one.
+    const bool is_kitti = options.format == RunFormat::kKitti;
+    return read_trajectory((fs::path(options.run) / (is_kitti ? "trajectory.kitti" : kTrajectory)).string());
+  }
+  if (drivers::is_bag(options.run)) return read_bag_poses(options.run, options.topic);
+  std::error_code code;
+  if (fs::is_directory(options.run, code))
+    return Error{options.run + ": holds neither " + kTrajectory +
+                 " nor a ROS bag - give the output folder of a run"};
+  return read_trajectory(options.run);
+}
+
+/// Text of a stamp as in trajectory.tum and scans.csv.
+std::string stamp_text(core::Time stamp) {
+  return format("%lld.%09lld", static_cast<long long>(stamp.ns / 1'000'000'000),
+                static_cast<long long>(stamp.ns % 1'000'000'000));
+}
+
+std::string utc_text(core::Time stamp) {
+  const std::time_t seconds = stamp.ns / 1'000'000'000;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
+  return text.data() + format(".%03dZ", static_cast<int>(stamp.ns / 1'000'000 % 1000));
+}
+
+std::string csv_text(const Trajectory& trajectory, const ScanColumns& columns) {
+  std::string text = "stamp_s,x_m,y_m,z_m,qx,qy,qz,qw,roll_deg,pitch_deg,yaw_deg,path_m";
+  const bool has_columns = !columns.names.empty();
+  if (has_columns) text += "," + columns.names;
+  text += '\n';
+  const std::string no_columns(static_cast<std::size_t>(std::ranges::count(columns.names, ',')), ',');
+  const std::vector<double> lengths = path_lengths(trajectory.poses);
+  for (std::size_t i = 0; i < trajectory.poses.size(); ++i) {
+    const core::SE3 pose = se3_of(trajectory.poses[i]);
+    const Eigen::Matrix3d r = pose.rotation.toRotationMatrix();
+    const Eigen::Vector3d& t = pose.translation;
+    const Eigen::Quaterniond& q = pose.rotation;
+    const std::string stamp = stamp_text(trajectory.stamps[i]);
+    text += stamp;
+    text += format(",%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.6f,%.6f,%.6f,%.4f", t.x(), t.y(), t.z(), q.x(),
+                   q.y(), q.z(), q.w(), std::atan2(r(2, 1), r(2, 2)) / kRadiansPerDegree,
+                   std::asin(std::clamp(-r(2, 0), -1.0, 1.0)) / kRadiansPerDegree,
+                   std::atan2(r(1, 0), r(0, 0)) / kRadiansPerDegree, lengths[i]);
+    if (has_columns) {
+      const auto row = columns.rows.find(stamp);
+      text += ',';
+      text += row == columns.rows.end() ? no_columns : row->second;
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+Result<std::string> geojson_text(const Trajectory& trajectory, const RunOptions& options) {
+  if (!options.origin)
+    return Error{
+        "--origin: GeoJSON needs the place and heading of the first frame - give LAT,LON,ALT,HEADING"};
+  if (trajectory.poses.size() < 2) return Error{options.run + ": has one pose; a line needs two"};
+  const GeodeticFrame frame(*options.origin);
+  nlohmann::json line = nlohmann::json::array();
+  nlohmann::json times = nlohmann::json::array();
+  const auto rounded = [](double value, double unit) { return std::round(value / unit) * unit; };
+  for (std::size_t i = 0; i < trajectory.poses.size(); ++i) {
+    const auto [latitude, longitude, altitude] = frame.geodetic(trajectory.poses[i].translation());
+    line.push_back({rounded(longitude, 1e-9), rounded(latitude, 1e-9), rounded(altitude, 1e-3)});
+    times.push_back(utc_text(trajectory.stamps[i]));
+  }
+  const nlohmann::json feature{{"type", "Feature"},
+                               {"geometry", {{"type", "LineString"}, {"coordinates", std::move(line)}}},
+                               {"properties",
+                                {{"name", fs::path(options.run).filename().string()},
+                                 {"path_length_m", rounded(path_length(trajectory.poses), 1e-3)},
+                                 {"coordTimes", std::move(times)}}}};
+  const nlohmann::json collection{{"type", "FeatureCollection"},
+                                  {"features", nlohmann::json::array({feature})}};
+  return collection.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
+}
+
+Result<std::string> text_of(const Trajectory& trajectory, const RunOptions& options) {
+  if (options.format == RunFormat::kCsv)
+    return csv_text(trajectory, is_run_folder(options.run) ? read_scan_columns(options.run) : ScanColumns{});
+  if (options.format == RunFormat::kGeoJson) return geojson_text(trajectory, options);
+  Trajectory converted = trajectory;
+  converted.format = options.format == RunFormat::kKitti ? TrajectoryFormat::kKitti : TrajectoryFormat::kTum;
+  return trajectory_text(converted);
+}
+
+}  // namespace
+
+Result<std::monostate> convert_run(const RunOptions& options) {
+  const auto trajectory = read_poses(options);
+  if (!trajectory) return trajectory.error();
+  if (trajectory->stamps.empty() && options.format != RunFormat::kKitti)
+    return Error{trajectory->path +
+                 ": has no times - give a TUM file, an output folder of niliod or a ROS bag"};
+  if (options.format == RunFormat::kMcap) {
+    if (options.output.empty())
+      return Error{"--output: an MCAP file is not written to standard output - name a file"};
+    if (auto written = write_mcap(*trajectory, options.output); !written) return written;
+  } else {
+    const auto text = text_of(*trajectory, options);
+    if (!text) return text.error();
+    if (options.output.empty()) {
+      std::cout << *text << std::flush;
+      if (!std::cout) return Error{"standard output: cannot be written"};
+      return std::monostate{};
+    }
+    if (auto written = write_text(options.output, *text); !written) return written;
+  }
+  std::cout << options.output << ": " << trajectory->poses.size() << " poses\n";
+  return std::monostate{};
+}
+
+}  // namespace nilio::tools::convert

@@ -1,0 +1,38 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include "tools/convert/geodetic.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+namespace nilio::tools::convert {
+
+enum class RunFormat : std::uint8_t {
+  kTum,
+  kKitti,
+  kCsv,      ///< poses with angles and path length, and the columns of scans.csv
+  kGeoJson,  ///< a line on the WGS 84 ellipsoid (RFC 7946)
+  kMcap,     ///< /pose, /tf, /path
+};
+
+/// Options of "nilio convert run".
+struct RunOptions {
+  /// Output folder of niliod, trajectory file (TUM, KITTI), or ROS bag with poses.
+  std::string run;
+  RunFormat format = RunFormat::kTum;
+  /// Empty = standard output, for the formats that are text.
+  std::string output;
+  /// Topic of a bag; empty = the only one with poses.
+  std::string topic;
+  /// For GeoJSON.
+  std::optional<GeodeticOrigin> origin;
+};
+
+/// Writes the poses of a run in another format. Fails with what is missing: times, an origin, a topic.
+core::Result<std::monostate> convert_run(const RunOptions& options);
+
+}  // namespace nilio::tools::convert
