@@ -13,9 +13,9 @@
 #include <random>
 #include <string>
 #include <vector>
+#include <zlib.h>
 
 #include <catch2/catch.hpp>
-#include <zlib.h>
 
 namespace {
 
