@@ -86,11 +86,12 @@ FileKind file_kind(const std::string& path) {
   if (is_can_log(head)) return FileKind::kCanLog;
   const fs::path name(path);
   constexpr std::array kCaptures{".pcap"sv, ".pcapng"sv, ".cap"sv};
-  constexpr std::array kLogs{".candump"sv, ".log"sv, ".asc"sv};
+  constexpr std::array kOthers{".candump"sv, ".log"sv, ".asc"sv, ".bag"sv, ".db3"sv, ".mcap"sv};
   if (find_packer(head) != nullptr) {
     // lidar.pcap.gz
     const fs::path inner = name.stem().extension();
-    return is_one_of(inner, kCaptures) || is_one_of(inner, kLogs) ? FileKind::kCompressed : FileKind::kOther;
+    return is_one_of(inner, kCaptures) || is_one_of(inner, kOthers) ? FileKind::kCompressed
+                                                                    : FileKind::kOther;
   }
   if (is_one_of(name.extension(), kCaptures)) return FileKind::kCapture;
   return name.extension() == ".candump" ? FileKind::kCanLog : FileKind::kOther;

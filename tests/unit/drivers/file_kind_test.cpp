@@ -44,5 +44,7 @@ TEST_CASE("a packed recording is recognised and named with the command that unpa
                                "\xFD"
                                "7zXZ....")) == FileKind::kCompressed);
   CHECK(file_kind(folder.write("notes.tar.gz", "\x1F\x8B....")) == FileKind::kOther);
+  for (const char* const name : {"drive_0.db3.zstd", "drive_0.mcap.zstd", "drive.bag.gz"})
+    CHECK(file_kind(folder.write(name, "\x28\xB5\x2F\xFD...")) == FileKind::kCompressed);
   CHECK(why_no_recording(packed) == "is compressed (gzip); unpack it with 'gunzip " + packed + "'");
 }
