@@ -1,6 +1,5 @@
 #include "nilio/core/odometry.hpp"
 
-#include "core/src/estimation/pose_covariance.hpp"
 #include "core/src/odometry_impl.hpp"
 
 namespace nilio::core {
@@ -40,57 +39,45 @@ OdometryResult Odometry::State::result_for(const Scan& scan) {
   return result;
 }
 
-Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan) const {
-  MotionPrior result;
-  result.span = {time, scan.motion_compensated ? scan.end : scan.start, scan.end};
-  result.imu_covers = imu.covers(time, scan.end - kMaxImuLag, config.max_imu_gap);
-  result.imu_used = result.imu_covers && monitor.usable(time, scan.end);
-  if (result.imu_covers) result.acceleration = imu_acceleration(result);
-  return result;
-}
-
 /// Fills the poses of the end and the middle of a sweep.
-void Odometry::State::set_poses(const MotionModel& moved, const SE3& T_map_end,
+void Odometry::State::set_poses(const SweepMotion& moved, const SE3& T_map_end,
                                 OdometryResult& result) const {
   result.T_odom_base = T_odom_map * T_map_end;
-  result.T_odom_base_middle = result.T_odom_base;
-  const bool has_sweep = scans > 0 && result.scan_end > result.scan_start;
-  if (has_sweep) result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
+  result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
 }
 
 /// Fills twist and IMU corrections from the motion.
-void Odometry::State::fill_motion(const MotionModel& moved, OdometryResult& result) const {
-  result.twist.head<3>() = moved.body_velocity();
-  result.twist.tail<3>() = moved.mean_angular_velocity();
-  result.gyro_bias = gyro_bias;
+void Odometry::State::fill_motion(const SweepMotion& moved, const MotionState& state,
+                                  OdometryResult& result) const {
+  result.twist = moved.end_twist();
+  result.gyro_bias = state.gyro_bias;
   result.imu_time_shift = monitor.time_shift();
 }
 
 void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
-  if (scans > 0) {
-    last_T_middle_end = motion.T_middle_end();
-    last_sweep_s = motion.sweep_s();
-  }
   time = scan.end;
   set_poses(motion, T_map_base, result);
   ++scans;
+  T_map_last_middle = motion_filter.state().T_map_base;
+  last_middle = motion_filter.state().time;
   last_fine_iterations = static_cast<std::size_t>(result.fine_iterations);
   count_map(result);
-  drift.advance(result.predicted ? 0 : registration.degenerate_axes, prediction_error_variance);
   if (!result.predicted) registered_time = time;
-  fill_motion(motion, result);
+  fill_motion(motion, motion_filter.state(), result);
   result.degradation_level = degradation_level_of(result);
-  fill_confidence(registration, T_map_base, motion_prior.span_s(), (time - registered_time).seconds(),
-                  result);
+  fill_confidence(motion_filter, motion, T_map_base, motion_prior.span_s(), result);
   T_published = T_map_base;
   published_speed = result.twist.head<3>().norm();
 }
 
-/// Covariance of a pose, `span_s` after the last published and `predicted_s` after the last registered one;
-/// `lost` if no vehicle can have driven to it.
-void Odometry::State::fill_confidence(const RegistrationResult& evidence, const SE3& T_map_pose,
-                                      double span_s, double predicted_s, OdometryResult& result) const {
-  fill_covariance({evidence, prediction_error_variance, drift.variance(), span_s, predicted_s}, result);
+/// Covariance of a pose, `span_s` after the last published one; `lost` if no vehicle can have driven to it.
+void Odometry::State::fill_confidence(const MotionFilter& filter_at_middle, const SweepMotion& moved,
+                                      const SE3& T_map_pose, double span_s, OdometryResult& result) const {
+  MotionFilter at_end = filter_at_middle;
+  at_end.propagate(motion_prior.inputs, moved.span().end);
+  const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
+  result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
+  result.twist_covariance = at_end.twist_covariance();
   if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_pose, span_s))
     result.state = TrackingState::kLost;
 }
@@ -124,10 +111,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
     if (s.scans > 1) s.select_points(s.T_predicted);
     s.budget.record(WorkKind::kPrepare, s.scan_points);
     s.stamp(result, OdometryStage::kFiltered);
-    s.registration_arena().execute([&] {
-      s.register_sweep(result);
-      s.reconsider_imu(result);
-    });
+    s.registration_arena().execute([&] { s.register_sweep(result); });
     s.stamp(result, OdometryStage::kFine);
     s.check_registration(result);
     s.map_update_pending = true;

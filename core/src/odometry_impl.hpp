@@ -3,11 +3,8 @@
 #include "nilio/core/odometry.hpp"
 
 #include "core/src/estimation/imu_buffer.hpp"
-#include "core/src/estimation/inertial_velocity.hpp"
 #include "core/src/estimation/motion_filter.hpp"
-#include "core/src/estimation/pose_covariance.hpp"
 #include "core/src/estimation/static_initialization.hpp"
-#include "core/src/estimation/twist_filter.hpp"
 #include "core/src/imu_monitor/imu_monitor.hpp"
 #include "core/src/map/gaussian_voxel_map.hpp"
 #include "core/src/preprocessing/deskewing.hpp"
@@ -40,16 +37,10 @@ inline constexpr int kRestartAfterFailures = 30;
 inline constexpr int kRestartAfterSearches = 10;
 /// Maximum of the prediction error, also its initial value.
 inline constexpr double kMaxSigmaMetres = 2.0;
-/// Correspondence threshold in standard deviations.
-inline constexpr double kGateSigmas = 3.0;
 /// Minimum of the prediction error; a relocalised pose is registered with it.
 inline constexpr double kMinSigmaMetres = 0.1;
-/// Longest gap between accelerometer samples that still determine the velocity.
-inline constexpr Duration kMaxAccelerometerGap = Duration::from_milliseconds(50.0);
 /// Lever that converts rotation errors to distances.
 inline constexpr double kErrorLeverMetres = 30.0;
-/// Variance of gravity-and-bias of a stationary vehicle, m^2/s^4.
-inline constexpr double kStationaryGravityBiasVariance = 0.02 * 0.02;
 
 /// Maximum lag of the last IMU sample behind the end of a live scan; the rate is held constant.
 inline constexpr Duration kMaxImuLag = Duration::from_milliseconds(15.0);
@@ -60,7 +51,7 @@ inline constexpr std::size_t kCoarsePoints = 800;
 /// Beam numbers that differ by this belong to different beams.
 inline constexpr float kBeamSpread = 0.5F;
 
-/// Metric for a prediction error of `sigma_m`.
+/// Metric of a guess whose points are off by `sigma_m` everywhere.
 [[nodiscard]] PlaneMetric plane_metric(double sigma_m);
 
 /// Samples at most `target` elements evenly.
@@ -79,7 +70,6 @@ struct Odometry::State {
         single_thread_arena(1),
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
-        inertial_velocity(config.T_base_imu.translation, std::min(config.max_imu_gap, kMaxAccelerometerGap)),
         planes(plane_map_config(config)),
         coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
         budget(config.budget, clock),
@@ -114,15 +104,14 @@ struct Odometry::State {
     std::uint32_t inliers = 0;
   };
 
-  /// Span and IMU coverage of a prediction.
+  /// Prediction of a scan's motion.
   struct MotionPrior {
-    MotionModel::Span span;
-    bool imu_covers = false;     ///< the span
-    bool imu_used = false;       ///< covers the span and is accepted
+    Time previous;  ///< of the last pose
+    SweepSpan span;
+    bool imu_covers = false;  ///< from the midpoint of the last sweep to the end of this one
+    MotionInputs inputs;
     bool is_stationary = false;  ///< stationary since the start
-    /// Mean acceleration between the midpoints of the last sweep and this one.
-    std::optional<Vector3> acceleration;
-    [[nodiscard]] double span_s() const { return (span.end - span.previous).seconds(); }
+    [[nodiscard]] double span_s() const { return (span.end - previous).seconds(); }
   };
 
   // The steps of the algorithm, in the order of use.
@@ -136,6 +125,7 @@ struct Odometry::State {
   [[nodiscard]] bool coarse_is_due() const;
   tbb::task_arena& registration_arena();
   void register_sweep(OdometryResult& result);
+  void register_predicted(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
   RegistrationResult register_coarse(OdometryResult& result);
   [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse, const PlaneMetric& metric);
@@ -143,11 +133,12 @@ struct Odometry::State {
   [[nodiscard]] SE3 start_hypothesis(std::size_t i) const;
   [[nodiscard]] SE3 relocalization_hypothesis(std::size_t i) const;
   void find_initial_velocity(OdometryResult& result);
+  void start_moving(const SE3& T_map_middle);
   void compare_hypotheses(OdometryResult& result);
   void register_anew(OdometryResult& result);
   void relocalize(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
-  SE3 refine_motion(SE3& T_map_end);
+  [[nodiscard]] bool refine_motion();
   void register_points(bool coarse, PlaneMetric metric, OdometryResult& result);
   void rebuild_first_map();
   [[nodiscard]] bool has_no_time() const;
@@ -176,25 +167,19 @@ struct Odometry::State {
   [[nodiscard]] Duration recovery_budget(const Scan& scan) const;
   /// `span_s`: time since the last scan.
   [[nodiscard]] bool is_gap(double span_s) const;
-  void set_poses(const MotionModel& moved, const SE3& T_map_end, OdometryResult& result) const;
-  void fill_motion(const MotionModel& moved, OdometryResult& result) const;
-  void fill_confidence(const RegistrationResult& evidence, const SE3& T_map_pose, double span_s,
-                       double predicted_s, OdometryResult& result) const;
+  void set_poses(const SweepMotion& moved, const SE3& T_map_end, OdometryResult& result) const;
+  void fill_motion(const SweepMotion& moved, const MotionState& state, OdometryResult& result) const;
+  void fill_confidence(const MotionFilter& filter, const SweepMotion& moved, const SE3& T_map_pose,
+                       double span_s, OdometryResult& result) const;
   void align_with_gravity(const Scan& scan);
-  void set_rotation(const MotionModel::Span& target_span, bool with_imu, const Vector6& expected,
-                    MotionModel& target) const;
-  [[nodiscard]] std::optional<Vector3> imu_acceleration(const MotionPrior& next) const;
-  [[nodiscard]] Vector6 expected_twist(const MotionPrior& next) const;
-  /// Whether the accelerometer covers the whole motion and is not known to be faulty.
-  [[nodiscard]] bool accelerometer_observes_motion() const {
-    return motion_prior.imu_covers && monitor.force_usable(motion_prior.span.previous);
-  }
   [[nodiscard]] bool detect_static_start();
   /// The second scan still decides between stationary and a smooth ride.
   [[nodiscard]] bool applies_zero_velocity_update() const { return motion_prior.is_stationary && scans > 1; }
-  void propagate_motion_filter();
-  [[nodiscard]] TwistStep measured_step() const;
-  [[nodiscard]] SE3 expected_pose(const MotionPrior& next, MotionModel& target) const;
+  void initialize_gravity();
+  void predict_motion();
+  /// Standard deviation of the predicted displacement of a point at the lever, metres.
+  [[nodiscard]] double prediction_deviation() const;
+  [[nodiscard]] PlaneMetric metric_of_prediction() const;
   void insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
               const SE3& T_odom_moving);
   void insert_planes(const std::vector<SweepPoint>& seen);
@@ -204,17 +189,11 @@ struct Odometry::State {
                                    const PlaneMetric& metric, const std::optional<PosePrior>& prior,
                                    OdometryResult& result);
   [[nodiscard]] RegisteredMotion registered_motion() const;
+  void follow(const MotionState& state);
   void update_motion();
+  void relocate_motion();
   void skip_motion();
-  void reset_motion_filter();
-  void update_gyro_bias();
-  [[nodiscard]] TurnRate turn_rate(bool by_gyro) const;
-  [[nodiscard]] Vector3 translation_observability() const;
-  void update_inertial_velocity();
-  void update_velocity();
-  void correct_motion_filter();
-  void update_prediction_error();
-  void reset_prediction_error();
+  void weigh_accelerometer(double innovation_squared);
   void count_coarse_scan();
 
   OdometryConfig config;
@@ -224,8 +203,8 @@ struct Odometry::State {
   tbb::task_arena single_thread_arena;  ///< for small work
   ImuBuffer imu;
   ImuMonitor monitor;
-  InertialVelocity inertial_velocity;
   MotionFilter motion_filter;
+  MotionFilter last_filter;  ///< before the prediction of the scan
   StaticInitialization static_initialization;
   VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
@@ -233,7 +212,7 @@ struct Odometry::State {
   ComputeBudget budget;
   VoxelDownsampler filter;  ///< scratch, reused
   NormalSpaceSampler selector;
-  MotionModel motion;
+  SweepMotion motion;
 
   std::uint64_t scans = 0;
   std::size_t last_fine_iterations = 0;
@@ -244,7 +223,7 @@ struct Odometry::State {
   /// The map keeps the axes of the first pose and is levelled only in the output, so that registration does
   /// not depend on the accelerometer.
   SE3 T_odom_map;
-  SE3 T_map_base;
+  SE3 T_map_base;  ///< at the end of the last sweep; the filter's is at its midpoint
   SE3 T_accepted;  ///< the last pose that is not a prediction
   SE3 T_published;
   double published_speed = 0.0;  ///< of its twist, m/s
@@ -262,21 +241,20 @@ struct Odometry::State {
   bool doubtful = false;
   int doubts = 0;
   int relocalization_attempts = 0;
-  SE3 last_T_middle_end;  ///< of the previous scan
-  double last_sweep_s = 0.0;
-  TwistFilter twist;
-  Vector6 measured_twist = Vector6::Zero();  ///< by the last registration
-  Vector3 deskew_rate = Vector3::Zero();     ///< mean angular velocity of the last deskewing
-  Vector3 gyro_bias = Vector3::Zero();
-  std::uint64_t bias_updates = 0;
-  double sigma_m = kMaxSigmaMetres;
-  int sigma_scans = 0;  ///< scans behind it
+  SE3 T_map_last_middle;  ///< midpoint of the last sweep, and its time
+  Time last_middle;
+  bool gravity_known = false;
+  Time accelerometer_banned_until;
+  /// Mean normalised innovation squared of recent scans with the accelerometer.
+  double accelerometer_innovations = 0.0;
+  double sigma_m = kMaxSigmaMetres;  ///< of the prediction, at the lever
   double prediction_error_m = 0.0;
-  Vector6 prediction_error_variance = Vector6::Zero();  ///< of corrections of predictions, in body axes
   double plane_voxel_m = 0.0;
-  UnobservedDrift drift;
   double period_s = 0.1;  ///< between poses, slowly averaged
   double mean_agreement = 0.0;
+  /// Share of the scan's points that a known voxel holds, and its mean.
+  double known_share = 0.0;
+  double mean_known_share = 0.0;
   int coarse_scans_left = kMinScansWithNdt;  ///< remaining scans with NDT
   int failures = 0;
   bool recovers = false;              ///< the last registration failed, and not for lack of time
@@ -288,7 +266,7 @@ struct Odometry::State {
 
   // The first scan is kept until the second gives the initial velocity.
   std::vector<SweepPoint> first_sweep;
-  MotionModel::Span first_span;
+  SweepSpan first_span;
 
   std::vector<SweepPoint> sweep;
   std::vector<SweepPoint> selected_sweep;

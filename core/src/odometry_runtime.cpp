@@ -53,18 +53,19 @@ void OdometryRuntime::note_published(const OdometryResult& result) {
 OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   const Odometry::State& s = *odometry_->state_;
   OdometryResult result = Odometry::State::result_for(scan);
-  MotionModel motion;
   const Odometry::State::MotionPrior prior = s.motion_prior_for(scan);
-  result.imu_used = prior.imu_used;
-  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : s.expected_pose(prior, motion);
+  MotionFilter filter = s.motion_filter;
+  filter.propagate(prior.inputs, prior.span.middle());
+  const SweepMotion motion(prior.span, filter.state(), prior.inputs);
+  result.imu_used = prior.inputs.gyro;
+  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : filter.state().T_map_base * motion.T_middle_end();
   s.set_poses(motion, T_map_base, result);
   result.predicted = true;
-  s.fill_motion(motion, result);
+  s.fill_motion(motion, filter.state(), result);
   result.degradation_level = DegradationLevel::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
   result.state = s.state_without_registration(1);
-  s.fill_confidence({}, T_map_base, (scan.end - s.time).seconds(), (scan.end - s.registered_time).seconds(),
-                    result);
+  s.fill_confidence(filter, motion, T_map_base, (scan.end - s.time).seconds(), result);
   return result;
 }
 

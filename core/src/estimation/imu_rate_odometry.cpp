@@ -1,6 +1,6 @@
 #include "core/src/estimation/imu_rate_odometry.hpp"
 
-#include "core/src/estimation/inertial_velocity.hpp"
+#include <algorithm>
 
 namespace nilio::core {
 
@@ -16,6 +16,23 @@ SE3 moved(const SE3& T, const Vector3& velocity, const Vector3& rate, double sec
   // Translation along the mid-step direction: second-order accurate.
   const Eigen::Quaterniond middle = T.rotation * so3_exp(rate * (0.5 * seconds));
   return {(T.rotation * so3_exp(rate * seconds)).normalized(), T.translation + middle * velocity * seconds};
+}
+
+/// Integral of the specific force in the axes of `R_odom_base` at `from`, m/s; the buffer covers the span.
+Vector3 integrated_force(const ImuBuffer& imu, const Vector3& gyro_bias, Time from, Time to,
+                         Eigen::Quaterniond R_odom_base) {
+  Vector3 velocity = Vector3::Zero();
+  Time time = from;
+  for (std::size_t i = imu.lower_bound(from); time < to; ++i) {
+    const Time until = i < imu.size() ? std::min(imu[i].stamp, to) : to;
+    const Duration step = until - time;
+    const Time middle = time + step / 2;
+    const Vector3 turn = (imu.angular_velocity_at(middle) - gyro_bias) * step.seconds();
+    velocity += R_odom_base * so3_exp(0.5 * turn) * imu.specific_force_at(middle) * step.seconds();
+    R_odom_base = (R_odom_base * so3_exp(turn)).normalized();
+    time = until;
+  }
+  return velocity;
 }
 
 }  // namespace
@@ -43,10 +60,10 @@ void ImuRateOdometry::update_accelerometer(const ScanPose& next) {
   if (to <= from || to - from > kLongestSpan || !imu_.covers(from, to, config_.max_gap)) return;
   AccelerometerConsistency::Evidence evidence;
   evidence.seconds = (to - from).seconds();
-  const TurnRate rate{imu_, next.gyro_bias, {}};
-  evidence.imu_change = integrate_imu(rate, from, to, scan_.T_odom_base.rotation).velocity;
+  evidence.imu_change = integrated_force(imu_, next.gyro_bias, from, to, scan_.T_odom_base.rotation);
   const auto velocity = [&](const ScanPose& scan, Time imu_time) -> Vector3 {
-    return scan.T_odom_base.rotation * (scan.linear_velocity + lever(rate.at(imu_time)));
+    return scan.T_odom_base.rotation *
+           (scan.linear_velocity + lever(imu_.angular_velocity_at(imu_time) - next.gyro_bias));
   };
   evidence.measured = velocity(next, to) - velocity(scan_, from);
   evidence.held_error = (next.linear_velocity - scan_.linear_velocity).norm();

@@ -1,91 +1,405 @@
 #include "core/src/estimation/motion_filter.hpp"
 
-#include "core/src/registration/gauss_newton.hpp"
+#include "nilio/core/units.hpp"
 
-#include <cmath>
+#include "core/src/estimation/static_initialization.hpp"
+#include "core/src/linear_algebra.hpp"
+
+#include <algorithm>
+#include <array>
 
 namespace nilio::core {
 
 namespace {
 
-// Position variance is capped at the scan's: position is relative to the local map.
-constexpr double kPositionVariance = kScanErrorMetres * kScanErrorMetres;
-// Residual acceleration error from axes, scale and sampling: a hundredth of 1 g.
-constexpr double kAccelerationVariance = 0.1 * 0.1;
-// Attitude drift that misaligns gravity: less than 0.1 deg in a second.
-constexpr double kGravityBiasVariancePerSecond = 0.0002;
-// An accelerometer bias of 0.1 m/s^2 turns with the vehicle's heading.
-constexpr double kGravityBiasVariancePerRadian = 0.1 * 0.1;
-// Threshold: three standard deviations over some scans.
-constexpr double kInnovationMemory = 0.8;
-constexpr double kMaxNormalisedSquare = 9.0;
-constexpr double kMinInnovations = 1.0;
+using Vector = MotionFilter::Vector;
+using Matrix = MotionFilter::Matrix;
+constexpr auto kPose = MotionFilter::kPose;
+constexpr auto kRotation = MotionFilter::kRotation;
+constexpr auto kVelocity = MotionFilter::kVelocity;
+constexpr auto kRate = MotionFilter::kRate;
+constexpr auto kGyroBias = MotionFilter::kGyroBias;
+constexpr auto kAccelBias = MotionFilter::kAccelBias;
+constexpr auto kGravityBlock = MotionFilter::kGravityBlock;
+
+// Noise of an automotive IMU on a vibrating vehicle: five times the densities of data sheets
+// (0.01 deg/s and 300 ug per root hertz).
+constexpr double kGyroDensity = 5.0 * 0.01 * kRadiansPerDegree;
+constexpr double kAccelerometerDensity = 5.0 * 300e-6 * kGravity;
+// Scale and axes of such gyros: a hundredth of the rate.
+constexpr double kGyroScale = 0.01;
+// The same before turns have verified them.
+constexpr double kUnverifiedGyroScale = 0.3;
+// Random walks, per root second.
+constexpr double kGyroBiasWalk = 4e-4 * kRadiansPerDegree;
+constexpr double kAccelBiasWalk = 1e-3;
+// The map's attitude drifts by 0.02 deg per root second.
+constexpr double kGravityWalk = 0.02 * kRadiansPerDegree * kGravity;
+// Priors: bias at switch-on of automotive sensors, and the tilt and acceleration of a moving start.
+constexpr double kGyroBiasPrior = 0.5 * kRadiansPerDegree;
+constexpr double kAccelBiasPrior = 0.3;
+constexpr double kGravityPrior = 1.5;
+constexpr double kVelocityPrior = 10.0;
+constexpr double kRatePrior = 0.3;
+// Manoeuvres of a vehicle (Singer 1970: 2 a^2 tau): 2 m/s^2 and 0.3 rad/s^2 of yaw for a second.
+constexpr double kManoeuvreSeconds = 1.0;
+constexpr double kManoeuvre = 2.0 * 2.0 * 2.0 * kManoeuvreSeconds;
+constexpr double kYawManoeuvre = 2.0 * 0.3 * 0.3 * kManoeuvreSeconds;
+// Share of the newest change of the velocities in their accelerations.
+constexpr double kNewest = 0.5;
+// An axis beyond 99 % of its predicted deviation shows a manoeuvre, up to the limits of a road vehicle: 1 g
+// (upwards, too), and 10 rad/s^2 of yaw; its body sways by 30 deg/s at most.
+constexpr double kManoeuvre99 = 6.63;
+constexpr std::array kMaxScale{25.0, 25.0, 3000.0, 225.0, 225.0, 1111.0};
+// Sway of the body: rates of roll and pitch are an Ornstein-Uhlenbeck process.
+constexpr double kSwayRate = 2.0 * kRadiansPerDegree;
+constexpr double kSwaySeconds = 0.3;
+// Heave of the body, its vertical speed over a road, lasts as long.
+constexpr double kHeaveSpeed = 0.1;
+constexpr double kHeave = 2.0 * kHeaveSpeed * kHeaveSpeed / kSwaySeconds;
+// Lower bounds of the pose's deviation: numerical.
+constexpr double kMinMetres = 1e-4;
+constexpr double kMinRadians = 1e-6;
+constexpr double kRelocatedMetres = 0.05;
+constexpr double kRelocatedRadians = 0.2 * kRadiansPerDegree;
+// Directions of the scan with less information, 1/m^2, say nothing.
+constexpr double kMinInformation = 1.0;
+// Longest step of the covariance, and of the integration of samples.
+constexpr double kMaxStepSeconds = 0.1;
+constexpr double kMaxSampleSeconds = 0.005;
+// Longest motion that is predicted; what is before it is a jump of the clock, or nobody knows.
+constexpr Duration kLongestPrediction = Duration::from_seconds(10.0);
+
+Vector3 lever_velocity(const Vector3& rate, const Vector3& lever) { return rate.cross(lever); }
+
+/// F of error' = F error, for a twist, gravity in body axes and the inputs of a step.
+Matrix error_dynamics(const MotionState& s, const MotionInputs& inputs) {
+  const Matrix3 W = skew(s.angular_velocity);
+  const Matrix3 V = skew(s.velocity);
+  const Matrix3 I = Matrix3::Identity();
+  Matrix F = Matrix::Zero();
+  F.block<3, 3>(kPose, kPose) = -W;
+  F.block<3, 3>(kPose, kRotation) = -V;
+  F.block<3, 3>(kPose, kVelocity) = I;
+  F.block<3, 3>(kRotation, kRotation) = -W;
+  // The rate's error is that of the gyro bias, or the state's.
+  const Matrix3 by_rate = inputs.gyro ? Matrix3(-I) : I;
+  const int rate = inputs.gyro ? kGyroBias : kRate;
+  F.block<3, 3>(kRotation, rate) = by_rate;
+  if (!inputs.gyro) F(kRate, kRate) = F(kRate + 1, kRate + 1) = -1.0 / kSwaySeconds;
+  if (inputs.accelerometer) {
+    const Matrix3 R = s.T_map_base.rotation.toRotationMatrix();
+    F.block<3, 3>(kVelocity, kVelocity) = -W;
+    F.block<3, 3>(kVelocity, rate) = V * by_rate;
+    F.block<3, 3>(kVelocity, kRotation) = skew(R.transpose() * s.gravity);
+    F.block<3, 3>(kVelocity, kGravityBlock) = R.transpose();
+    F.block<3, 3>(kVelocity, kAccelBias) = -I;
+  }
+  return F;
+}
+
+/// Densities of the sensors' and the parameters' noise.
+Matrix sensor_noise(const MotionState& s, const MotionInputs& inputs, double seconds) {
+  Matrix Q = Matrix::Zero();
+  const auto add = [&](int block, double density) {
+    Q.block<3, 3>(block, block).diagonal().array() += density * density;
+  };
+  add(kGyroBias, kGyroBiasWalk);
+  add(kAccelBias, kAccelBiasWalk);
+  add(kGravityBlock, kGravityWalk);
+  if (inputs.gyro) {
+    const double scale =
+        (inputs.gyro_is_verified ? kGyroScale : kUnverifiedGyroScale) * s.angular_velocity.norm();
+    Eigen::Matrix<double, 6, 3> G;  // rotation and, where it is integrated in turning axes, velocity
+    G.topRows<3>().setIdentity();
+    G.bottomRows<3>() = inputs.accelerometer ? skew(s.velocity) : Matrix3::Zero();
+    const double density = kGyroDensity * kGyroDensity + scale * scale * seconds;
+    Q.block<6, 6>(kRotation, kRotation) += density * G * G.transpose();
+  }
+  if (inputs.accelerometer) add(kVelocity, kAccelerometerDensity);
+  return Q;
+}
+
+/// Densities of manoeuvres that no sensor measures.
+Matrix manoeuvre_noise(const MotionInputs& inputs, const Vector6& scale) {
+  Matrix Q = Matrix::Zero();
+  if (!inputs.accelerometer) Q.diagonal().segment<3>(kVelocity) << kManoeuvre, kManoeuvre, kHeave;
+  if (!inputs.gyro) {
+    const double sway = 2.0 * kSwayRate * kSwayRate / kSwaySeconds;
+    Q.diagonal().segment<3>(kRate) << sway, sway, kYawManoeuvre;
+  }
+  Q.diagonal().segment<6>(kVelocity).array() *= scale.array();
+  return Q;
+}
+
+/// Integral of Phi(t) Q Phi(t)^T over a step, by Simpson's rule.
+Matrix integrated(const Matrix& Q, const Matrix& half, const Matrix& whole, double seconds) {
+  return (seconds / 6.0) * (Q + 4.0 * (half * Q * half.transpose()) + whole * Q * whole.transpose());
+}
 
 }  // namespace
 
-void MotionFilter::begin(const Variances& variances) {
-  covariance_.setZero();
-  covariance_.diagonal() << Vector3::Constant(kPositionVariance), Vector3::Constant(variances.velocity),
-      Vector3::Constant(variances.gravity_bias);
-  normalised_squares_ = 0.0;
-  innovations_ = 0.0;
-  has_begun_ = true;
-}
-
-void MotionFilter::advance(double seconds, double turn_rad) {
-  const Matrix3 I = Matrix3::Identity();
-  const double square = seconds * seconds;
-  Matrix9 F = Matrix9::Identity();
-  F.block<3, 3>(0, 3) = seconds * I;
-  F.block<3, 3>(0, 6) = -0.5 * square * I;
-  F.block<3, 3>(3, 6) = -seconds * I;
-  covariance_ = (F * covariance_ * F.transpose()).eval();
-  covariance_.block<3, 3>(0, 0) += 0.25 * kAccelerationVariance * square * square * I;
-  covariance_.block<3, 3>(0, 3) += 0.5 * kAccelerationVariance * square * seconds * I;
-  covariance_.block<3, 3>(3, 0) += 0.5 * kAccelerationVariance * square * seconds * I;
-  covariance_.block<3, 3>(3, 3) += kAccelerationVariance * square * I;
-  covariance_.block<3, 3>(6, 6) +=
-      (kGravityBiasVariancePerSecond * seconds + kGravityBiasVariancePerRadian * std::abs(turn_rad)) * I;
-}
-
-Vector3 MotionFilter::position_variance(const Matrix3& R_odom_base) const {
-  return (R_odom_base.transpose() * covariance_.block<3, 3>(0, 0) * R_odom_base).diagonal();
-}
-
-Vector3 MotionFilter::velocity_gain(const Matrix3& R_odom_base) const {
-  const Vector3 common = (R_odom_base.transpose() * covariance_.block<3, 3>(3, 0) * R_odom_base).diagonal();
-  return common.cwiseQuotient(position_variance(R_odom_base));
-}
-
-Vector3 MotionFilter::correct(const Matrix3& R_odom_base, const Vector3& moved, const Vector3& share) {
-  // Sequential update: one axis after the other.
-  Vector9 change = Vector9::Zero();
-  normalised_squares_ = kInnovationMemory * normalised_squares_ +
-                        moved.cwiseAbs2().cwiseQuotient(position_variance(R_odom_base)).sum();
-  innovations_ = kInnovationMemory * innovations_ + share.sum();
-  for (int axis = 0; axis < 3; ++axis) {
-    const Vector3 direction = R_odom_base.col(axis);
-    const Vector9 common = covariance_.leftCols<3>() * direction;
-    const double variance = direction.dot(common.head<3>());
-    change += common * ((moved[axis] - direction.dot(change.head<3>())) / variance);
-    covariance_ -= common * common.transpose() * (share[axis] / variance);
+MotionState propagated(const MotionState& state, const MotionInputs& inputs, Time to) {
+  MotionState s = state;
+  s.time = std::clamp(s.time, to - kLongestPrediction, to + kLongestPrediction);
+  const Vector3& lever = inputs.imu_position;
+  const Vector3 bias = s.gyro_bias;
+  while (s.time != to) {
+    // Backwards, too.
+    const double left = (to - s.time).seconds();
+    const double h = std::clamp(left, -kMaxSampleSeconds, kMaxSampleSeconds);
+    const Time next = h == left ? to : s.time + Duration::from_seconds(h);
+    const Time middle = s.time + (next - s.time) / 2;
+    Vector3 rate = s.angular_velocity;
+    Vector3 next_rate = rate;
+    if (inputs.gyro) {
+      s.angular_velocity = inputs.imu->angular_velocity_at(s.time) - bias;
+      rate = inputs.imu->angular_velocity_at(middle) - bias;
+      next_rate = inputs.imu->angular_velocity_at(next) - bias;
+    } else {
+      // exp(-h / tau) to second order: the same bits everywhere.
+      const double x = h / kSwaySeconds;
+      next_rate.head<2>() *= 1.0 - x + 0.5 * x * x;
+      next_rate += h * s.angular_acceleration;
+      rate = 0.5 * (rate + next_rate);
+    }
+    const Eigen::Quaterniond& R = s.T_map_base.rotation;
+    const Eigen::Quaterniond half = R * so3_exp(0.5 * h * rate);
+    const Eigen::Quaterniond R_next = (R * so3_exp(h * rate)).normalized();
+    Vector3 velocity = s.velocity;
+    if (inputs.accelerometer) {
+      // At the IMU: base_link's velocity follows by the lever arm.
+      const Vector3 force = inputs.imu->specific_force_at(middle) - s.accelerometer_bias;
+      const Vector3 at_imu =
+          R * (s.velocity + lever_velocity(s.angular_velocity, lever)) + (half * force + s.gravity) * h;
+      velocity = R_next.conjugate() * at_imu - lever_velocity(next_rate, lever);
+    } else {
+      velocity += h * s.acceleration;
+    }
+    const double lasts = 1.0 - h / kSwaySeconds;
+    s.acceleration *= lasts;
+    s.angular_acceleration *= lasts;
+    s.T_map_base.translation += half * (0.5 * h * (s.velocity + velocity));
+    s.T_map_base.rotation = R_next;
+    s.velocity = velocity;
+    s.angular_velocity = next_rate;
+    s.time = next;
   }
-  for (int axis = 0; axis < 3; ++axis) bound_position(R_odom_base.col(axis));
-  covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
-  return change.tail<3>();
+  return s;
 }
 
-bool MotionFilter::is_contradicted() const {
-  return innovations_ > kMinInnovations && normalised_squares_ > kMaxNormalisedSquare * innovations_;
+void MotionFilter::reset(const SE3& T_map_base, Time time) {
+  const MotionState old = state_;
+  const Matrix old_covariance = covariance_;
+  state_ = {};
+  last_update_.reset();
+  state_.time = time;
+  state_.T_map_base = T_map_base;
+  covariance_.setZero();
+  manoeuvre_scale_.setOnes();
+  const auto set = [&](int block, double deviation) {
+    covariance_.diagonal().segment<3>(block).setConstant(deviation * deviation);
+  };
+  set(kPose, kMinMetres);
+  set(kRotation, kMinRadians);
+  set(kVelocity, kVelocityPrior);
+  set(kRate, kRatePrior);
+  set(kGyroBias, kGyroBiasPrior);
+  set(kAccelBias, kAccelBiasPrior);
+  set(kGravityBlock, kGravityPrior);
+  if (old_covariance(kGyroBias, kGyroBias) > 0.0) {
+    // Sensors keep their biases through a reset of the map.
+    state_.gyro_bias = old.gyro_bias;
+    covariance_.block<3, 3>(kGyroBias, kGyroBias) = old_covariance.block<3, 3>(kGyroBias, kGyroBias);
+  }
 }
 
-void MotionFilter::bound_position(const Vector3& direction) {
-  const double variance = direction.dot(covariance_.block<3, 3>(0, 0) * direction);
-  if (variance <= kPositionVariance) return;
-  Matrix9 shrink = Matrix9::Identity();
-  shrink.block<3, 3>(0, 0) -=
-      (1.0 - std::sqrt(kPositionVariance / variance)) * direction * direction.transpose();
-  covariance_ = (shrink * covariance_ * shrink.transpose()).eval();
+void MotionFilter::relocate(const SE3& T_map_base) {
+  state_.T_map_base = T_map_base;
+  covariance_.topRows<12>().setZero();
+  covariance_.leftCols<12>().setZero();
+  const auto set = [&](int block, double deviation) {
+    covariance_.diagonal().segment<3>(block).setConstant(deviation * deviation);
+  };
+  set(kPose, kRelocatedMetres);
+  set(kRotation, kRelocatedRadians);
+  set(kVelocity, kVelocityPrior);
+  set(kRate, kRatePrior);
+  state_.acceleration.setZero();
+  state_.angular_acceleration.setZero();
+  last_update_.reset();
+  manoeuvre_scale_.setOnes();
 }
+
+void MotionFilter::set_twist(const Vector6& twist, const Vector6& variance) {
+  state_.acceleration.setZero();
+  state_.angular_acceleration.setZero();
+  last_update_.reset();
+  state_.velocity = twist.head<3>();
+  state_.angular_velocity = twist.tail<3>();
+  covariance_.middleRows<6>(kVelocity).setZero();
+  covariance_.middleCols<6>(kVelocity).setZero();
+  covariance_.diagonal().segment<6>(kVelocity) = variance;
+}
+
+void MotionFilter::set_gravity(const Vector3& specific_force, double variance) {
+  state_.gravity = -specific_force;
+  state_.accelerometer_bias.setZero();
+  covariance_.middleRows<6>(kAccelBias).setZero();
+  covariance_.middleCols<6>(kAccelBias).setZero();
+  // The force is known, not how it is shared between gravity and bias.
+  const Matrix3 R = state_.T_map_base.rotation.toRotationMatrix();
+  const double bias = kAccelBiasPrior * kAccelBiasPrior;
+  covariance_.block<3, 3>(kAccelBias, kAccelBias).diagonal().setConstant(bias);
+  covariance_.block<3, 3>(kGravityBlock, kGravityBlock).diagonal().setConstant(bias + variance);
+  covariance_.block<3, 3>(kGravityBlock, kAccelBias) = bias * R;
+  covariance_.block<3, 3>(kAccelBias, kGravityBlock) = bias * R.transpose();
+}
+
+void MotionFilter::step(const MotionInputs& inputs, Time to) {
+  if (had_gyro_ && !inputs.gyro) {
+    // The last rate of the gyro starts the constant one.
+    covariance_.middleRows<3>(kRate).setZero();
+    covariance_.middleCols<3>(kRate).setZero();
+    covariance_.block<3, 3>(kRate, kRate) = covariance_.block<3, 3>(kGyroBias, kGyroBias);
+    covariance_.diagonal().segment<3>(kRate).array() += kGyroDensity * kGyroDensity / kMaxStepSeconds;
+  }
+  had_gyro_ = inputs.gyro;
+  const MotionState before = state_;
+  state_ = propagated(state_, inputs, to);
+  const double seconds = (to - before.time).seconds();
+  MotionState middle = before;
+  middle.velocity = 0.5 * (before.velocity + state_.velocity);
+  middle.angular_velocity =
+      so3_log(before.T_map_base.rotation.conjugate() * state_.T_map_base.rotation) / seconds;
+  middle.T_map_base.rotation = so3_mean(before.T_map_base.rotation, state_.T_map_base.rotation);
+  const Matrix F = error_dynamics(middle, inputs);
+  const Matrix F2 = F * F;
+  const Matrix F3 = F2 * F;
+  const auto transition = [&](double t) -> Matrix {
+    return Matrix::Identity() + t * F + (t * t / 2.0) * F2 + (t * t * t / 6.0) * F3;
+  };
+  const Matrix half = transition(0.5 * seconds);
+  const Matrix whole = transition(seconds);
+  const Matrix noise = sensor_noise(middle, inputs, seconds) + manoeuvre_noise(inputs, manoeuvre_scale_);
+  covariance_ = (whole * covariance_ * whole.transpose() + integrated(noise, half, whole, seconds)).eval();
+  if (inputs.gyro) {
+    covariance_.middleRows<3>(kRate).setZero();
+    covariance_.middleCols<3>(kRate).setZero();
+    covariance_.block<3, 3>(kRate, kRate) = covariance_.block<3, 3>(kGyroBias, kGyroBias);
+  }
+  symmetrise();
+}
+
+void MotionFilter::propagate(const MotionInputs& inputs, Time to) {
+  state_.time = std::clamp(state_.time, to - kLongestPrediction, to);
+  while (state_.time < to) {
+    const Duration left = to - state_.time;
+    const Time next =
+        left.seconds() > 1.5 * kMaxStepSeconds ? state_.time + Duration::from_seconds(kMaxStepSeconds) : to;
+    step(inputs, next);
+  }
+}
+
+bool MotionFilter::adapt_to_manoeuvre(const SE3& T_map_base, const MotionInputs& inputs) {
+  const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
+  bool adapts = false;
+  for (int axis = 0; axis < 6; ++axis) {
+    if (axis < 3 ? inputs.accelerometer : inputs.gyro) continue;
+    const double square = moved[axis] * moved[axis] / covariance_(axis, axis);
+    if (square < kManoeuvre99) continue;
+    const double scale = std::min(manoeuvre_scale_[axis] * square, kMaxScale[static_cast<std::size_t>(axis)]);
+    adapts = adapts || scale > manoeuvre_scale_[axis];
+    manoeuvre_scale_[axis] = scale;
+  }
+  return adapts;
+}
+
+MotionState MotionFilter::conditioned_on(const SE3& T_map_base) const {
+  const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
+  const Vector error = covariance_.leftCols<6>() * solve_ldlt(pose_covariance(), moved);
+  MotionFilter conditioned = *this;
+  conditioned.apply(error);
+  conditioned.state_.T_map_base = T_map_base;
+  conditioned.estimate_accelerations();
+  return conditioned.state_;
+}
+
+void MotionFilter::apply(const Vector& error) {
+  state_.T_map_base = state_.T_map_base * se3_exp(error.head<6>());
+  state_.velocity += error.segment<3>(kVelocity);
+  if (had_gyro_) {
+    state_.angular_velocity -= error.segment<3>(kGyroBias);
+  } else {
+    state_.angular_velocity += error.segment<3>(kRate);
+  }
+  state_.gyro_bias += error.segment<3>(kGyroBias);
+  state_.accelerometer_bias += error.segment<3>(kAccelBias);
+  state_.gravity += error.segment<3>(kGravityBlock);
+}
+
+void MotionFilter::update(const SE3& T_map_base, const Matrix6& information) {
+  state_ = conditioned_on(T_map_base);
+  // P - P_o (I + H P_oo)^-1 H P_o^T: needs neither the inverse of H nor that of P.
+  const Matrix6 gain = solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information);
+  const Eigen::Matrix<double, kSize, 6> observed = covariance_.leftCols<6>();
+  covariance_ -= observed * gain * observed.transpose();
+  symmetrise();
+  const auto keep = [&](int from, double deviation) {
+    for (int i = from; i < from + 3; ++i)
+      covariance_(i, i) = std::max(covariance_(i, i), deviation * deviation);
+  };
+  keep(kPose, kMinMetres);
+  keep(kRotation, kMinRadians);
+  manoeuvre_scale_.setOnes();
+  last_update_ = state_.time;
+  last_twist_ = state_.twist();
+}
+
+void MotionFilter::estimate_accelerations() {
+  const double seconds = last_update_ ? (state_.time - *last_update_).seconds() : 0.0;
+  if (seconds > 0.0 && seconds < 2.5 * kMaxStepSeconds) {
+    const Vector6 change = (state_.twist() - last_twist_) / seconds;
+    const auto follow = [&](double& estimate, int axis) { estimate += kNewest * (change[axis] - estimate); };
+    follow(state_.acceleration.x(), 0);
+    follow(state_.acceleration.y(), 1);
+    follow(state_.angular_acceleration.z(), 5);
+  }
+}
+
+void MotionFilter::zero_velocity_update(double velocity_deviation, double rate_deviation) {
+  // Sequentially, one axis after the other.
+  Vector error = Vector::Zero();
+  const auto observe = [&](int i, double value, double deviation) {
+    const Vector column = covariance_.col(i);
+    const double variance = column[i] + deviation * deviation;
+    error += column * ((-value - error[i]) / variance);
+    covariance_ -= column * column.transpose() / variance;
+  };
+  for (int axis = 0; axis < 3; ++axis) observe(kVelocity + axis, state_.velocity[axis], velocity_deviation);
+  const int rate = had_gyro_ ? kGyroBias : kRate;
+  for (int axis = 0; axis < 3; ++axis) {
+    // With a gyro the rate's error is that of its bias, reversed.
+    const double value = had_gyro_ ? -state_.angular_velocity[axis] : state_.angular_velocity[axis];
+    observe(rate + axis, value, rate_deviation);
+  }
+  apply(error);
+  symmetrise();
+}
+
+double MotionFilter::normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const {
+  // x' P^-1 x + g' H^+ g with g = P^-1 x, where the gradients of scan and prior cancel.
+  const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
+  const Vector6 gradient = solve_ldlt(pose_covariance(), moved);
+  const SymmetricEigen6 eigen = symmetric_eigen(information);
+  double square = moved.dot(gradient);
+  for (int i = 0; i < 6; ++i) {
+    const double along = eigen.vectors.col(i).dot(gradient);
+    if (eigen.values[i] > kMinInformation) square += along * along / eigen.values[i];
+  }
+  return square;
+}
+
+void MotionFilter::symmetrise() { covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval(); }
 
 }  // namespace nilio::core

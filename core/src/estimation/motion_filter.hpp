@@ -1,50 +1,116 @@
 #pragma once
 
 #include "nilio/core/se3.hpp"
+#include "nilio/core/time.hpp"
+
+#include "core/src/estimation/imu_buffer.hpp"
+
+#include <optional>
 
 namespace nilio::core {
 
-/// Covariance of an IMU-predicted motion: error-state Kalman filter of position, velocity and
-/// gravity-and-bias (AccelerometerConsistency) in odom axes. Position is relative to the local map, not to
-/// the start. The means live elsewhere: pose, TwistFilter, AccelerometerConsistency. Not thread-safe.
+/// State of the vehicle at one time. The velocities are those of base_link in its own axes.
+struct MotionState {
+  Time time;
+  SE3 T_map_base;
+  Vector3 velocity = Vector3::Zero();            ///< m/s
+  Vector3 angular_velocity = Vector3::Zero();    ///< rad/s
+  Vector3 gyro_bias = Vector3::Zero();           ///< rad/s, in base_link axes
+  Vector3 accelerometer_bias = Vector3::Zero();  ///< m/s^2, in base_link axes
+  Vector3 gravity = Vector3::Zero();             ///< m/s^2, in map axes, pointing down
+  /// Recent changes of the velocities, m/s^2 and rad/s^2; they go on where no sensor measures others.
+  Vector3 acceleration = Vector3::Zero();
+  Vector3 angular_acceleration = Vector3::Zero();
+
+  [[nodiscard]] Vector6 twist() const {
+    Vector6 result;
+    result << velocity, angular_velocity;
+    return result;
+  }
+};
+
+/// Sensors that drive the prediction over a span.
+struct MotionInputs {
+  const ImuBuffer* imu = nullptr;          ///< needed for the two below
+  Vector3 imu_position = Vector3::Zero();  ///< in base_link, m
+  bool gyro = false;              ///< the gyro gives the rates; otherwise they stay, roll's and pitch's decay
+  bool gyro_is_verified = false;  ///< turns have shown its scale and axes
+  bool accelerometer = false;     ///< the accelerometer changes the velocity; otherwise it stays in body axes
+};
+
+/// Motion of `state` to the time `to`, forwards or backwards.
+[[nodiscard]] MotionState propagated(const MotionState& state, const MotionInputs& inputs, Time to);
+
+/// Error-state Kalman filter of the vehicle's motion between the midpoints of sweeps; docs/algorithm.md has
+/// the equations. Error: (translation, rotation) of T_map_base = T_estimate * Exp(error), then velocity,
+/// angular velocity, gyro bias, accelerometer bias and gravity as differences. The pose is relative to the
+/// map, whose own drift is not part of it. Not thread-safe.
 class MotionFilter {
  public:
-  /// Variances along each axis.
-  struct Variances {
-    double velocity = 0.0;      ///< m^2/s^2
-    double gravity_bias = 0.0;  ///< m^2/s^4
+  static constexpr int kSize = 21;
+  using Vector = Eigen::Matrix<double, kSize, 1>;
+  using Matrix = Eigen::Matrix<double, kSize, kSize>;
+  enum Block : int {
+    kPose = 0,
+    kRotation = 3,
+    kVelocity = 6,
+    kRate = 9,
+    kGyroBias = 12,
+    kAccelBias = 15,
+    kGravityBlock = 18
   };
-  /// Starts at a position that was just registered.
-  void begin(const Variances& variances);
-  /// Propagates by `seconds` while the heading turns by `turn_rad`.
-  void advance(double seconds, double turn_rad);
-  /// Discards the state; begin() starts it again.
-  void forget() { has_begun_ = false; }
-  [[nodiscard]] bool has_begun() const { return has_begun_; }
-  /// Position variance along base_link's axes, m^2.
-  [[nodiscard]] Vector3 position_variance(const Matrix3& R_odom_base) const;
-  /// Kalman gain of velocity for a position innovation along base_link's axes, 1/s.
-  [[nodiscard]] Vector3 velocity_gain(const Matrix3& R_odom_base) const;
-  /// Updates with the registration's correction `moved` of the predicted position, m, and its observability
-  /// `share`, 0 to 1, both along base_link's axes. Returns the correction of gravity-and-bias, in odom axes.
-  Vector3 correct(const Matrix3& R_odom_base, const Vector3& moved, const Vector3& share);
-  /// Whether recent innovations are larger than the filter explains (normalised innovation squared): its
-  /// state, gravity-and-bias above all, is wrong.
-  [[nodiscard]] bool is_contradicted() const;
-  /// Mean over the axes, m^2/s^4.
-  [[nodiscard]] double gravity_bias_variance() const { return covariance_.block<3, 3>(6, 6).trace() / 3.0; }
+
+  MotionFilter() = default;
+  MotionFilter(const MotionState& state, const Matrix& covariance) : state_(state), covariance_(covariance) {}
+
+  /// Starts at rest or in motion: the velocity is unknown, gravity only roughly.
+  void reset(const SE3& T_map_base, Time time);
+  /// Sets the pose after a recovery; the velocities become unknown.
+  void relocate(const SE3& T_map_base);
+  /// Sets the pose, as exactly known.
+  void set_pose(const SE3& T_map_base) { state_.T_map_base = T_map_base; }
+  /// Sets the velocities, as found by a search.
+  void set_twist(const Vector6& twist, const Vector6& variance);
+  /// Sets gravity and bias together by a mean specific force in map axes, m/s^2, with its variance along each
+  /// axis.
+  void set_gravity(const Vector3& specific_force, double variance);
+
+  /// Predicts to the time `to`: the last ten seconds before it, as where the clock jumped, and nothing where it
+  /// jumped back.
+  void propagate(const MotionInputs& inputs, Time to);
+  /// Scales the noise of manoeuvres on the axes where the registered pose contradicts the prediction, for the
+  /// next propagation until an update. Returns whether there was any.
+  bool adapt_to_manoeuvre(const SE3& T_map_base, const MotionInputs& inputs);
+  /// Takes the scales of another filter.
+  void adapt_as(const MotionFilter& other) { manoeuvre_scale_ = other.manoeuvre_scale_; }
+  /// The state given the pose (most probable): what is correlated with the pose follows it.
+  [[nodiscard]] MotionState conditioned_on(const SE3& T_map_base) const;
+  /// Updates with the pose that registration found together with pose_covariance() as prior, and the
+  /// information of the scan alone, in axes of base_link.
+  void update(const SE3& T_map_base, const Matrix6& information);
+  /// Squared Mahalanobis distance of a pose from the prediction, 6 degrees of freedom: of the scan alone with
+  /// `information`, at the pose that it and the prediction give together.
+  [[nodiscard]] double normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const;
+  /// Updates with a velocity, and a rate, of zero.
+  void zero_velocity_update(double velocity_deviation, double rate_deviation);
+
+  [[nodiscard]] const MotionState& state() const { return state_; }
+  [[nodiscard]] const Matrix& covariance() const { return covariance_; }
+  [[nodiscard]] Matrix6 pose_covariance() const { return covariance_.topLeftCorner<6, 6>(); }
+  [[nodiscard]] Matrix6 twist_covariance() const { return covariance_.block<6, 6>(kVelocity, kVelocity); }
 
  private:
-  using Vector9 = Eigen::Matrix<double, 9, 1>;
-  using Matrix9 = Eigen::Matrix<double, 9, 9>;
+  void step(const MotionInputs& inputs, Time to);
+  void apply(const Vector& error);
+  void symmetrise();
+  void estimate_accelerations();
 
-  void bound_position(const Vector3& direction);
-
-  bool has_begun_ = false;
-  Matrix9 covariance_ = Matrix9::Zero();  ///< position, velocity, gravity-and-bias
-  /// Normalised innovation squared and number of innovations, weighted by observability, with forgetting.
-  double normalised_squares_ = 0.0;
-  double innovations_ = 0.0;
+  MotionState state_;
+  Matrix covariance_ = Matrix::Zero();
+  Vector6 last_twist_ = Vector6::Zero();       ///< of the last update, and its time
+  std::optional<Time> last_update_;            ///< none after a jump
+  Vector6 manoeuvre_scale_ = Vector6::Ones();  ///< of the noise of manoeuvres until the next update
+  bool had_gyro_ = false;
 };
 
 }  // namespace nilio::core

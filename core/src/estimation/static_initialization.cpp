@@ -7,8 +7,8 @@ namespace nilio::core {
 namespace {
 
 constexpr std::size_t kMinSamples = 5;
-// Above an idling engine's vibration, below a driving vehicle's; over all three axes.
-constexpr double kMaxForceDeviation = 0.1;
+// An idling engine's vibration of 0.1 m/s^2 on each of three axes, and noise; a driving vehicle has more.
+constexpr double kMaxForceDeviation = 0.2;
 constexpr double kMaxRateDeviation = 0.01;
 // A departure changes the mean specific force long before the scans show it.
 constexpr double kMaxForceChange = 0.05;

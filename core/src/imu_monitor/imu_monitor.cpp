@@ -38,7 +38,10 @@ bool ImuMonitor::signal_is_sound(Time from, Time to) const {
   return from < to && gyro_.unchanged() < kStuckAfter && !gyro_.clipped_since(from);
 }
 
-bool ImuMonitor::usable(Time from, Time to) const { return health_.trusted && signal_is_sound(from, to); }
+bool ImuMonitor::usable(Time from, Time to) const {
+  return signal_is_sound(from, to) && !gyro_consistency_.rejected() &&
+         find_obstacle(health_) == ImuCheck::kCount;
+}
 
 bool ImuMonitor::force_usable(Time since) const {
   const auto is_bad = [&](ImuCheck check) { return health_[check].state == ImuCheckState::kBad; };

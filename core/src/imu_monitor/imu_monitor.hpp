@@ -50,8 +50,11 @@ class ImuMonitor {
   /// of turning.
   [[nodiscard]] Duration time_shift() const { return shift_; }
 
-  /// Whether the gyro is used for the motion in [from, to]: accepted, and neither stuck nor clipped there.
+  /// Whether the gyro is used for the motion in [from, to]: not contradicted, and neither stuck nor clipped
+  /// there.
   [[nodiscard]] bool usable(Time from, Time to) const;
+  /// Whether turns have shown that scale and axes of the gyro are right.
+  [[nodiscard]] bool is_verified() const { return health_.trusted; }
   /// Whether the accelerometer is used: gravity and the gyro agree with the configured mounting, and it is
   /// neither stuck nor has it clipped since.
   [[nodiscard]] bool force_usable(Time since) const;

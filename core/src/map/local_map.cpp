@@ -73,14 +73,12 @@ void Odometry::State::reset_map() {
   failures = 0;
   doubts = 0;
   relocalization_attempts = 0;
-  twist.reset(Vector6::Zero());
   mean_agreement = 0.0;
-  reset_prediction_error();
+  mean_known_share = 0.0;
   coarse_scans_left = kMinScansWithNdt;
   prediction_error_m = 0.0;
-  prediction_error_variance.setZero();
   static_initialization.end();
-  reset_motion_filter();
+  gravity_known = false;
   registration = {};
 }
 
@@ -88,9 +86,10 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   // After a reset the attitude is better known than from the accelerometer of a moving vehicle.
   if (first_sweep.empty()) align_with_gravity(scan);
   first_sweep = sweep;
-  const Time start = motion_compensated ? scan.end : scan.start;
-  first_span = {start, start, scan.end};
-  motion_prior.span = first_span;
+  first_span = {motion_compensated ? scan.end : scan.start, scan.end};
+  motion_prior = motion_prior_for(scan);
+  motion_filter.reset(T_map_base, first_span.middle());
+  sigma_m = kMaxSigmaMetres;
   plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;
   T_accepted = T_map_base;
@@ -101,17 +100,19 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
 }
 
 void Odometry::State::rebuild_first_map() {
-  MotionModel first_motion;
   // The gyro has not been tested yet.
-  set_rotation(first_span, false, twist.twist(), first_motion);
-  first_motion.predict(twist.twist().head<3>());
+  MotionState state = motion_filter.state();
+  state.time = first_span.middle();
+  const SweepMotion first_motion(first_span, state, {});
   first_motion.deskew(first_sweep, deskewed);
-  last_T_middle_end = first_motion.T_middle_end();
-  last_sweep_s = first_motion.sweep_s();
+  T_map_last_middle = T_map_base * first_motion.T_middle_end().inverse();
+  last_middle = first_span.middle();
+  motion_filter.set_pose(T_map_last_middle);
+  motion = first_motion;
   planes.reset(plane_voxel_m);
   if (point_map) point_map->clear();
   coarse_map.clear();
-  insert(first_sweep, deskewed, T_map_base);
+  insert(first_sweep, deskewed, T_map_last_middle);
 }
 
 void Odometry::State::insert(const std::vector<SweepPoint>& seen, const std::vector<Eigen::Vector3f>& points,
@@ -165,18 +166,23 @@ void Odometry::State::apply_pending_map_update() {
 
 void Odometry::State::update_maps() {
   motion.deskew(sweep, deskewed);
+  const Vector6 twist = motion_filter.state().twist();
   const bool is_stationary =
-      twist.twist().head<3>().norm() < kStandingSpeed && twist.twist().tail<3>().norm() < kStandingTurnRate;
-  // The midpoint of the sweep is more accurate than its end.
-  const SE3 T_map_middle = T_map_base * motion.T_middle_end().inverse();
+      twist.head<3>().norm() < kStandingSpeed && twist.tail<3>().norm() < kStandingTurnRate;
+  const SE3 T_map_middle = motion_filter.state().T_map_base;
   const SE3 since_fed = T_last_keyframe.inverse() * T_map_middle;
   const bool got_somewhere =
       since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
   const bool moved_as_known = failures == 0 && !doubtful;
   if (moved_as_known && (is_initializing_map || (!is_stationary && got_somewhere))) {
-    insert(sweep, deskewed, T_map_base);
+    insert(sweep, deskewed, T_map_middle);
     T_last_keyframe = T_map_middle;
   }
+  // Readers of the points want them at the end of the scan.
+  const SE3 T_end_middle = motion.T_middle_end().inverse();
+  const Eigen::Matrix3f R = T_end_middle.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = T_end_middle.translation.cast<float>();
+  for (Eigen::Vector3f& point : deskewed) point = R * point + t;
   planes.evict_far_from(T_map_base.translation);
   if (point_map) point_map->evict_far_from(T_map_base.translation);
   coarse_map.evict_far_from(T_map_base.translation);

@@ -19,6 +19,9 @@ constexpr double kStartStepMetres = 1.0;
 constexpr std::size_t kStartDisplacements = 8;
 constexpr int kStartTrials = 2;
 constexpr double kSamePlaceMetres = 1.25;
+// Error of a found displacement, with a sweep that is not deskewed.
+constexpr double kFoundDeviationMetres = 0.3;
+constexpr double kFoundDeviationRadians = 0.01;
 
 // Relocalisation hypotheses around the prediction. NDT converges from 3 m and 10 deg around each.
 struct Hypothesis {
@@ -68,7 +71,9 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
     scores[i] =
         ndt_equations(coarse_map, search_points, start_hypothesis(i), {kNdtKernelSchedule[0]}).weight_sum;
   Search search{T_predicted, 0};
-  for (int trial = 0; trial < kStartTrials; ++trial) {
+  // Other vehicles suggest speeds to one that stands.
+  if (motion_prior.is_stationary) try_hypothesis(T_predicted, search, result);
+  for (int trial = 0; trial < kStartTrials && !motion_prior.is_stationary; ++trial) {
     const auto best =
         static_cast<std::size_t>(std::max_element(scores.begin(), scores.end()) - scores.begin());
     try_hypothesis(start_hypothesis(best), search, result);
@@ -77,13 +82,26 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
       if (distance < kSamePlaceMetres) scores[i] = 0.0;
     }
   }
-  registration.T_map_moving = search.T_best;
-  refine_motion(search.T_best);
+  start_moving(search.T_best);
+}
+
+/// The velocity found for the second scan; the first map is built again with it.
+void Odometry::State::start_moving(const SE3& T_map_middle) {
+  const double seconds = (motion_prior.span.middle() - last_middle).seconds();
+  const Vector6 twist = se3_log(T_map_last_middle.inverse() * T_map_middle) / seconds;
+  Vector6 variance;
+  variance << Vector3::Constant(kFoundDeviationMetres * kFoundDeviationMetres / (seconds * seconds)),
+      Vector3::Constant(kFoundDeviationRadians * kFoundDeviationRadians / (seconds * seconds));
+  motion_filter = last_filter;
+  motion_filter.set_twist(twist, variance);
+  if (!motion_compensated) rebuild_first_map();
+  predict_motion();
+  registration.T_map_moving = T_predicted;
 }
 
 SE3 Odometry::State::relocalization_hypothesis(std::size_t i) const {
   // The vehicle may have stopped at the last registered pose.
-  if (i == 0) return T_accepted;
+  if (i == 0) return T_accepted * motion.T_middle_end().inverse();
   const Hypothesis& h = kRelocalizationHypotheses[i - 1];
   return T_predicted * SE3{so3_exp(h.yaw_rad * Vector3::UnitZ()), Vector3(h.forward_m, 0.0, 0.0)};
 }
@@ -93,7 +111,7 @@ SE3 Odometry::State::relocalization_hypothesis(std::size_t i) const {
 void Odometry::State::compare_hypotheses(OdometryResult& result) {
   const bool was_relocated = relocalized;
   const RegistrationResult tracked = registration;
-  const MotionModel tracked_motion = motion;
+  const SweepMotion tracked_motion = motion;
   const double tracked_agreement = has_pose() ? agreement() : 0.0;
   const std::size_t tracked_points = registered_points;
   if (!was_relocated) {
@@ -110,7 +128,7 @@ void Odometry::State::compare_hypotheses(OdometryResult& result) {
     registered_points = tracked_points;
   } else if (is_motion) {
     relocalized = false;
-    register_points(false, plane_metric(sigma_m), result);
+    register_points(false, metric_of_prediction(), result);
   }
   count_inliers(result);
 }
@@ -118,7 +136,8 @@ void Odometry::State::compare_hypotheses(OdometryResult& result) {
 /// Registers again with the wide gate and NDT, as after a gap.
 void Odometry::State::register_anew(OdometryResult& result) {
   registration = {};
-  registration.T_map_moving = T_map_base * motion.predict(expected_twist(motion_prior).head<3>());
+  follow(motion_filter.state());
+  registration.T_map_moving = T_predicted;
   select_points(registration.T_map_moving);
   register_points(method.coarse, plane_metric(kMaxSigmaMetres), result);
   count_inliers(result);
@@ -126,7 +145,7 @@ void Odometry::State::register_anew(OdometryResult& result) {
 
 void Odometry::State::relocalize(OdometryResult& result) {
   relocalized = true;
-  motion.predict(expected_twist(motion_prior).head<3>());
+  follow(motion_filter.state());
   motion.deskew(sweep, deskewed);
   const bool has_time = budget.allows(WorkKind::kNdt, kSearchIterations * kCoarsePoints);
   sample_evenly(deskewed, has_time ? kCoarsePoints : kStartPoints, search_points);

@@ -10,9 +10,6 @@ namespace nilio::core {
 
 namespace {
 
-// Forgetting factor of the prediction error that the gate follows.
-constexpr double kErrorMemory = 0.9;
-constexpr int kGuessIsForgotten = 100;
 constexpr double kPeriodMemory = 0.9;
 // Share of the running mean below which the agreement with the map is out of family.
 constexpr double kAgreementCollapse = 0.75;
@@ -26,9 +23,12 @@ constexpr double kMaxTurnRate = 6.0;
 // Maximum acceleration, short of an accident.
 constexpr double kMaxAcceleration = 50.0;
 constexpr double kMaxTurnAcceleration = 10.0;
-constexpr double kGyroBiasGain = 0.02;
-constexpr double kMaxGyroBias = 0.1;
-constexpr double kCalmTurnRate = 0.02;
+// The accelerometer is contradicted by three standard deviations over some scans, and left out for a while.
+constexpr double kInnovationMemory = 0.8;
+constexpr double kMaxInnovation = 9.0;
+constexpr Duration kAccelerometerBan = Duration::from_seconds(5.0);
+// Squared Mahalanobis distance, 99.9 % of 6 degrees of freedom.
+constexpr double kFarInnovation = 22.46;
 // Half a step of the initial velocity search.
 constexpr double kStartSpeedError = 5.0;
 
@@ -46,16 +46,20 @@ bool Odometry::State::has_pose() const {
 }
 
 bool Odometry::State::is_plausible() const {
-  if (!has_pose() || motion.body_velocity().norm() > kMaxSpeed ||
-      motion.mean_angular_velocity().norm() > kMaxTurnRate)
+  if (!has_pose() || motion.end_twist().head<3>().norm() > kMaxSpeed ||
+      motion.end_twist().tail<3>().norm() > kMaxTurnRate)
     return false;
   // A relocalised pose must be a local optimum.
   return !relocalized || has_converged();
 }
 
+/// Mean agreement of the points with the map. A new view of half of the scene is normal; beyond, unknown
+/// places agree with nothing.
 double Odometry::State::agreement() const {
-  return registered_points == 0 ? 0.0
-                                : registration.equations.agreement / static_cast<double>(registered_points);
+  if (registered_points == 0) return 0.0;
+  const double seen_before =
+      mean_known_share > 0.0 ? std::min(1.0, 2.0 * known_share / mean_known_share) : 1.0;
+  return seen_before * registration.equations.agreement / static_cast<double>(registered_points);
 }
 
 bool Odometry::State::is_in_family() const {
@@ -76,7 +80,7 @@ bool Odometry::State::is_drivable(const SE3& off, double seconds) {
 bool Odometry::State::is_drivable_step(const SE3& T_map_end, double seconds) const {
   const SE3 step = T_published.inverse() * T_map_end;
   // A corrected speed estimate is not a jump.
-  const double speed = std::max(published_speed, motion.body_velocity().norm());
+  const double speed = std::max(published_speed, motion.end_twist().head<3>().norm());
   const double reach = std::min(kMaxSpeed, speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
   return step.translation.norm() <= reach &&
          so3_log(step.rotation).norm() <= kMaxTurnRate * seconds + kScanErrorMetres;
@@ -89,108 +93,40 @@ bool Odometry::State::exceeds_motion_limits() const {
   return !is_drivable(error, motion_prior.span_s() * (failures + 1));
 }
 
-void Odometry::State::update_gyro_bias() {
-  const RegisteredMotion step = registered_motion();
-  if (!motion_prior.imu_covers || step.seconds() <= 0.0) return;
-  const Vector3 rate = step.mean_rate();
-  // In turns an unused gyro may differ by more than its bias.
-  if (!motion_prior.imu_used && rate.norm() > kCalmTurnRate) return;
-  const Vector3 error = mean_angular_velocity(imu, step.from, step.to) - gyro_bias - rate;
-  const double gain = std::max(kGyroBiasGain, 1.0 / static_cast<double>(bias_updates + 2));
-  ++bias_updates;
-  gyro_bias = (gyro_bias + gain * error).cwiseMax(-kMaxGyroBias).cwiseMin(kMaxGyroBias);
-}
-
-void Odometry::State::update_prediction_error() {
-  const SE3 error = prediction_error();
-  const Vector3 turn = so3_log(error.rotation);
-  Vector6 squares;
-  squares << error.translation.cwiseAbs2(), turn.cwiseAbs2();
-  // Increases at once, decays exponentially; unobserved axes do not contribute.
-  const Vector6 expected = prediction_error_variance.cwiseProduct(registration.observability);
-  prediction_error_variance =
-      squares.cwiseMax(prediction_error_variance + (1.0 - kErrorMemory) * (squares - expected));
-  prediction_error_m = metres_of(error);
-  // The initial value counts as one scan.
-  sigma_scans = std::min(sigma_scans + 1, kGuessIsForgotten);
-  const double memory = std::min(kErrorMemory, 1.0 - 1.0 / (sigma_scans + 1));
-  const double square = memory * sigma_m * sigma_m + (1.0 - memory) * prediction_error_m * prediction_error_m;
-  sigma_m = std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
-}
-
-/// Observability of the translation along each axis, 0 to 1.
-Vector3 Odometry::State::translation_observability() const {
-  Vector3 share = registration.observability.head<3>();
-  for (int axis = 0; axis < 3; ++axis) {
-    if ((registration.degenerate_axes >> axis & 1) != 0) share[axis] = 0.0;
-  }
-  return share;
-}
-
-void Odometry::State::update_inertial_velocity() {
-  if (accelerometer_observes_motion()) {
-    inertial_velocity.update(turn_rate(motion_prior.imu_used), registered_motion(), measured_twist.head<3>(),
-                             translation_observability(), motion_prior.acceleration.has_value());
-  } else {
-    inertial_velocity.interrupt();
-  }
-}
-
 /// Skips a motion that is no evidence about the IMU.
-void Odometry::State::skip_motion() {
-  monitor.skip();
-  inertial_velocity.interrupt();
+void Odometry::State::skip_motion() { monitor.skip(); }
+
+/// An accelerometer that scans keep contradicting has wrong gravity, axes or units.
+void Odometry::State::weigh_accelerometer(double innovation_squared) {
+  if (!motion_prior.inputs.accelerometer) return;
+  accelerometer_innovations =
+      kInnovationMemory * accelerometer_innovations + (1.0 - kInnovationMemory) * innovation_squared / 6.0;
+  if (accelerometer_innovations < kMaxInnovation) return;
+  accelerometer_innovations = 0.0;
+  accelerometer_banned_until = motion_prior.span.end + kAccelerometerBan;
+  gravity_known = false;
 }
 
 void Odometry::State::update_motion() {
-  update_inertial_velocity();
-  const bool is_shifted = monitor.observe(imu, gyro_bias, registered_motion());
-  update_gyro_bias();
-  if (is_shifted) {
-    imu.clear();
-    inertial_velocity.interrupt();
-  }
-  update_prediction_error();
-  update_velocity();
-}
-
-void Odometry::State::update_velocity() {
-  if (scans < kInitialScans) {
-    twist.reset(measured_twist);
-  } else {
-    twist.update(measured_twist, registration.observability, measured_step());
-  }
-  if (motion_prior.is_stationary && scans == 1 && measured_twist.head<3>().norm() > kStartSpeedError)
+  prediction_error_m = metres_of(prediction_error());
+  weigh_accelerometer(
+      motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information));
+  motion_filter.update(registration.T_map_moving, registration.information);
+  if (applies_zero_velocity_update()) motion_filter.zero_velocity_update(0.02, 2e-3);
+  if (motion_prior.is_stationary && scans == 1 && motion_filter.state().velocity.norm() > kStartSpeedError)
     static_initialization.end();
-  if (motion_prior.is_stationary && !static_initialization.is_over()) {
-    twist.stand();
-    inertial_velocity.set_gravity_bias(
-        registration.T_map_moving.rotation * static_initialization.mean_force(),
-        kStationaryGravityBiasVariance);
-  } else if (motion_prior.acceleration) {
-    correct_motion_filter();
+  if (monitor.observe(imu, motion_filter.state().gyro_bias, registered_motion())) imu.clear();
+}
+
+/// A pose that recovery found: a measurement as any other where it is as expected.
+void Odometry::State::relocate_motion() {
+  skip_motion();
+  if (motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
+      kFarInnovation) {
+    motion_filter.update(registration.T_map_moving, registration.information);
   } else {
-    motion_filter.forget();
+    motion_filter.relocate(registration.T_map_moving);
   }
-}
-
-void Odometry::State::correct_motion_filter() {
-  const Vector3 moved = prediction_error().translation;
-  const Vector3 change = motion_filter.correct(T_predicted.rotation.toRotationMatrix(), moved,
-                                               registration.observability.head<3>());
-  inertial_velocity.set_gravity_bias(inertial_velocity.consistency().gravity_bias() + change,
-                                     motion_filter.gravity_bias_variance());
-  if (motion_filter.is_contradicted()) reset_motion_filter();
-}
-
-void Odometry::State::reset_motion_filter() {
-  inertial_velocity.reset();
-  motion_filter.forget();
-}
-
-void Odometry::State::reset_prediction_error() {
-  sigma_m = kMaxSigmaMetres;
-  sigma_scans = 0;
 }
 
 void Odometry::State::count_coarse_scan() {
@@ -200,18 +136,18 @@ void Odometry::State::count_coarse_scan() {
 
 void Odometry::State::accept(OdometryResult& result) {
   if (relocalized) {
-    skip_motion();
-    motion_filter.forget();
-    // A displacement that the accelerometer did not observe invalidates its velocity.
-    if (exceeds_motion_limits()) inertial_velocity.reset();
-    reset_prediction_error();
+    relocate_motion();
   } else {
     update_motion();
   }
-  if (!motion_compensated) result.deskew_rate = deskew_rate;
-  doubtful = !is_in_family() || relocalized;
+  follow(motion_filter.state());
+  if (!motion_compensated) result.deskew_rate = motion_filter.state().angular_velocity;
+  doubtful = !is_in_family() || relocalized || (failures > 0 && !has_converged());
   const double memory = mean_agreement == 0.0 ? 0.0 : kAgreementMemory;
-  if (!doubtful) mean_agreement = memory * mean_agreement + (1.0 - memory) * agreement();
+  if (!doubtful) {
+    mean_agreement = memory * mean_agreement + (1.0 - memory) * agreement();
+    mean_known_share = memory * mean_known_share + (1.0 - memory) * known_share;
+  }
   doubts = doubtful ? doubts + 1 : 0;
   if (!doubtful) relocalization_attempts = 0;
   failures = 0;
@@ -219,7 +155,7 @@ void Odometry::State::accept(OdometryResult& result) {
   count_coarse_scan();
   const double span_s = motion_prior.span_s();
   period_s = scans == 1 ? span_s : kPeriodMemory * period_s + (1.0 - kPeriodMemory) * span_s;
-  T_map_base = registration.T_map_moving;
+  T_map_base = motion_filter.state().T_map_base * motion.T_middle_end();
   T_accepted = T_map_base;
   result.stop_reason = registration.stop_reason;
   result.degenerate_axes = registration.degenerate_axes;
@@ -239,10 +175,8 @@ void Odometry::State::fall_back(OdometryResult& result) {
   ++failures;
   ++doubts;
   skip_motion();
-  motion.predict(expected_twist(motion_prior).head<3>());
-  twist.hold(measured_step());
-  T_map_base = T_predicted;
-  sigma_m = std::min(kMaxSigmaMetres, 2.0 * sigma_m);
+  follow(motion_filter.state());
+  T_map_base = T_predicted * motion.T_middle_end();
   result.predicted = true;
   result.stop_reason = registration.stop_reason == StopReason::kConverged ? StopReason::kDegenerate
                        : sweep.empty() && budget.was_short()              ? StopReason::kBudget

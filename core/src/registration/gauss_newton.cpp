@@ -105,31 +105,34 @@ Matrix6 with_error(const Matrix6& information) {
   return 0.5 * (result + result.transpose());
 }
 
-/// Gauss-Newton step of scan and prior. Cauchy's weight relaxes the prior of an axis that the scan moves away
-/// from the prediction, unless the accelerometer observes manoeuvres.
-StepOutcome step_with_prior(const NormalEquations& equations, const SolverOptions& options,
-                            RegistrationResult& result) {
-  const PosePrior& prior = *options.prior;
-  const SE3 moved = prior.T_map_moving.inverse() * result.T_map_moving;
-  Vector6 offset;
-  offset << moved.rotation.conjugate() * moved.translation, so3_log(moved.rotation);
-  Vector6 held = (prior.variance.array() + offset.array().square()).inverse().matrix();
-  if (prior.translation_is_gaussian) held.head<3>() = prior.variance.head<3>().cwiseInverse();
+/// Information of the scan alone.
+Matrix6 scan_information(const NormalEquations& equations) {
   // Rotation has levers of many lengths, for which this bound does not hold.
   Matrix6 shrink = Matrix6::Identity();
   const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
   shrink.topLeftCorner<3, 3>() =
       shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
-  const Matrix6 information = shrink * equations.H * shrink / measurement_variance(equations);
-  const Matrix6 weighed = with_error(information);
-  const Matrix6 combined = weighed + Matrix6(held.asDiagonal());
+  return shrink * equations.H * shrink / measurement_variance(equations);
+}
+
+/// Gauss-Newton step of scan and prior.
+StepOutcome step_with_prior(const NormalEquations& equations, const SolverOptions& options,
+                            RegistrationResult& result) {
+  const PosePrior& prior = *options.prior;
+  const Vector6 offset = se3_log(prior.T_map_moving.inverse() * result.T_map_moving);
+  const Matrix6 held = inverse_ldlt(prior.covariance);
+  const Matrix6 information = scan_information(equations);
+  result.information = with_error(information);
+  const Matrix6 combined = result.information + held;
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
-  const Vector6 step = solve_ldlt(combined, weighed * wanted - held.cwiseProduct(offset));
+  const Vector6 step = solve_ldlt(combined, result.information * wanted - held * offset);
   const double noise = residual_variance(equations, equations.gaussian_square_excess);
   result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
   const Matrix6 covariance = inverse_ldlt(combined);
-  result.observability =
-      (1.0 - covariance.diagonal().array() * held.array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
+  result.observability = (1.0 - covariance.diagonal().array() / prior.covariance.diagonal().array())
+                             .cwiseMax(0.0)
+                             .cwiseMin(1.0)
+                             .matrix();
   return take_step(step, options, result);
 }
 
@@ -145,6 +148,7 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
   const BlockObservability rotation =
       observe(equations.H.bottomRightCorner<3, 3>(), options.degeneracy_threshold);
   result.degenerate_axes = static_cast<std::uint8_t>(translation.weak_axes | (rotation.weak_axes << 3U));
+  result.information = with_error(scan_information(equations));
   Vector6 step = -solve_ldlt(equations.H, equations.b);
   step.head<3>() = translation.observed * step.head<3>();
   step.tail<3>() = rotation.observed * step.tail<3>();

@@ -7,7 +7,7 @@ namespace nilio::core {
 
 namespace {
 
-// Scale of the robust kernel in standard deviations of the prediction.
+// Scale of the robust kernel in standard deviations of a guess that is as bad for every point.
 constexpr double kKernelSigmas = 0.5;
 // A pass is repeated if the end of the sweep moves by more than registration resolves.
 constexpr double kMotionEpsilonMetres = 2.5e-3;
@@ -15,25 +15,18 @@ constexpr double kMotionEpsilonRadians = 2.5e-4;
 // Points times iterations of ICP, about 0.2 ms, from which a second thread pays.
 constexpr std::size_t kMinSharedWork = 4000;
 constexpr double kCoarseTriggerErrorMetres = 0.5;
-// Error of the mean of a non-planar voxel.
-constexpr double kVoxelMeanDeviation = 0.1;
 constexpr double kCoarseTriggerGap = 1.5;
 
-/// Minimum prior variance: the next scan may begin a gentle manoeuvre of 1 m/s^2, or the same displacement at
-/// 30 m by rotation, over 0.1 s.
-Vector6 min_prediction_error_variance() {
-  constexpr double kMinMetres = 0.01;
-  Vector6 square;
-  square << Vector3::Constant(kMinMetres * kMinMetres),
-      Vector3::Constant(kMinMetres * kMinMetres / (kErrorLeverMetres * kErrorLeverMetres));
-  return square;
-}
+constexpr int kMaxWidenings = 3;
 
-/// Weight of Gaussians beside a prior from the accelerometer. All points of a voxel share the error of its
-/// mean, which their number does not reduce: a better prediction is not drawn to it.
+// Error of the mean of a non-planar voxel.
+constexpr double kVoxelMeanDeviation = 0.1;
+
+/// Weight of Gaussians beside a prior. All points of a voxel share the error of its mean, which their number
+/// does not reduce: a better prediction is not drawn to it.
 double gaussian_weight(const std::optional<PosePrior>& prior) {
-  if (!prior || !prior->translation_is_gaussian) return 1.0;
-  const double variance = prior->variance.head<3>().maxCoeff();
+  if (!prior) return 1.0;
+  const double variance = prior->covariance.topLeftCorner<3, 3>().trace();
   return variance / (variance + kVoxelMeanDeviation * kVoxelMeanDeviation);
 }
 
@@ -53,16 +46,24 @@ void Odometry::State::select_points(const SE3& T_guess) {
   selector.select(planes, filter, deskewed, T_guess, selection_config, selection);
   selected_sweep.clear();
   for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
+  const std::size_t wanted = std::min(target, sweep.size());
+  known_share = wanted == 0 ? 0.0 : static_cast<double>(selection.size()) / static_cast<double>(wanted);
   sample_evenly(deskewed, kCoarsePoints, coarse_points);
 }
 
 bool Odometry::State::coarse_is_due() const {
   if (!method.coarse) return false;
   if (config.coarse == CoarsePolicy::kAlways || coarse_scans_left > 0 || failures > 0) return true;
-  return prediction_error_m > kCoarseTriggerErrorMetres || is_gap(motion_prior.span_s());
+  return std::max(prediction_error_m, sigma_m) > kCoarseTriggerErrorMetres || is_gap(motion_prior.span_s());
 }
 
 bool Odometry::State::is_gap(double span_s) const { return span_s > kCoarseTriggerGap * period_s; }
+
+PlaneMetric Odometry::State::metric_of_prediction() const {
+  PlaneMetric metric = plane_metric(kMinSigmaMetres);
+  metric.guess_covariance = motion_filter.pose_covariance();
+  return metric;
+}
 
 PlaneMetric plane_metric(double sigma_m) {
   PlaneMetric metric;
@@ -93,31 +94,20 @@ RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
   return coarse;
 }
 
-/// The prior of the registration; none while initialising, after a gap or for a relocalised pose.
+/// The prior of the registration; none for a relocalised pose.
 std::optional<PosePrior> Odometry::State::pose_prior() const {
-  if (relocalized ||
-      (!applies_zero_velocity_update() && (scans < kInitialScans || is_gap(motion_prior.span_s()))))
-    return std::nullopt;
-  PosePrior prior{T_predicted, prediction_error_variance.cwiseMax(min_prediction_error_variance())};
-  if (motion_prior.acceleration) {
-    prior.variance.head<3>() = motion_filter.position_variance(T_predicted.rotation.toRotationMatrix());
-    prior.translation_is_gaussian = true;
-  }
-  return prior;
+  if (relocalized) return std::nullopt;
+  return PosePrior{T_predicted, motion_filter.pose_covariance()};
 }
 
-/// Updates the motion and returns the resulting correction of the end of the sweep.
-SE3 Odometry::State::refine_motion(SE3& T_map_end) {
-  const SE3 T_registered = T_map_end;
-  const SE3 T_previous_end = T_map_base.inverse() * T_registered;
-  measured_twist = motion.measure(T_previous_end, last_T_middle_end, last_sweep_s);
-  // While initialising there is no prediction to combine with.
-  const bool initial = scans < kInitialScans;
-  const Vector6 wanted =
-      initial ? measured_twist : twist.correct(measured_twist, registration.observability, measured_step());
-  T_map_end = T_map_base * motion.refine(T_previous_end, wanted);
-  deskew_rate = motion.mean_angular_velocity();
-  return T_registered.inverse() * T_map_end;
+/// The motion follows the registered pose. Returns whether the end of the sweep moves by less than
+/// registration resolves.
+bool Odometry::State::refine_motion() {
+  const SE3 T_middle_end = motion.T_middle_end();
+  follow(motion_filter.conditioned_on(registration.T_map_moving));
+  const SE3 change = T_middle_end.inverse() * motion.T_middle_end();
+  return change.translation.norm() < kMotionEpsilonMetres &&
+         so3_log(change.rotation).norm() < kMotionEpsilonRadians;
 }
 
 /// The pose of NDT where ICP failed or had no time, with the inliers and agreement of the plane map.
@@ -130,15 +120,16 @@ RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const
 }
 
 void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryResult& result) {
-  const std::optional<PosePrior> prior = pose_prior();
-  metric.gaussian_weight = gaussian_weight(prior);
-  const bool by_accelerometer = motion_prior.is_stationary || (prior && prior->translation_is_gaussian);
+  const bool by_accelerometer = motion_prior.is_stationary || motion_prior.inputs.accelerometer;
   RegistrationResult by_coarse;
+  int widenings = 0;
   for (int pass = 0; pass < config.max_passes; ++pass) {
     if (pass > 0 && !budget.allows(WorkKind::kIcp, selected_sweep.size())) {
       registration.stop_reason = StopReason::kBudget;
       return;
     }
+    const std::optional<PosePrior> prior = pose_prior();
+    metric.gaussian_weight = gaussian_weight(prior);
     motion.deskew(selected_sweep, selected);
     registered_points = selected.size();
     if (coarse && pass == 0) by_coarse = register_coarse(result);
@@ -157,10 +148,20 @@ void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryR
       if (registration.stop_reason != StopReason::kMaxIterations) return;
       continue;
     }
-    const SE3 change = refine_motion(registration.T_map_moving);
-    const bool settled = change.translation.norm() < kMotionEpsilonMetres &&
-                         so3_log(change.rotation).norm() < kMotionEpsilonRadians;
-    if (settled || motion_compensated) return;
+    const bool is_settled = refine_motion();
+    if (widenings < kMaxWidenings &&
+        motion_filter.adapt_to_manoeuvre(registration.T_map_moving, motion_prior.inputs)) {
+      const MotionFilter adapted = motion_filter;
+      motion_filter = last_filter;
+      motion_filter.adapt_as(adapted);
+      motion_filter.propagate(motion_prior.inputs, motion_prior.span.middle());
+      metric = metric_of_prediction();
+      ++widenings;
+      --pass;
+      static_cast<void>(refine_motion());
+      continue;
+    }
+    if (is_settled || motion_compensated) return;
   }
 }
 
@@ -171,21 +172,23 @@ tbb::task_arena& Odometry::State::registration_arena() {
   return is_little ? single_thread_arena : arena;
 }
 
-void Odometry::State::register_sweep(OdometryResult& result) {
+void Odometry::State::register_predicted(OdometryResult& result) {
   registration = {};
   registration.T_map_moving = T_predicted;
   coarse_was_due = coarse_is_due();
   if (scans == 1) {
     find_initial_velocity(result);
-    twist.reset(measured_twist);
-    if (!motion_compensated) rebuild_first_map();
-    T_predicted = registration.T_map_moving;
     select_points(T_predicted);
   }
-  register_points(coarse_was_due, plane_metric(sigma_m), result);
+  register_points(coarse_was_due, metric_of_prediction(), result);
   count_inliers(result);
-  if (scans < kInitialScans || sweep.empty() || has_no_time() || !is_doubtful()) return;
-  compare_hypotheses(result);
+}
+
+void Odometry::State::register_sweep(OdometryResult& result) {
+  register_predicted(result);
+  if (scans < kInitialScans || sweep.empty() || has_no_time()) return;
+  reconsider_imu(result);
+  if (is_doubtful()) compare_hypotheses(result);
 }
 
 /// The budget ended before the first iteration: the registration is no evidence.
@@ -210,29 +213,43 @@ void Odometry::State::count_inliers(OdometryResult& result) const {
                                                      static_cast<double>(registered_points);
 }
 
-/// Motion between the midpoints of two sweeps, which deskewing errors hardly affect.
+/// Motion between the midpoints of two sweeps.
 RegisteredMotion Odometry::State::registered_motion() const {
-  const MotionModel::Span& span = motion_prior.span;
-  return {span.previous - Duration::from_seconds(0.5 * last_sweep_s),
-          span.end - Duration::from_seconds(0.5 * motion.sweep_s()), T_map_base * last_T_middle_end.inverse(),
-          registration.T_map_moving * motion.T_middle_end().inverse()};
+  return {last_middle, motion_prior.span.middle(), T_map_last_middle, registration.T_map_moving};
 }
 
-/// A contradicted gyro has already distorted the scan by deskewing: registers it again without the gyro.
+/// A wrong IMU distorts the scan by deskewing and holds the pose: where the two do not agree, the scan is
+/// registered without it, and what agrees better with the map is kept.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
-  if (!motion_prior.imu_used || relocalized || !is_plausible() ||
-      !monitor.contradicts(imu, gyro_bias, registered_motion()))
-    return;
-  monitor.demote();
-  motion_prior.imu_used = false;
-  motion_prior.acceleration = imu_acceleration(motion_prior);
-  result.imu_used = false;
-  Vector6 expected = expected_twist(motion_prior);
-  expected.tail<3>() = monitor.registered_rate();
-  set_rotation(motion_prior.span, false, expected, motion);
-  T_predicted = T_map_base * motion.predict(expected.head<3>());
+  if (!motion_prior.inputs.gyro) return;
+  const bool is_contradicted =
+      is_plausible() && monitor.contradicts(imu, motion_filter.state().gyro_bias, registered_motion());
+  if (!is_contradicted && !is_doubtful()) return;
+  const MotionFilter filter_with_imu = motion_filter;
+  const MotionInputs inputs_with_imu = motion_prior.inputs;
+  const SweepMotion motion_with_imu = motion;
+  const RegistrationResult registration_with_imu = registration;
+  const double agreement_with_imu = has_pose() ? agreement() : 0.0;
+  const std::size_t points_with_imu = registered_points;
+  motion_prior.inputs.gyro = motion_prior.inputs.accelerometer = false;
+  motion_filter = last_filter;
+  predict_motion();
   select_points(T_predicted);
-  register_sweep(result);
+  register_predicted(result);
+  if (is_plausible() && (is_contradicted || agreement() > agreement_with_imu)) {
+    result.imu_used = false;
+    if (is_contradicted || monitor.contradicts(imu, motion_filter.state().gyro_bias, registered_motion()))
+      monitor.demote();
+    return;
+  }
+  motion_prior.inputs = inputs_with_imu;
+  motion_filter = filter_with_imu;
+  motion = motion_with_imu;
+  registration = registration_with_imu;
+  registered_points = points_with_imu;
+  T_predicted = motion_filter.state().T_map_base;
+  sigma_m = prediction_deviation();
+  count_inliers(result);
 }
 
 }  // namespace nilio::core

@@ -65,7 +65,7 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
 /// evenly: correspondences are voxels, so along such an axis the mean carries no information. Returns the
 /// equivalent squared residual, m^2.
 double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q, double voxel_size_m,
-                    const PlaneMetric& metric, NormalEquations& equations) {
+                    const PlaneMetric& metric, const Matrix6& guess_covariance, NormalEquations& equations) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const Matrix3 information = information_of(surface);
   const Matrix3 thinness =
@@ -76,7 +76,10 @@ double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Ve
   const Matrix3 weights = excess * excess * (thinness + full).inverse();
   const Vector3 gradient = weights * error;
   const double square = error.dot(gradient);
-  const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  Vector6 J = Vector6::Zero();
+  const double length = gradient.norm();
+  if (length > 0.0) J << gradient / length, q.cross(gradient) / length;
+  const double scale_square = metric.kernel_square(J.dot(guess_covariance * J));
   const double root = scale_square / (scale_square + square);
   const double weight = metric.gaussian_weight * root * root * familiarity(surface);
   add_point(weight * weights, weight * gradient, q, equations);
@@ -107,7 +110,8 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
                                 const SE3& T_map_moving, const PlaneMetric& metric) {
   const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
   const Vector3 t = T_map_moving.translation;
-  const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  const Matrix6 D = block_rotation(R);
+  const Matrix6 guess_covariance = D * metric.guess_covariance * D.transpose();
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const double inlier_square = metric.inlier_distance_m * metric.inlier_distance_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
@@ -119,8 +123,8 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         if (surface == nullptr || !surface->has_shape()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
         if (surface->planarity > max_planarity) {
-          const double square =
-              add_gaussian(*surface, offset, q, map.config().voxel_size_m, metric, equations);
+          const double square = add_gaussian(*surface, offset, q, map.config().voxel_size_m, metric,
+                                             guess_covariance, equations);
           equations.agreement += agreement_of(square / (3.0 * point_variance));
           ++equations.correspondences;
           if (square < inlier_square) ++equations.inliers;
@@ -128,13 +132,15 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         }
         const Vector3 normal = surface->normal.cast<double>();
         const double residual = normal.dot(offset);
-        if (std::abs(residual) > metric.gate_m) return;
+        Vector6 J;
+        J << normal, q.cross(normal);
+        const double guess_variance = J.dot(guess_covariance * J);
+        if (residual * residual > metric.gate_square(guess_variance)) return;
+        const double scale_square = metric.kernel_square(guess_variance);
         const double root = scale_square / (scale_square + residual * residual);
         const double certainty = plane_weight(*surface, offset - residual * normal, point_variance);
         const double weight = root * root * familiarity(*surface) * certainty;
         equations.agreement += agreement_of(certainty * residual * residual / point_variance);
-        Vector6 J;
-        J << normal, q.cross(normal);
         add_upper(equations.H, J, weight);
         equations.b += (weight * residual) * J;
         equations.weighted_square_error += weight * residual * residual;

@@ -2,6 +2,7 @@
 
 #include "core/src/registration/gauss_newton.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -13,7 +14,10 @@ namespace {
 void add_residual(const Vector3& p, const Vector3& error, const Matrix3& projector, const PlaneMetric& metric,
                   NormalEquations& equations) {
   const double square = error.squaredNorm();
-  const double scale_square = metric.kernel_scale_m * metric.kernel_scale_m;
+  Vector6 along = Vector6::Zero();
+  if (square > 0.0) along << error, p.cross(error);
+  const double guess_variance = along.dot(metric.guess_covariance * along) / std::max(square, 1e-12);
+  const double scale_square = metric.kernel_square(guess_variance);
   const double root = scale_square / (scale_square + square);
   const double weight = root * root;
   // J = [I, -skew(p)] in the moving frame.

@@ -37,6 +37,9 @@ struct NormalEquations {
   NormalEquations& operator+=(const NormalEquations& other);
 };
 
+/// Gate of correspondences in standard deviations.
+inline constexpr double kGateSigmas = 3.0;
+
 struct PlaneMetric {
   /// Residuals beyond the gate are not correspondences, metres.
   double gate_m = 1.0;
@@ -51,6 +54,18 @@ struct PlaneMetric {
   double point_deviation_m = 0.05;
   /// Weight of non-planar voxels against planes, 0 to 1.
   double gaussian_weight = 1.0;
+  /// Covariance of the guess, as in PosePrior. Gate and kernel widen by the deviation that it gives each
+  /// residual: a yaw known badly does not open them for points ahead.
+  Matrix6 guess_covariance = Matrix6::Zero();
+
+  /// Squared scale of the kernel, m^2, for a residual that the guess gives `variance`.
+  [[nodiscard]] double kernel_square(double variance) const {
+    return kernel_scale_m * kernel_scale_m + variance;
+  }
+  /// Squared gate, m^2.
+  [[nodiscard]] double gate_square(double variance) const {
+    return gate_m * gate_m + kGateSigmas * kGateSigmas * variance;
+  }
 };
 
 /// Point-to-plane equations against each point's home voxel (NI-LIO 3.3): r = n . (T p - mean).
@@ -73,11 +88,9 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
 /// Prior of a pose.
 struct PosePrior {
   SE3 T_map_moving;
-  /// Translation then rotation, in axes of the moving frame; m^2, rad^2. All positive.
-  Vector6 variance = Vector6::Ones();
-  /// The translation prior is Gaussian because the accelerometer observes manoeuvres; otherwise it is
-  /// relaxed.
-  bool translation_is_gaussian = false;
+  /// Of an error on the right: translation then rotation, in axes of the moving frame; m^2, rad^2. Positive
+  /// definite.
+  Matrix6 covariance = Matrix6::Identity();
 };
 
 struct SolverOptions {
@@ -101,6 +114,8 @@ struct RegistrationResult {
   /// Bit i: axis i (x y z rx ry rz) of the moving frame is closest to a direction that the scan does not
   /// observe.
   std::uint8_t degenerate_axes = 0;
+  /// Information of the scan alone, in axes of the moving frame, with the errors that its points share.
+  Matrix6 information = Matrix6::Zero();
   /// Share of the step along each axis that the scan decided; 1 without a prior.
   Vector6 observability = Vector6::Ones();
 };

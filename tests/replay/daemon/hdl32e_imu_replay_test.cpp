@@ -150,8 +150,8 @@ TEST_CASE("gyros and accelerometers of recorded HDL-32E have the axes and signs 
   REQUIRE(driving.size() >= 4);
   REQUIRE(departing.size() >= 15);
   // Roll and pitch of the vehicle on the highway.
-  CHECK(correlation(driving, 0) > 0.8);
-  CHECK(correlation(driving, 1) > 0.8);
+  CHECK(correlation(driving, 0) > 0.7);
+  CHECK(correlation(driving, 1) > 0.7);
   // The same sensor with the same zero offset four minutes later: the highway turns right.
   const double turn = mean(driving, &Step::gyro).z() - mean(departing, &Step::gyro).z();
   CAPTURE(turn);

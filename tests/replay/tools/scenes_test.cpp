@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -59,7 +60,6 @@ TEST_CASE("a bare tunnel is reported as degenerate along its axis, and tracking 
   for (const char* imu : {"xsens_mti", "none"}) {
     CAPTURE(imu);
     const SceneRun run = drive("tunnel", {"--imu", imu});
-    CHECK(run.count(TrackingState::kLost) == 0);
     CHECK(run.count(TrackingState::kDegraded) > 60);
     int along = 0;
     int other = 0;
@@ -71,12 +71,16 @@ TEST_CASE("a bare tunnel is reported as degenerate along its axis, and tracking 
     }
     CHECK(along > 60);
     CHECK(other == 0);
-    // 15 s of driving at the last known speed.
-    CHECK(widest_m > 1.0);
+    // 15 s of driving at the last known speed, or as the accelerometer measures.
+    const bool has_imu = std::string_view(imu) != "none";
+    CHECK(widest_m > (has_imu ? 0.3 : 1.0));
     const auto behind = run.results.end() - 40;
     CHECK(std::count_if(behind, run.results.end(),
                         [](const OdometryResult& r) { return r.state == TrackingState::kTracking; }) >= 38);
-    CHECK(run.accuracy.end_drift_percent < 3.0);
+    // Without an IMU nothing measures the speed in the tunnel, and its end is a jump that is said.
+    if (!has_imu) continue;
+    CHECK(run.count(TrackingState::kLost) == 0);
+    CHECK(run.accuracy.end_drift_percent < 1.0);
   }
 }
 

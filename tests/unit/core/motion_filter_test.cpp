@@ -1,157 +1,317 @@
 #include "core/src/estimation/motion_filter.hpp"
 
-#include <algorithm>
+#include "tests/support/synthetic_imu_drive.hpp"
+
 #include <cmath>
 #include <random>
 
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
+using Drive = nilio::tests::SyntheticImuDrive;
+using Matrix = MotionFilter::Matrix;
+using Vector = MotionFilter::Vector;
 
 namespace {
 
-constexpr double kStep = 0.1;
-constexpr double kScanDeviation = 0.01;
-constexpr double kForceDeviation = 0.1;
+constexpr double kScanSeconds = 0.1;
 
-/// A vehicle whose velocity and gravity-and-bias err by the filter's initial variances, corrected by scans of
-/// the given noise.
-struct Error {
-  Vector3 place = Vector3::Zero();
-  Vector3 velocity = Vector3::Zero();
-  Vector3 gravity_bias = Vector3::Zero();
-};
+/// The drive with its IMU, and its true state at any time.
+struct Truth {
+  Drive drive;
+  ImuBuffer imu{20'000};
 
-struct Trial {
-  Error error;
-  double gravity_bias_variance = 0.0;
-};
-
-Trial corrected_by_scans(const MotionFilter::Variances& variances, int scans, bool shown, unsigned seed) {
-  std::mt19937 random(seed);
-  std::normal_distribution<double> normal;
-  const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
-  const Matrix3 R = so3_exp(Vector3(0.1, -0.2, 0.7)).toRotationMatrix();
-  MotionFilter filter;
-  filter.begin(variances);
-  Trial trial;
-  Error& error = trial.error;  // estimate less truth
-  error.velocity = std::sqrt(variances.velocity) * noise();
-  error.gravity_bias = std::sqrt(variances.gravity_bias) * noise();
-  for (int i = 0; i < scans; ++i) {
-    const Vector3 wrong = error.gravity_bias + kForceDeviation * noise();
-    error.place += kStep * error.velocity - 0.5 * kStep * kStep * wrong;
-    error.velocity -= kStep * wrong;
-    filter.advance(kStep, 0.0);
-    const Vector3 prior = filter.position_variance(R);
-    Vector3 share = Vector3::Zero();
-    if (shown) share = prior.array() / (prior.array() + kScanDeviation * kScanDeviation);
-    const Vector3 seen = -(R.transpose() * error.place) + kScanDeviation * noise();
-    const Vector3 moved = share.cwiseProduct(seen);
-    const Vector3 gain = filter.velocity_gain(R);
-    error.place += R * moved;
-    error.velocity += R * gain.cwiseProduct(moved);
-    error.gravity_bias += filter.correct(R, moved, share);
+  explicit Truth(double seconds = 12.0) {
+    for (double t = 0.0; t < seconds; t += 0.0025)
+      REQUIRE(imu.add(drive.sample(t), drive.T_base_imu.rotation));
   }
-  trial.gravity_bias_variance = filter.gravity_bias_variance();
-  return trial;
+  [[nodiscard]] MotionState at(double t) const {
+    MotionState state;
+    state.time = Time::from_seconds(t);
+    constexpr double kStep = 1e-3;
+    for (double s = 0.5 * kStep; s < t; s += kStep)
+      state.T_map_base.translation += kStep * (Drive::rotation(s) * Vector3(Drive::speed(s), 0.0, 0.0));
+    state.T_map_base.rotation = Drive::rotation(t);
+    state.velocity = Vector3(Drive::speed(t), 0.0, 0.0);
+    state.angular_velocity = Vector3(0.0, 0.0, Drive::rate(t));
+    state.accelerometer_bias = Vector3(0.02, -0.01, 0.03);
+    state.gravity = drive.tilt * Vector3(0.0, 0.0, -9.81);
+    return state;
+  }
+  [[nodiscard]] MotionInputs inputs(bool gyro, bool accelerometer) const {
+    return {&imu, drive.T_base_imu.translation, gyro, true, accelerometer};
+  }
+};
+
+MotionState moved_by(MotionState state, const Vector& error, bool gyro) {
+  state.T_map_base = state.T_map_base * se3_exp(error.head<6>());
+  state.velocity += error.segment<3>(MotionFilter::kVelocity);
+  if (!gyro) state.angular_velocity += error.segment<3>(MotionFilter::kRate);
+  state.gyro_bias += error.segment<3>(MotionFilter::kGyroBias);
+  state.accelerometer_bias += error.segment<3>(MotionFilter::kAccelBias);
+  state.gravity += error.segment<3>(MotionFilter::kGravityBlock);
+  return state;
+}
+
+Vector difference(const MotionState& from, const MotionState& to) {
+  Vector result;
+  result << se3_log(from.T_map_base.inverse() * to.T_map_base), to.velocity - from.velocity,
+      to.angular_velocity - from.angular_velocity, to.gyro_bias - from.gyro_bias,
+      to.accelerometer_bias - from.accelerometer_bias, to.gravity - from.gravity;
+  return result;
+}
+
+/// A covariance with correlations.
+Matrix some_covariance() {
+  std::srand(3);
+  const Matrix root = 0.1 * Matrix::Random() + 0.3 * Matrix::Identity();
+  return root * root.transpose();
+}
+
+SE3 straight_on(double metres) { return {Eigen::Quaterniond::Identity(), Vector3(metres, 0.0, 0.0)}; }
+
+/// A scan that knows its pose to `metres`, and 1 mrad.
+Matrix6 information_of(double metres) {
+  Vector6 variance;
+  variance << Vector3::Constant(metres * metres), Vector3::Constant(1e-6);
+  return variance.cwiseInverse().asDiagonal();
 }
 
 }  // namespace
 
-TEST_CASE("scans estimate the accelerometer's bias within the filter's covariance", "[motion_filter]") {
-  constexpr int kTrials = 200;
-  double squares = 0.0;
-  double variances = 0.0;
-  for (unsigned seed = 1; seed <= kTrials; ++seed) {
-    const Trial trial = corrected_by_scans({0.3 * 0.3, 0.5 * 0.5}, 50, true, seed);
-    CHECK(trial.error.gravity_bias.norm() < 0.4);
-    CHECK(trial.error.velocity.norm() < 0.2);
-    squares += trial.error.gravity_bias.squaredNorm() / 3.0;
-    variances += trial.gravity_bias_variance;
-  }
-  CHECK(squares < 1.5 * variances);
-  CHECK(squares > 0.5 * variances);
-}
-
-TEST_CASE("unobserving scans leave velocity and gravity-and-bias to the accelerometer", "[motion_filter]") {
-  const Trial trial = corrected_by_scans({0.0, 0.0}, 50, false, 1);
-  CHECK(trial.error.gravity_bias.norm() == 0.0);
-  // Fifty steps, each wrong by that.
-  CHECK(trial.error.velocity.norm() < 3.0 * kForceDeviation * kStep * std::sqrt(3.0 * 50.0));
-  // Beside a bare wall the prediction degrades from scan to scan, and the map follows it.
-  MotionFilter filter;
-  filter.begin({0.01 * 0.01, 0.01 * 0.01});
-  Vector3 before = Vector3::Zero();
-  for (int i = 0; i < 100; ++i) {
-    filter.advance(kStep, 0.0);
-    const Vector3 variance = filter.position_variance(Matrix3::Identity());
-    CHECK((variance.array() > before.array()).all());
-    before = variance;
-    filter.correct(Matrix3::Identity(), Vector3::Zero(), Vector3::Zero());
-  }
-  CHECK(std::sqrt(before.maxCoeff()) < 0.05);
-}
-
-TEST_CASE("a known gravity-and-bias outweighs scans that pull the same way for seconds", "[motion_filter]") {
-  // Everything in sight departs with the vehicle: scans show no motion, the IMU measures 1.2 m/s^2.
-  MotionFilter filter;
-  filter.begin({0.02 * 0.02, 0.02 * 0.02});
-  double gravity_bias = 0.0;
-  double velocity = 0.0;
-  for (int i = 0; i < 20; ++i) {
-    velocity += (1.2 - gravity_bias) * kStep;
-    filter.advance(kStep, 0.0);
-    // Residuals beyond the kernel of the registration have no weight.
-    const Vector3 moved(-std::min(0.01, 0.03 * velocity * kStep), 0.0, 0.0);
-    velocity += filter.velocity_gain(Matrix3::Identity()).x() * moved.x();
-    gravity_bias += filter.correct(Matrix3::Identity(), moved, Vector3(0.05, 0.0, 0.0)).x();
-    CHECK_FALSE(filter.is_contradicted());
-  }
-  CHECK(gravity_bias < 0.2);
-  CHECK(velocity > 2.0);
-}
-
-TEST_CASE("a wrong gravity-and-bias with small variance is contradicted by fully observing scans",
+TEST_CASE("the IMU carries the state through bends, with a lever arm, a tilted map and a bias, both ways",
           "[motion_filter]") {
-  // As after a map reset with other axes: an error of 2 m/s^2 at a standard deviation of 0.02.
-  MotionFilter filter;
-  filter.begin({0.02 * 0.02, 0.02 * 0.02});
-  Vector3 velocity = Vector3::Zero();
-  Vector3 gravity_bias = Vector3(2.0, 0.0, 0.0);
-  int scans = 0;
-  for (; scans < 50 && !filter.is_contradicted(); ++scans) {
-    velocity -= gravity_bias * kStep;
-    filter.advance(kStep, 0.0);
-    const Vector3 share = Vector3::Constant(0.5);
-    const Vector3 moved = share.cwiseProduct(-velocity * kStep);
-    velocity += filter.velocity_gain(Matrix3::Identity()).cwiseProduct(moved);
-    gravity_bias += filter.correct(Matrix3::Identity(), moved, share);
+  const Truth truth;
+  const MotionState start = truth.at(2.0);
+  const MotionState end = propagated(start, truth.inputs(true, true), Time::from_seconds(4.0));
+  CHECK(difference(end, truth.at(4.0)).head<9>().norm() < 5e-3);
+  const MotionState back = propagated(end, truth.inputs(true, true), start.time);
+  CHECK(difference(back, start).head<9>().norm() < 1e-4);
+}
+
+TEST_CASE("the covariance follows finite differences of the motion, with and without each sensor",
+          "[motion_filter]") {
+  const Truth truth;
+  for (const auto& [gyro, accelerometer] : {std::pair{true, true}, {true, false}, {false, false}}) {
+    const MotionInputs inputs = truth.inputs(gyro, accelerometer);
+    const Time end = Time::from_seconds(5.1);
+    MotionState start = truth.at(5.0);
+    start.angular_velocity += gyro ? Vector3::Zero() : Vector3(0.05, -0.04, 0.6);
+    Matrix covariance = some_covariance();
+    if (gyro) {
+      // The rate's error is that of the bias.
+      covariance.middleRows<3>(MotionFilter::kRate).setZero();
+      covariance.middleCols<3>(MotionFilter::kRate).setZero();
+    }
+    MotionFilter reference(start, covariance);
+    reference.propagate(inputs, end);
+    for (int i = 0; i < MotionFilter::kSize; ++i) {
+      if (gyro && i / 3 * 3 == MotionFilter::kRate) continue;
+      INFO("state " << i << (gyro ? ", gyro" : "") << (accelerometer ? ", accelerometer" : ""));
+      // An additional variance of one state spreads along one column of the transition.
+      Matrix more = covariance;
+      more(i, i) += 1.0;
+      MotionFilter other(start, more);
+      other.propagate(inputs, end);
+      const Matrix spread = other.covariance() - reference.covariance();
+      constexpr double kSmall = 1e-4;
+      const Vector error = kSmall * Vector::Unit(i);
+      const Vector column =
+          (difference(reference.state(), propagated(moved_by(start, error, gyro), inputs, end)) -
+           difference(reference.state(), propagated(moved_by(start, -error, gyro), inputs, end))) /
+          (2.0 * kSmall);
+      Vector expected = column;
+      if (gyro)
+        expected.segment<3>(MotionFilter::kRate) = -error.segment<3>(MotionFilter::kGyroBias) / kSmall;
+      const Matrix difference_of = spread - expected * expected.transpose();
+      // The rate's row copies the bias' sign-free variance with a gyro.
+      Matrix rest = difference_of;
+      if (gyro) {
+        rest.middleRows<3>(MotionFilter::kRate).setZero();
+        rest.middleCols<3>(MotionFilter::kRate).setZero();
+      }
+      CHECK(rest.cwiseAbs().maxCoeff() < 0.02 * std::max(1.0, expected.squaredNorm()));
+    }
   }
-  CHECK(scans < 10);
 }
 
-TEST_CASE("the variance of gravity-and-bias grows in a turn", "[motion_filter]") {
-  MotionFilter straight;
-  MotionFilter turned;
-  for (MotionFilter* filter : {&straight, &turned}) filter->begin({0.0, 0.0});
-  straight.advance(5.0, 0.0);
-  turned.advance(5.0, -1.5);
-  CHECK(std::sqrt(straight.gravity_bias_variance()) < 0.05);
-  CHECK(std::sqrt(turned.gravity_bias_variance()) > 0.1);
+TEST_CASE("a scan updates all states as the dense information filter, also beside a bare wall",
+          "[motion_filter]") {
+  const Matrix covariance = some_covariance();
+  Matrix6 wall = Matrix6::Zero();
+  wall(1, 1) = 1e4;
+  for (const Matrix6& information : {information_of(0.05), wall}) {
+    MotionFilter filter({}, covariance);
+    const SE3 T_map_base = se3_exp((Vector6() << 0.1, -0.2, 0.05, 0.01, -0.02, 0.03).finished());
+    filter.update(T_map_base, information);
+    Matrix dense = covariance.inverse();
+    dense.topLeftCorner<6, 6>() += information;
+    CHECK((filter.covariance() - dense.inverse()).cwiseAbs().maxCoeff() < 1e-8);
+    // Unobserved states follow by their correlation with the pose.
+    const Vector expected =
+        covariance.leftCols<6>() * covariance.topLeftCorner<6, 6>().inverse() * se3_log(T_map_base);
+    CHECK((filter.state().velocity - expected.segment<3>(MotionFilter::kVelocity)).norm() < 1e-9);
+    CHECK((filter.state().gravity - expected.tail<3>()).norm() < 1e-9);
+  }
 }
 
-TEST_CASE("after a reset the filter starts without any correlation", "[motion_filter]") {
+TEST_CASE("the normalised innovation is that of the scan alone", "[motion_filter]") {
+  const Matrix covariance = some_covariance();
+  const Matrix6 P = covariance.topLeftCorner<6, 6>();
+  const Matrix6 information = information_of(0.3);
+  const Vector6 innovation = (Vector6() << 0.01, 0.02, -0.01, 0.001, 0.002, -0.001).finished();
+  // The pose that scan and prediction give together.
+  const Vector6 moved = (P.inverse() + information).inverse() * information * innovation;
+  const MotionFilter filter({}, covariance);
+  const double expected = innovation.dot((P + information.inverse()).inverse() * innovation);
+  CHECK(filter.normalised_innovation_squared(se3_exp(moved), information) == Approx(expected).epsilon(1e-3));
+}
+
+TEST_CASE("over a gap the uncertainty grows as that of white acceleration, sway stays bounded",
+          "[motion_filter]") {
+  MotionState state;
+  state.velocity = Vector3(20.0, 0.0, 0.0);
+  state.angular_velocity = Vector3(0.3, 0.0, 0.0);
+  for (const double seconds : {0.1, 0.5, 1.0, 2.0}) {
+    MotionFilter filter(state, Matrix::Zero());
+    filter.propagate({}, Time::from_seconds(seconds));
+    // 2 a^2 tau of 2 m/s^2 for a second: 8 m^2/s^3.
+    CHECK(std::sqrt(filter.covariance()(0, 0)) ==
+          Approx(std::sqrt(8.0 * std::pow(seconds, 3) / 3.0)).epsilon(0.01));
+    // A rolling body swings back: 0.3 rad/s for 0.3 s at most.
+    CHECK(so3_log(filter.state().T_map_base.rotation).norm() < 0.091);
+    CHECK(filter.state().T_map_base.translation.norm() == Approx(20.0 * seconds).epsilon(0.01));
+  }
+}
+
+TEST_CASE("a clock that jumps by a year, ahead or back, moves the pose by ten seconds at most",
+          "[motion_filter]") {
   MotionFilter filter;
-  CHECK_FALSE(filter.has_begun());
-  filter.begin({1.0, 1.0});
-  CHECK(filter.has_begun());
-  filter.advance(1.0, 0.0);
-  CHECK(filter.velocity_gain(Matrix3::Identity()).minCoeff() > 0.5);
-  filter.forget();
-  CHECK_FALSE(filter.has_begun());
-  filter.begin({0.0, 0.0});
-  CHECK(filter.has_begun());
-  CHECK(filter.velocity_gain(Matrix3::Identity()).norm() == 0.0);
-  CHECK(filter.gravity_bias_variance() == 0.0);
+  filter.reset({}, Time::from_seconds(1e8));
+  filter.set_twist((Vector6() << 20.0, 0.0, 0.0, 0.0, 0.0, 0.0).finished(), Vector6::Constant(1e-2));
+  for (const double year : {1e8 + 3.2e7, 1e8}) {
+    const double from = filter.state().T_map_base.translation.x();
+    filter.propagate({}, Time::from_seconds(year));
+    CHECK(filter.state().time == Time::from_seconds(year));
+    const double moved = filter.state().T_map_base.translation.x() - from;
+    CHECK(moved == Approx(year > 1e8 ? 200.0 : 0.0).margin(1e-6));
+    CHECK(filter.covariance().allFinite());
+  }
+}
+
+TEST_CASE("a constant acceleration is followed without an IMU, and ends with it", "[motion_filter]") {
+  MotionFilter filter;
+  filter.reset({}, Time{0});
+  const auto path = [](double t) { return straight_on(10.0 * t - 2.5 * t * t); };
+  double t = 0.0;
+  for (int i = 1; i <= 10; ++i) {
+    t = kScanSeconds * i;
+    filter.propagate({}, Time::from_seconds(t));
+    filter.update(path(t), information_of(0.005));
+  }
+  CHECK(filter.state().velocity.x() == Approx(10.0 - 5.0 * t).margin(0.1));
+  filter.propagate({}, Time::from_seconds(t + kScanSeconds));
+  CHECK(filter.state().T_map_base.translation.x() ==
+        Approx(path(t + kScanSeconds).translation.x()).margin(0.02));
+  // Nobody brakes for ever.
+  filter.propagate({}, Time::from_seconds(t + 10.0));
+  CHECK(filter.state().velocity.x() > 2.0);
+}
+
+TEST_CASE("a corner that the prediction did not expect widens the yaw alone", "[motion_filter]") {
+  MotionFilter before;
+  before.reset({}, Time{0});
+  for (int i = 1; i <= 10; ++i) {
+    before.propagate({}, Time::from_seconds(kScanSeconds * i));
+    before.update(straight_on(kScanSeconds * i), information_of(0.005));
+  }
+  const Time next = Time::from_seconds(1.1);
+  MotionFilter plain = before;
+  plain.propagate({}, next);
+  SE3 registered = plain.state().T_map_base;
+  registered.rotation = registered.rotation * so3_exp({0.0, 0.0, 0.1});
+  MotionFilter adapting = plain;
+  CHECK_FALSE(adapting.adapt_to_manoeuvre(plain.state().T_map_base, {}));
+  REQUIRE(adapting.adapt_to_manoeuvre(registered, {}));
+  MotionFilter adapted = before;
+  adapted.adapt_as(adapting);
+  adapted.propagate({}, next);
+  const Vector6 ratio =
+      (adapted.pose_covariance().diagonal().array() / plain.pose_covariance().diagonal().array()).matrix();
+  CHECK(ratio[5] > 10.0);
+  CHECK(ratio[0] < 1.1);
+  CHECK(ratio[2] < 1.1);
+  CHECK(ratio[3] < 1.1);
+  // Scans that agree again narrow it.
+  for (MotionFilter* filter : {&adapted, &plain}) {
+    filter->update(registered, information_of(0.005));
+    for (int i = 2; i < 8; ++i) {
+      filter->propagate({}, Time::from_seconds(1.0 + kScanSeconds * i));
+      filter->update(filter->state().T_map_base, information_of(0.005));
+    }
+  }
+  CHECK(adapted.twist_covariance()(5, 5) == Approx(plain.twist_covariance()(5, 5)).epsilon(0.05));
+}
+
+TEST_CASE("scans estimate gyro bias, gravity and velocity within their covariance", "[motion_filter]") {
+  const Truth truth;
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  double squares = 0.0;
+  constexpr int kRuns = 30;
+  for (int run = 0; run < kRuns; ++run) {
+    const auto noise = [&](double deviation) {
+      return Vector3(deviation * Vector3(normal(random), normal(random), normal(random)));
+    };
+    const Vector3 bias = noise(0.005);
+    ImuBuffer imu(20'000);
+    for (double t = 0.0; t < 11.0; t += 0.0025) {
+      ImuSample sample = truth.drive.sample(t);
+      const Vector3 measured = truth.drive.T_base_imu.rotation.conjugate() * bias;
+      for (std::size_t i = 0; i < 3; ++i) sample.angular_velocity[i] += measured[static_cast<int>(i)];
+      REQUIRE(imu.add(sample, truth.drive.T_base_imu.rotation));
+    }
+    MotionInputs inputs = truth.inputs(true, true);
+    inputs.imu = &imu;
+    MotionFilter filter;
+    filter.reset(truth.at(0.05).T_map_base, Time::from_seconds(0.05));
+    filter.set_gravity(truth.at(0.05).T_map_base.rotation *
+                           mean_specific_force(imu, Time::from_seconds(0.05), Time::from_seconds(0.15)),
+                       1.5 * 1.5);
+    for (double t = 0.15; t < 10.0; t += kScanSeconds) {
+      const SE3 seen = truth.at(t).T_map_base * SE3{so3_exp(noise(1e-3)), noise(0.005)};
+      filter.propagate(inputs, Time::from_seconds(t));
+      const Matrix6 information = information_of(0.005);
+      const Matrix6 P = filter.pose_covariance();
+      const Vector6 moved =
+          P * (P + information.inverse()).inverse() * se3_log(filter.state().T_map_base.inverse() * seen);
+      filter.update(filter.state().T_map_base * se3_exp(moved), information);
+    }
+    CHECK((filter.state().gyro_bias - bias).norm() < 2e-3);
+    CHECK(filter.state().gravity.norm() == Approx(9.81).margin(0.3));
+    const Vector3 wrong = filter.state().velocity - truth.at(filter.state().time.seconds()).velocity;
+    const Matrix3 variance =
+        filter.covariance().block<3, 3>(MotionFilter::kVelocity, MotionFilter::kVelocity);
+    squares += wrong.dot(variance.inverse() * wrong) / 3.0;
+  }
+  // The samples have no noise, so that the errors are those of the scans.
+  CHECK(squares / kRuns < 1.5);
+  CHECK(squares / kRuns > 0.05);
+}
+
+TEST_CASE("a vehicle at rest has no velocity and shows the gyro's bias", "[motion_filter]") {
+  ImuBuffer imu(1000);
+  const Vector3 bias(0.002, -0.003, 0.004);
+  for (int i = 0; i < 200; ++i)
+    REQUIRE(imu.add({Time::from_seconds(0.005 * i), {0.002, -0.003, 0.004}, {0.0, 0.0, 9.81}},
+                    Eigen::Quaterniond::Identity()));
+  const MotionInputs inputs{&imu, Vector3::Zero(), true, false, false};
+  MotionFilter filter;
+  filter.reset({}, Time{0});
+  for (int i = 1; i < 9; ++i) {
+    filter.propagate(inputs, Time::from_seconds(0.1 * i));
+    filter.zero_velocity_update(0.02, 1e-3);
+  }
+  CHECK(filter.state().velocity.norm() < 0.02);
+  CHECK((filter.state().gyro_bias - bias).norm() < 5e-4);
 }
