@@ -29,6 +29,8 @@ constexpr std::array kRows{
         "at more than 5 % of the poses; nilio-publisher could not start, so that nothing was published"},
     Row{"nilio-publisher", "stopped by a signal, all poses written",
         "the DDS participant, a topic or an inherited descriptor cannot be used", nullptr},
+    Row{"nilio-mapper", "stopped by a signal, the map is complete",
+        "the folder, an inherited descriptor or the disk cannot be used", nullptr},
     Row{"nilio record", "recorded", "no data were recorded, or the disk did not take all of them", nullptr},
     Row{"nilio play", "played", "a packet or frame could not be sent", nullptr},
     Row{"nilio simulate", "the recording is written", "a file cannot be read or written", nullptr},

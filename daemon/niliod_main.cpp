@@ -93,9 +93,8 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option(
       "--output", arguments.output,
       "output folder: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, latency.json, "
-      "config.yaml, map.ply, run.mcap, and under live rules decisions.jsonl. A replay refuses a folder with "
-      "an earlier "
-      "run; a live run "
+      "config.yaml, map.ply, map, run.mcap, and under live rules decisions.jsonl. A replay refuses a folder "
+      "with an earlier run; a live run "
       "writes to FOLDER-2, FOLDER-3, ... instead");
   app.add_flag("--force", arguments.force, "replace the files of an earlier run in the output folder");
   app.add_option("--set", arguments.overrides,
@@ -213,6 +212,7 @@ int run(Arguments arguments, const nilio::daemon::ServiceNotifier& service) {
   options.load_config = [arguments, files] { return effective_config(arguments, files); };
   options.publisher_executable =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / "nilio-publisher";
+  options.mapper_executable = options.publisher_executable.parent_path() / "nilio-mapper";
   nilio::core::Result<nilio::daemon::RunResult> result = nilio::daemon::RunResult{};
   {
     nilio::daemon::LogOutputConfig log_config;

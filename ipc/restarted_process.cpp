@@ -33,6 +33,12 @@ core::Result<pid_t> RestartedProcess::start() {
   return spawn(false);
 }
 
+core::Result<pid_t> RestartedProcess::restart() {
+  if (running()) return pid_;
+  ++restarts_;
+  return spawn(true);
+}
+
 std::optional<ProcessEvent> RestartedProcess::poll() {
   if (running()) {
     int wait_status = 0;
@@ -44,8 +50,7 @@ std::optional<ProcessEvent> RestartedProcess::poll() {
     return died;
   }
   if (!wanted_ || Clock::now() < last_start_ + start_interval_) return std::nullopt;
-  ++restarts_;
-  if (const auto started = spawn(true); !started) {
+  if (const auto started = restart(); !started) {
     ProcessEvent failed = event(ProcessEvent::Kind::kStartFailed);
     failed.message = started.error().message;
     announce_restart(failed);
@@ -64,14 +69,19 @@ ProcessEvent RestartedProcess::kill_hung(const std::string& reason) {
   return hung;
 }
 
-std::optional<ProcessEvent> RestartedProcess::stop(core::Duration timeout) {
+void RestartedProcess::request_stop() {
   wanted_ = false;
+  if (running()) kill(pid_, SIGTERM);
+}
+
+std::optional<ProcessEvent> RestartedProcess::stop(core::Duration timeout,
+                                                   const std::function<bool()>& hangs) {
+  request_stop();
   if (!running()) return std::nullopt;
-  kill(pid_, SIGTERM);
   const auto deadline = Clock::now() + std::chrono::nanoseconds(timeout.ns);
   int wait_status = 0;
   pid_t waited = waitpid(pid_, &wait_status, WNOHANG);
-  while (waited == 0 && Clock::now() < deadline) {
+  while (waited == 0 && Clock::now() < deadline && !(hangs && hangs())) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
     waited = waitpid(pid_, &wait_status, WNOHANG);
   }

@@ -50,8 +50,13 @@ class RestartedProcess {
   std::optional<ProcessEvent> poll();
   /// Kills the process because of `reason`; poll() then reports its end and restarts it.
   ProcessEvent kill_hung(const std::string& reason);
-  /// Sends SIGTERM, and SIGKILL after `timeout`. Blocks for that time. Empty if it was not running.
-  std::optional<ProcessEvent> stop(core::Duration timeout);
+  /// Sends SIGTERM and does not wait; stop() follows.
+  void request_stop();
+  /// Starts the process again at once, for stop(), where it has died meanwhile.
+  core::Result<pid_t> restart();
+  /// Sends SIGTERM, and SIGKILL after `timeout`, or when `hangs` says so. Blocks for that time. Empty if it
+  /// was not running.
+  std::optional<ProcessEvent> stop(core::Duration timeout, const std::function<bool()>& hangs = nullptr);
 
   [[nodiscard]] bool running() const { return pid_ > 0; }
   [[nodiscard]] pid_t pid() const { return pid_; }

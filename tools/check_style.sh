@@ -33,7 +33,8 @@ WORDS
 includes() { git grep -nE "#include \"($1)" -- "${@:2}"; }
 includes '(nilio/)?drivers/|ipc/|daemon/|tools/' core | report 'core includes only core'
 includes 'ipc/|daemon/|tools/|core/src/' drivers | report 'drivers includes only nilio/core'
-includes '(nilio/)?drivers/|daemon/|tools/' ipc | report 'ipc includes only core'
-includes 'ipc/dds/|tools/' daemon ':!daemon/publisher' | report 'daemon includes drivers, ipc and core, no DDS'
+includes '(nilio/)?drivers/|mapping/|daemon/|tools/' ipc | report 'ipc includes only core'
+includes '(nilio/)?drivers/|ipc/|daemon/|tools/' mapping | report 'mapping includes only core'
+includes 'ipc/dds/|mapping/|tools/' daemon ':!daemon/publisher' ':!daemon/mapper' | report 'daemon includes drivers, ipc and core, no DDS'
 includes 'core/src/|drivers/|ipc/|daemon/|tools/' core/include drivers/include | report 'public headers include only public headers'
 exit $failed

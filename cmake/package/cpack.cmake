@@ -23,7 +23,8 @@ set(CPACK_COMPONENT_RUNTIME_DESCRIPTION
     "LiDAR-inertial odometry daemon for Velodyne sensors
  niliod receives the packets of a Velodyne LiDAR and the frames of an IMU on
  CAN, and computes the vehicle's pose with every scan and every IMU sample.
- nilio-publisher publishes the poses over DDS, readable by ROS 2. The command
+ nilio-publisher publishes the poses over DDS, readable by ROS 2, and
+ nilio-mapper builds a map of the drive. The command
  nilio records, replays, inspects, simulates, evaluates and plots drives.")
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_DEPENDS

@@ -169,6 +169,12 @@ struct OutputSection {
   bool mcap = true;
 };
 
+struct MapperSection {
+  double range_m = 50.0;
+  int max_voxels = 200'000;
+  int kept_submaps = 20;
+};
+
 struct LogSection {
   std::string level = "info";
 };
@@ -192,6 +198,7 @@ struct Config {
   RealtimeSection realtime;
   RecordingSection recording;
   OutputSection output;
+  MapperSection mapper;
   LogSection log;
   /// No value: has no effect on a run.
   ConfigSources sources;

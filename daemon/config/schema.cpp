@@ -285,10 +285,18 @@ std::vector<ConfigKey> config_keys(Config& config) {
   add_realtime({keys, "realtime"}, config.realtime);
   add_recording({keys, "recording"}, config.recording);
   Section output(keys, "output");
-  output.add("map", &config.output.map, "write map.ply into the output folder");
+  output.add("map", &config.output.map,
+             "write map.ply and the folder map (nilio-mapper) into the output folder");
   output.number("map_voxel_m", &config.output.map_voxel_m, "m", 0.05, 10, "voxel size of map.ply");
   output.add("run_mcap", &config.output.mcap,
              "write run.mcap into the output folder: poses, path, thinned scans, diagnostics");
+  Section mapper(keys, "mapper");
+  mapper.number("range_m", &config.mapper.range_m, "m", 5, 65,
+                "points farther from their sensor are not mapped");
+  mapper.number("max_voxels", &config.mapper.max_voxels, "", 1000, 2'000'000,
+                "maximum voxels of an open submap, about 0.12 kB each; three are open");
+  mapper.number("kept_submaps", &config.mapper.kept_submaps, "", 1, 1000,
+                "submaps that DDS keeps for late subscribers, about 1 MB each");
   Section(keys, "log")
       .choice("level", config.log.level, {"debug", "info", "warn", "error"},
               "minimum severity of printed messages");

@@ -1,6 +1,7 @@
 #include "daemon/odometry/cloud_feed.hpp"
 
 #include <algorithm>
+#include <numbers>
 
 namespace nilio::daemon {
 
@@ -9,6 +10,17 @@ namespace {
 // Distance and angle between two poses of the path.
 constexpr double kPathStepMetres = 1.0;
 constexpr double kPathStepRadians = 0.1;
+// Between two keyframes.
+constexpr double kKeyframeStepMetres = 1.0;
+constexpr double kKeyframeStepRadians = 5.0 * std::numbers::pi / 180.0;
+
+/// Whether a pose is one step or more away from the last one.
+bool is_step(const std::optional<core::SE3>& T_odom_last, const core::SE3& T_odom_base, double metres,
+             double radians) {
+  if (!T_odom_last) return true;
+  const core::SE3 step = T_odom_last->inverse() * T_odom_base;
+  return step.translation.norm() >= metres || core::so3_log(step.rotation).norm() >= radians;
+}
 
 template <class Record>
 void set_pose(const core::SE3& T_odom_base, Record& record) {
@@ -37,11 +49,7 @@ void CloudFeed::fill_cloud(const core::OdometryResult& result, const core::Odome
 }
 
 void CloudFeed::add_to_path(const core::OdometryResult& result) {
-  if (T_odom_path_) {
-    const core::SE3 step = T_odom_path_->inverse() * result.T_odom_base;
-    if (step.translation.norm() < kPathStepMetres && core::so3_log(step.rotation).norm() < kPathStepRadians)
-      return;
-  }
+  if (!is_step(T_odom_path_, result.T_odom_base, kPathStepMetres, kPathStepRadians)) return;
   T_odom_path_ = result.T_odom_base;
   ipc::PathPose pose;
   pose.stamp_ns = result.scan_end.ns;
@@ -49,13 +57,23 @@ void CloudFeed::add_to_path(const core::OdometryResult& result) {
   publisher_->publish_path_pose(pose);
 }
 
+bool CloudFeed::is_keyframe(const core::OdometryResult& result) const {
+  // A predicted or lost pose says nothing of where the points are.
+  return mapper_ != nullptr && !result.predicted && result.state != core::TrackingState::kLost &&
+         is_step(T_odom_keyframe_, result.T_odom_base, kKeyframeStepMetres, kKeyframeStepRadians);
+}
+
 void CloudFeed::add(const core::OdometryResult& result, const core::Odometry& odometry) {
-  if (publisher_ == nullptr) return;
-  add_to_path(result);
+  if (publisher_ != nullptr) add_to_path(result);
   // A predicted pose has no registered scan.
-  if (result.predicted || !publisher_->wants_scans()) return;
+  const bool is_wanted = publisher_ != nullptr && !result.predicted && publisher_->wants_scans();
+  const bool keyframe = is_keyframe(result);
+  if (!is_wanted && !keyframe) return;
   fill_cloud(result, odometry);
-  publisher_->publish_scan(*cloud_);
+  if (is_wanted) publisher_->publish_scan(*cloud_);
+  if (!keyframe) return;
+  mapper_->push(*cloud_);
+  T_odom_keyframe_ = result.T_odom_base;
 }
 
 }  // namespace nilio::daemon

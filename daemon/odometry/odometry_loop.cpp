@@ -12,6 +12,8 @@ using core::Duration;
 
 constexpr Duration kFeedTimeout = Duration::from_milliseconds(50.0);
 constexpr Duration kImuPoll = Duration::from_milliseconds(2.0);
+// Replay: time in which a mapper that was killed has been restarted and has read a keyframe.
+constexpr Duration kMapperPatience = Duration::from_seconds(20.0);
 
 void copy_row_major(const core::Matrix6& matrix, std::array<double, 36>& output) {
   for (int row = 0; row < 6; ++row) {
@@ -102,7 +104,7 @@ OdometryLoop::OdometryLoop(core::Odometry odometry, ScanFeed& feed, ipc::Ring<co
       imu_state_(imu_state),
       outputs_(outputs),
       config_(config),
-      cloud_feed_(outputs.publisher) {}
+      cloud_feed_(outputs.publisher, outputs.mapper) {}
 
 bool OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters) {
   if (stop.load(std::memory_order_relaxed)) return false;
@@ -236,6 +238,19 @@ void OdometryLoop::wait_for_room(const ipc::Ring<T>& ring, const std::atomic<boo
   }
 }
 
+/// Replay: the map gets every keyframe, unless the mapper does not work.
+void OdometryLoop::wait_for_mapper(const core::OdometryResult& result, const std::atomic<bool>& stop) {
+  if (config_.rules.are_live() || mapper_is_stuck_ || !cloud_feed_.is_keyframe(result)) return;
+  const std::int64_t limit = monotonic_ns() + kMapperPatience.ns;
+  while (!outputs_.mapper->has_room() && !stop.load()) {
+    const timespec pause{0, 200'000};
+    nanosleep(&pause, nullptr);
+    if (monotonic_ns() < limit) continue;
+    mapper_is_stuck_ = true;
+    return;
+  }
+}
+
 void OdometryLoop::push_cloud(const core::OdometryResult& result, const std::atomic<bool>& stop) {
   wait_for_room(*outputs_.clouds, stop);
   const std::vector<Eigen::Vector3f>& points = odometry_.deskewed_points();
@@ -334,6 +349,7 @@ void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecisi
   record.iteration_ns = runtime_.budget().iteration_ns();
   stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
   push_pose(record, stop);
+  wait_for_mapper(result, stop);
   cloud_feed_.add(result, odometry_);
   if (outputs_.clouds != nullptr) push_cloud(result, stop);
   push_imu_health(false);

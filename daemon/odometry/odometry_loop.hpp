@@ -11,6 +11,7 @@
 #include "daemon/odometry/sample_period.hpp"
 #include "daemon/realtime/run_rules.hpp"
 #include "daemon/realtime/thread_hook.hpp"
+#include "ipc/mapper_process.hpp"
 #include "ipc/publisher_process.hpp"
 #include "ipc/records.hpp"
 #include "ipc/ring.hpp"
@@ -55,6 +56,7 @@ struct OdometryOutputs {
   ipc::Ring<core::ImuHealth>* imu_health = nullptr;  ///< to the supervisor, on changes
   ipc::WakeEvent* event = nullptr;                   ///< notified after every pose
   ipc::PublisherProcess* publisher = nullptr;
+  ipc::MapperProcess* mapper = nullptr;
   ipc::Ring<ScanDecision>* decisions = nullptr;  ///< to the supervisor
   /// Publishes late poses instead of this thread, with the same publisher.
   DeadlineGuard* guard = nullptr;
@@ -111,6 +113,7 @@ class OdometryLoop {
   [[nodiscard]] bool deliver(ipc::PoseRecord& record);
   void push_pose(const ipc::PoseRecord& record, const std::atomic<bool>& stop);
   void push_decision(const core::Scan& scan, bool superseded, bool guarded);
+  void wait_for_mapper(const core::OdometryResult& result, const std::atomic<bool>& stop);
   void push_cloud(const core::OdometryResult& result, const std::atomic<bool>& stop);
   /// Replay: waits for a free slot.
   template <class T>
@@ -132,6 +135,7 @@ class OdometryLoop {
   SamplePeriodEstimator sample_period_;
   std::size_t next_decision_ = 0;
   bool warm_reported_ = false;
+  bool mapper_is_stuck_ = false;
 };
 
 /// Stamps the delivery time of a record.

@@ -194,6 +194,7 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   outputs.clouds = options_.collect_map ? &clouds_ : nullptr;
   outputs.event = &output_event_;
   outputs.publisher = publisher_;
+  outputs.mapper = options_.mapper;
   outputs.observer = options_.observer;
   const bool with_imu = input_.frames != nullptr || input_.samples != nullptr || input_.has_lidar_imu;
   ReceiveState& imu_state = input_.has_lidar_imu ? lidars_.front()->state : imu_state_;

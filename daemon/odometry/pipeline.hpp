@@ -10,6 +10,7 @@
 #include "daemon/odometry/odometry_loop.hpp"
 #include "daemon/output/event_log.hpp"
 #include "daemon/realtime/realtime_thread.hpp"
+#include "ipc/mapper_process.hpp"
 #include "ipc/publisher_process.hpp"
 
 #include <atomic>
@@ -25,8 +26,9 @@ struct PipelineOptions {
   RunRules rules;
   /// Decisions of an earlier run to repeat.
   std::vector<ScanDecision> decisions{};
-  bool collect_map = false;  ///< fill clouds()
-  bool record = false;       ///< fill LidarInput::recorded and recorded_frames()
+  ipc::MapperProcess* mapper = nullptr;  ///< gets keyframes; outlives the pipeline
+  bool collect_map = false;              ///< fill clouds()
+  bool record = false;                   ///< fill LidarInput::recorded and recorded_frames()
   /// Clock of the odometry's stage stamps.
   core::Odometry::ClockFunction clock = monotonic_ns;
   ScanObserver observer{};

@@ -10,6 +10,7 @@
 #include "daemon/realtime/startup_priority.hpp"
 #include "daemon/realtime/watchdog.hpp"
 #include "daemon/service/service_report.hpp"
+#include "ipc/mapper_process.hpp"
 #include "ipc/publisher_process.hpp"
 
 #include <algorithm>
@@ -40,6 +41,8 @@ constexpr std::int64_t kSilenceErrorNs = 60'000'000'000;
 constexpr std::size_t kPublisherSlots = 1024;
 // SIGTERM ends the process within 2 s, of which the publisher may take half.
 constexpr Duration kPublisherPatience = Duration::from_seconds(0.8);
+// In parallel with the publisher.
+constexpr Duration kMapperPatience = Duration::from_seconds(1.0);
 constexpr Duration kDiskPatience = Duration::from_seconds(0.8);
 // The end of a replay is not in a hurry.
 constexpr Duration kReplayPublisherPatience = Duration::from_seconds(2.0);
@@ -69,12 +72,15 @@ class Supervisor {
 
  private:
   Result<std::monostate> open_publisher();
+  Result<std::monostate> open_mapper();
   Result<std::monostate> open_pipeline(Input input);
   Result<std::monostate> open_files(const std::optional<core::SE3>& T_camera_lidar);
   void take_results();
   void watch_threads();
   void watch();
   void watch_publisher();
+  void log_mapper(const ipc::ProcessEvent& event);
+  void stop_mapper(Duration timeout);
   void watch_can();
   void watch_files();
   void report_status();
@@ -94,11 +100,13 @@ class Supervisor {
   /// Until the pipeline runs.
   std::optional<StartupPriority> startup_;
   std::unique_ptr<ipc::PublisherProcess> publisher_;
+  std::unique_ptr<ipc::MapperProcess> mapper_;
   std::shared_ptr<Pipeline> pipeline_;
   std::unique_ptr<CanWatch> can_watch_;
   std::unique_ptr<FileWriter> files_;
   RunLog log_;
   PublisherStarts publisher_starts_;
+  bool mapper_failed_ = false;
   Watchdog watchdog_;
   ServiceReport service_;
   ConfigReader config_reader_;
@@ -151,6 +159,36 @@ Result<std::monostate> Supervisor::open_publisher() {
   return std::monostate{};
 }
 
+Result<std::monostate> Supervisor::open_mapper() {
+  if (options_.output_folder.empty() || !config_.output.map) return std::monostate{};
+  ipc::MapperProcessConfig config;
+  config.folder = std::filesystem::absolute(options_.output_folder) / "map";
+  config.executable = options_.mapper_executable;
+  config.range_m = config_.mapper.range_m;
+  config.max_voxels = config_.mapper.max_voxels;
+  config.kept_submaps = config_.mapper.kept_submaps;
+  config.publish = config_.publisher.enabled;
+  config.domain = static_cast<std::uint32_t>(config_.publisher.domain);
+  config.interface_whitelist = config_.publisher.interfaces;
+  config.odom_frame = config_.publisher.odom_frame;
+  config.topic_prefix = config_.publisher.topic_prefix;
+  auto mapper = ipc::MapperProcess::create(std::move(config));
+  if (!mapper) return mapper.error();
+  mapper_ = std::move(mapper).value();
+  const Result<pid_t> pid = mapper_->start();
+  if (pid) {
+    spdlog::info("nilio-mapper started, pid {}, map in {}", *pid, mapper_->folder().string());
+  } else {
+    spdlog::error(
+        "{}; poses continue without the folder map - install nilio-mapper beside niliod, or set output.map "
+        "to "
+        "false",
+        pid.error().message);
+    mapper_.reset();
+  }
+  return std::monostate{};
+}
+
 Result<std::monostate> Supervisor::open_pipeline(Input input) {
   PipelineOptions pipeline_options;
   pipeline_options.rules = options_.rules;
@@ -163,6 +201,7 @@ Result<std::monostate> Supervisor::open_pipeline(Input input) {
   }
   pipeline_options.collect_map =
       !options_.output_folder.empty() && (config_.output.map || config_.output.mcap);
+  pipeline_options.mapper = mapper_.get();
   pipeline_options.record = !options_.record_folder.empty();
   auto pipeline = Pipeline::create(config_, std::move(input), pipeline_options, publisher_.get());
   if (!pipeline) return pipeline.error();
@@ -214,6 +253,7 @@ Result<std::monostate> Supervisor::open() {
   for (const std::string& warning : input->warnings) spdlog::warn("{}", warning);
   apply_extrinsics(*input, config_);
   if (auto opened = open_publisher(); !opened) return opened;
+  if (auto opened = open_mapper(); !opened) return opened;
   can_watch_ = std::move(input->can_watch);
   const std::optional<core::SE3> T_camera_lidar = input->T_camera_lidar;
   if (auto opened = open_pipeline(std::move(input).value()); !opened) return opened;
@@ -249,6 +289,29 @@ void Supervisor::watch_publisher() {
   const std::uint64_t heartbeat = publisher_->state().heartbeat();
   log(publisher_starts_.observe(heartbeat));
   if (const auto event = publisher_->poll()) log(publisher_starts_.observe(*event, heartbeat));
+}
+
+/// A mapper that ends again and again is one error.
+void Supervisor::log_mapper(const ipc::ProcessEvent& event) {
+  using Kind = ipc::ProcessEvent::Kind;
+  if (event.kind == Kind::kStopped && event.exit_status == 0) return;
+  if (event.kind == Kind::kStarted) {
+    if (!mapper_failed_) spdlog::info("{}", event.message);
+    return;
+  }
+  const bool is_error = event.exit_status > 0 || event.kind == Kind::kStartFailed;
+  if (!is_error)
+    spdlog::warn("{}", event.message);
+  else if (!std::exchange(mapper_failed_, true))
+    spdlog::error("{}; poses continue without a map - check the lines of nilio-mapper above", event.message);
+}
+
+void Supervisor::stop_mapper(Duration timeout) {
+  const std::vector<ipc::ProcessEvent> events = mapper_->stop(timeout);
+  for (const ipc::ProcessEvent& event : events) log_mapper(event);
+  if (events.empty() || events.back().exit_status < 0)
+    spdlog::warn("{}: the map lacks its end, whose keyframes are in its folder open",
+                 mapper_->folder().string());
 }
 
 void Supervisor::watch_can() {
@@ -289,6 +352,9 @@ void Supervisor::watch() {
   for (const Watchdog::Event& event : watchdog_.poll(monotonic_ns()))
     spdlog::log(event.hangs ? spdlog::level::err : spdlog::level::warn, "{}", event.text);
   watch_publisher();
+  if (mapper_) {
+    if (const auto event = mapper_->poll()) log_mapper(*event);
+  }
   watch_can();
   watch_files();
 }
@@ -386,11 +452,16 @@ Result<RunResult> Supervisor::run(RunRequests& requests) {
     take_results();
   }
   report_events();
+  // The mapper completes the map while the publisher writes the last poses.
+  if (mapper_) mapper_->request_stop();
+  const std::int64_t mapper_deadline_ns =
+      monotonic_ns() + (stopped ? kMapperPatience : kReplayDiskPatience).ns;
   if (publisher_) {
     const auto event = publisher_->stop(stopped ? kPublisherPatience : kReplayPublisherPatience);
     if (event) log(publisher_starts_.observe(*event, publisher_->state().heartbeat()));
     log(publisher_starts_.observe(publisher_->state().heartbeat()));
   }
+  if (mapper_) stop_mapper({std::max<std::int64_t>(mapper_deadline_ns - monotonic_ns(), 0)});
   log_.report_end(*pipeline_, static_cast<double>(monotonic_ns() - started_ns_) * 1e-9);
   const RunResult result = options_.rules.has_sensors() ? RunResult{} : replay_result(stopped);
   if (auto finished = finish_files(stopped, result); !finished) return finished.error();
@@ -449,6 +520,12 @@ nlohmann::json Supervisor::summary() const {
       {"publisher_samples_dropped", publisher_ ? publisher_->samples().dropped() : 0},
       {"publisher_scans", publisher_ ? publisher_->scans().written() : 0},
       {"publisher_scans_dropped", publisher_ ? publisher_->scans().dropped() : 0},
+      {"mapper_restarts", mapper_ ? mapper_->restarts() : 0},
+      {"mapper_keyframes", mapper_ ? mapper_->keyframes().written() : 0},
+      {"mapper_keyframes_dropped", mapper_ ? mapper_->keyframes().dropped() : 0},
+      {"mapper_submaps", mapper_ ? mapper_->state().submaps.load() : 0},
+      {"mapper_bytes", mapper_ ? mapper_->state().map_bytes.load() : 0},
+      {"mapper_failed_writes", mapper_ ? mapper_->state().failed_writes.load() : 0},
       {"watchdog_hangs", watchdog_.hangs()},
   });
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));

@@ -26,6 +26,7 @@ struct RunOptions {
   /// Files and folders that were named for the replay, for the decision log.
   std::vector<std::string> recording;
   std::filesystem::path publisher_executable;
+  std::filesystem::path mapper_executable;
   ThreadHook thread_hook = nullptr;
   /// Reads the configuration of this run again, for a reload.
   ConfigReader::Load load_config;

@@ -179,6 +179,10 @@ core::Result<TopicNames> topic_names(const std::string& prefix) {
                     path + "nilio/odometry_imu_status",
                     path + "registered_scan",
                     path + "path",
+                    path + "submaps",
+                    path + "submap_poses",
+                    path + "local_map",
+                    "rt/tf_static",
                     "rt/diagnostics"};
 }
 

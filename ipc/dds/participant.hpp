@@ -18,15 +18,19 @@ class TopicConflicts;
 
 /// DDS topic names ("rt/" before the ROS name).
 struct TopicNames {
-  std::string odometry;         ///< rt/<prefix>/odom
-  std::string transform;        ///< rt/tf: a single topic in ROS
-  std::string latency;          ///< rt/<prefix>/nilio/latency
-  std::string scan_report;      ///< rt/<prefix>/nilio/scan_report
-  std::string imu_odometry;     ///< rt/<prefix>/nilio/odometry_imu
-  std::string imu_status;       ///< rt/<prefix>/nilio/odometry_imu_status
-  std::string registered_scan;  ///< rt/<prefix>/registered_scan
-  std::string path;             ///< rt/<prefix>/path
-  std::string diagnostics;      ///< rt/diagnostics: a single topic in ROS
+  std::string odometry;          ///< rt/<prefix>/odom
+  std::string transform;         ///< rt/tf: a single topic in ROS
+  std::string latency;           ///< rt/<prefix>/nilio/latency
+  std::string scan_report;       ///< rt/<prefix>/nilio/scan_report
+  std::string imu_odometry;      ///< rt/<prefix>/nilio/odometry_imu
+  std::string imu_status;        ///< rt/<prefix>/nilio/odometry_imu_status
+  std::string registered_scan;   ///< rt/<prefix>/registered_scan
+  std::string path;              ///< rt/<prefix>/path
+  std::string submaps;           ///< rt/<prefix>/submaps
+  std::string submap_poses;      ///< rt/<prefix>/submap_poses
+  std::string local_map;         ///< rt/<prefix>/local_map
+  std::string static_transform;  ///< rt/tf_static: a single topic in ROS
+  std::string diagnostics;       ///< rt/diagnostics: a single topic in ROS
 };
 /// Builds the names. Leading, trailing and doubled slashes of the prefix are ignored. Fails if the name is
 /// invalid in ROS.

@@ -10,7 +10,7 @@ rm -rf "$work"
 mkdir -p "$work"
 cmake --install "$build" --prefix "$work/prefix" >"$work/install.txt"
 
-for file in bin/niliod bin/nilio-publisher bin/nilio include/nilio/core/odometry.hpp include/nilio/drivers/velodyne/decoder.hpp \
+for file in bin/niliod bin/nilio-publisher bin/nilio-mapper bin/nilio include/nilio/core/odometry.hpp include/nilio/drivers/velodyne/decoder.hpp \
             etc/nilio/vehicle.yaml share/nilio/reference.yaml share/nilio/nilio.schema.json share/nilio/dbc/xsens_mti.dbc \
             lib/systemd/system/niliod.service lib/sysusers.d/nilio.conf share/man/man8/niliod.8 \
             share/bash-completion/completions/nilio share/doc/nilio/LICENSE; do

@@ -27,7 +27,7 @@ check() {
   for option in $(awk '/^  -/ { n = split($1, names, ","); for (i = 1; i <= n; ++i) if (names[i] ~ /^--/) print names[i] }' <<<"$help"); do
     ((++checked))
     grep -qE -- "${option//-/\\\\-}(,|\\\\fR)" "$page" || complain "$page: no $option of '$*'"
-    [[ " ${COMPREPLY[*]} " == *" $option "* || $1 == nilio-publisher ]] || complain "completion: no $option of '$*'"
+    [[ " ${COMPREPLY[*]} " == *" $option "* || $1 == nilio-publisher || $1 == nilio-mapper ]] || complain "completion: no $option of '$*'"
   done
   names=$(awk '/^Subcommands:$/ { list = 1; next } /^$/ { list = 0 } list && /^  [a-z]/ { print $1 }' <<<"$help")
   complete_words "$@" ''
@@ -43,6 +43,7 @@ check() {
 
 check "$build/man/niliod.8" niliod
 check "$build/man/nilio-publisher.8" nilio-publisher
+check "$build/man/nilio-mapper.8" nilio-mapper
 check "$build/man/nilio.1" nilio
 ((checked > 100)) || complain "only $checked options found in --help"
 complete_words nilio simulate --scene t

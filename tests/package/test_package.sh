@@ -65,7 +65,7 @@ snapshot >"$work/before.txt"
 
 install_deb "$nilio_deb"
 step "installed nilio"
-for file in usr/bin/niliod usr/bin/nilio-publisher usr/bin/nilio etc/nilio/vehicle.yaml usr/share/nilio/dbc/xsens_mti.dbc \
+for file in usr/bin/niliod usr/bin/nilio-publisher usr/bin/nilio-mapper usr/bin/nilio etc/nilio/vehicle.yaml usr/share/nilio/dbc/xsens_mti.dbc \
   usr/lib/systemd/system/niliod.service usr/lib/systemd/system/niliod@.service usr/lib/sysusers.d/nilio.conf usr/lib/sysctl.d/90-nilio.conf \
   usr/share/man/man8/niliod.8.gz usr/share/man/man8/nilio-publisher.8.gz usr/share/man/man1/nilio.1.gz usr/share/doc/nilio/copyright \
   usr/share/bash-completion/completions/nilio usr/share/bash-completion/completions/niliod; do

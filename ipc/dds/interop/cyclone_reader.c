@@ -2,7 +2,7 @@
 // and prints each field of what it receives on one line, floating-point numbers in hexadecimal so that
 // nothing is lost.
 //
-//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu|clouds|arrivals|promises]
+//   nilio-cyclone-reader DOMAIN COUNT TIMEOUT_S [imu|clouds|map|arrivals|promises]
 //
 // Ends after COUNT poses and transforms and one array of diagnostics (status 0) or after TIMEOUT_S (status
 // 1). With "imu": after COUNT poses at IMU rate, one status of them and one report of a scan. With "clouds":
@@ -154,9 +154,11 @@ static int drain(dds_entity_t reader, int (*print)(const void*)) {
 }
 
 static dds_entity_t create_reader(dds_entity_t participant, const dds_topic_descriptor_t* type,
-                                  const char* name, dds_reliability_kind_t reliability) {
+                                  const char* name, dds_reliability_kind_t reliability,
+                                  dds_durability_kind_t durability) {
   dds_qos_t* qos = dds_create_qos();
   dds_qset_reliability(qos, reliability, DDS_SECS(1));
+  dds_qset_durability(qos, durability);
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1000);
   const dds_entity_t topic = dds_create_topic(participant, type, name, NULL, NULL);
   const dds_entity_t reader = dds_create_reader(participant, topic, qos, NULL);
@@ -295,9 +297,10 @@ int main(int argc, char** argv) {
   const char* const mode = argc == 5 ? argv[4] : "";
   const bool imu = strcmp(mode, "imu") == 0;
   const bool clouds = strcmp(mode, "clouds") == 0;
+  const bool map = strcmp(mode, "map") == 0;
   const bool promises = strcmp(mode, "promises") == 0;
   const bool arrivals = promises || strcmp(mode, "arrivals") == 0;
-  if (argc != 4 && !imu && !clouds && !arrivals) {
+  if (argc != 4 && !imu && !clouds && !map && !arrivals) {
     fprintf(stderr, "usage: %s DOMAIN COUNT TIMEOUT_S [imu|clouds|arrivals|promises]\n", argv[0]);
     return 2;
   }
@@ -319,11 +322,20 @@ int main(int argc, char** argv) {
       {"rt/registered_scan", &sensor_msgs_msg_dds__PointCloud2__desc, DDS_RELIABILITY_BEST_EFFORT,
        print_cloud, wanted, 0, 0},
       {"rt/path", &nav_msgs_msg_dds__Path__desc, reliable, print_path, 1, 0, 0}};
-  topic_t* const topics = imu ? imu_rate : clouds ? large : scans;
-  const size_t count = 3;
+  // All but the last are kept for late readers.
+  topic_t of_map[] = {
+      {"rt/submaps", &sensor_msgs_msg_dds__PointCloud2__desc, reliable, print_cloud, wanted, 0, 0},
+      {"rt/submap_poses", &nav_msgs_msg_dds__Path__desc, reliable, print_path, 1, 0, 0},
+      {"rt/tf_static", &tf2_msgs_msg_dds__TFMessage__desc, reliable, print_transforms, 1, 0, 0},
+      {"rt/local_map", &sensor_msgs_msg_dds__PointCloud2__desc, reliable, print_cloud, 1, 0, 0}};
+  topic_t* const topics = imu ? imu_rate : clouds ? large : map ? of_map : scans;
+  const size_t count = map ? 4 : 3;
   const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
   for (size_t i = 0; i < count; ++i) {
-    topics[i].reader = create_reader(participant, topics[i].type, topics[i].name, topics[i].reliability);
+    const dds_durability_kind_t durability =
+        map && i < 3 ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE;
+    topics[i].reader =
+        create_reader(participant, topics[i].type, topics[i].name, topics[i].reliability, durability);
     if (participant < 0 || topics[i].reader < 0) {
       fprintf(stderr, "CycloneDDS cannot create a reader on domain %s\n", argv[1]);
       return 2;

@@ -77,7 +77,8 @@ TEST_CASE("a replay whose publisher cannot start is complete, with one error and
   write_room_drive(folder.path(), s_curve, 1.0, false);
   const fs::path alone = folder.path() / "bin";
   fs::create_directory(alone);
-  fs::copy_file(fs::path(nilio::tests::program_folder()) / "niliod", alone / "niliod");
+  for (const char* const program : {"niliod", "nilio-mapper"})
+    fs::copy_file(fs::path(nilio::tests::program_folder()) / program, alone / program);
   const std::string command = (alone / "niliod").string() + " --replay " + folder.path().string() +
                               " --output " + (folder.path() / "run").string() + " > " +
                               (folder.path() / "log").string() + " 2>&1";

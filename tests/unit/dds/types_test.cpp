@@ -318,6 +318,8 @@ TEST_CASE("topic names follow the prefix and ROS's naming rules", "[types]") {
   CHECK(topic_names("car").value().diagnostics == "rt/diagnostics");
   CHECK(topic_names("").value().registered_scan == "rt/registered_scan");
   CHECK(topic_names("car").value().path == "rt/car/path");
+  CHECK(topic_names("car").value().submaps == "rt/car/submaps");
+  CHECK(topic_names("car").value().static_transform == "rt/tf_static");
   CHECK(topic_names("/car_1//front/").value().odometry == "rt/car_1/front/odom");
   CHECK(topic_names("car").value().transform == "rt/tf");
   for (const char* bad : {"a b", "1car", "car/2", "caf\xC3\xA9", "a-b"})

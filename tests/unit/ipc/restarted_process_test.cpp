@@ -107,3 +107,21 @@ TEST_CASE("a stopped process stays stopped", "[restarted_process]") {
   CHECK_FALSE(process.poll().has_value());
   CHECK_FALSE(process.stop(Duration{0}).has_value());
 }
+
+TEST_CASE("a stop ends early where the process hangs, and a process that is dead can be restarted for it",
+          "[restarted_process]") {
+  RestartedProcess process("program", Duration::from_seconds(100.0),
+                           shell("trap '' TERM; while :; do sleep 1; done"));
+  REQUIRE(process.start().ok());
+  usleep(100'000);
+  int asked = 0;
+  const auto hung = process.stop(Duration::from_seconds(30.0), [&] { return ++asked > 3; });
+  REQUIRE(hung.has_value());
+  CHECK(hung->signal == SIGKILL);
+  CHECK(asked == 4);
+  REQUIRE(process.restart().ok());
+  CHECK(process.restarts() == 1);
+  CHECK(process.running());
+  process.stop(Duration{0});
+  CHECK_FALSE(process.poll().has_value());
+}

@@ -1,0 +1,152 @@
+// nilio-mapper: builds submaps from the keyframes of niliod, writes them into a map folder and publishes them
+// over DDS. It is a separate process at normal priority: whatever it costs, and however it ends, the odometry
+// goes on.
+
+#include "nilio/core/clock.hpp"
+
+#include "daemon/command_line.hpp"
+#include "daemon/exit_status.hpp"
+#include "daemon/log_format.hpp"
+#include "daemon/mapper/mapper_loop.hpp"
+#include "ipc/mapper_process.hpp"
+
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <sys/prctl.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+#include <utility>
+
+#include <CLI/CLI.hpp>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+namespace nilio::daemon {
+namespace {
+
+/// Command line of nilio-mapper, written by ipc::MapperProcess.
+struct MapperOptions {
+  int keyframe_ring_descriptor = -1;
+  int wake_descriptor = -1;
+  int state_descriptor = -1;
+  pid_t parent = 0;
+  std::string folder;
+  std::string session;
+  bool publish = true;
+  mapping::SubmapConfig submaps;
+  dds::MapPublisherConfig publisher;
+};
+
+void add_options(CLI::App& app, MapperOptions& options) {
+  dds::MapPublisherConfig& publisher = options.publisher;
+  app.add_option("--keyframe-ring-fd", options.keyframe_ring_descriptor, "Inherited memfd of the keyframes")
+      ->required();
+  app.add_option("--wake-fd", options.wake_descriptor,
+                 "Inherited eventfd, signalled when there are keyframes")
+      ->required();
+  app.add_option("--state-fd", options.state_descriptor, "Inherited memfd of this process's counters")
+      ->required();
+  app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
+  app.add_option("--folder", options.folder, "Folder of the map")->required();
+  app.add_option("--session", options.session, "Run that writes the map; the same run continues it")
+      ->required();
+  app.add_option("--range", options.submaps.range_m, "Maximum range of points, m")
+      ->check(CLI::Range(1.0, 65.0));
+  app.add_option("--max-voxels", options.submaps.max_voxels, "Maximum voxels of an open submap")
+      ->check(CLI::Range(std::size_t{1000}, std::size_t{2'000'000}));
+  app.add_flag("!--no-publish", options.publish, "Do not publish over DDS");
+  app.add_option("--domain", publisher.participant.domain, "DDS domain id")->check(CLI::Range(0, 232));
+  app.add_option("--interface", publisher.participant.interface_whitelist,
+                 "IPv4 address of an interface for DDS (repeatable; default: all)");
+  app.add_option("--map-frame", publisher.map_frame, "Frame of the map");
+  app.add_option("--odom-frame", publisher.odom_frame, "Frame of the poses");
+  app.add_option("--topic-prefix", publisher.topic_prefix, "Prefix of the topic names");
+  app.add_option("--kept-submaps", publisher.kept_submaps, "Submaps kept for late subscribers")
+      ->check(CLI::Range(1, 1000));
+}
+
+// Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them.
+int take_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
+}
+
+/// When memory is short, the kernel ends this process before the odometry, whose protection it inherits.
+void yield_memory() { std::ofstream("/proc/self/oom_score_adj") << 500; }
+
+core::Result<MapperInputs> attach(const MapperOptions& options) {
+  auto keyframes = ipc::OverwritingRing<ipc::ScanCloud>::attach(options.keyframe_ring_descriptor);
+  if (!keyframes) return keyframes.error();
+  auto wake = ipc::WakeEvent::adopt(options.wake_descriptor);
+  if (!wake) return wake.error();
+  auto state = ipc::SharedObject<ipc::MapperState>::attach(options.state_descriptor);
+  if (!state) return state.error();
+  return MapperInputs{std::move(keyframes).value(), std::move(wake).value(), std::move(state).value()};
+}
+
+/// Null if DDS is not wanted or not possible: the map is written without it, too.
+std::unique_ptr<dds::MapPublisher> make_publisher(const MapperOptions& options) {
+  if (!options.publish) return nullptr;
+  dds::set_fastdds_log_handler([](const std::string& line) { spdlog::warn("{}", line); });
+  auto publisher = dds::MapPublisher::create(options.publisher);
+  if (publisher) return std::move(publisher).value();
+  spdlog::warn("the map is not published: {}", publisher.error().message);
+  return nullptr;
+}
+
+int run(const MapperOptions& options) {
+  const int signals = take_signals();
+  if (signals < 0) {
+    spdlog::error("signalfd: {}", std::strerror(errno));
+    return kFailed;
+  }
+  if (options.parent != 0) {
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    if (getppid() != options.parent) {
+      spdlog::warn("--parent-pid {}: not the parent of this process, which has ended; exiting",
+                   options.parent);
+      return kFailed;
+    }
+  }
+  yield_memory();
+  auto inputs = attach(options);
+  if (!inputs) {
+    spdlog::error("inherited descriptors: {}", inputs.error().message);
+    return kFailed;
+  }
+  auto writer =
+      mapping::MapWriter::open(options.folder, options.session, core::Time{clock_ns(CLOCK_REALTIME)});
+  if (!writer) {
+    spdlog::error("{}", writer.error().message);
+    return kFailed;
+  }
+  MapperLoop loop(options.parent, signals, std::move(inputs).value(), std::move(writer).value(),
+                  options.submaps, make_publisher(options), options.publisher.kept_submaps);
+  loop.recover();
+  return loop.run();
+}
+
+}  // namespace
+}  // namespace nilio::daemon
+
+int main(int argc, char** argv) {
+  CLI::App app{"Builds the map of niliod. Started by niliod."};
+  app.formatter(std::make_shared<nilio::HelpFormatter>());
+  app.footer(nilio::exit_status_help("nilio-mapper"));
+  nilio::daemon::MapperOptions options;
+  options.publisher.participant.name = "nilio-mapper";
+  nilio::daemon::add_options(app, options);
+  if (const auto status = nilio::parse_command_line(app, argc, argv)) return *status;
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("nilio-mapper"));
+  spdlog::set_formatter(nilio::log_formatter("nilio-mapper", STDERR_FILENO));
+  return nilio::daemon::run(options);
+}

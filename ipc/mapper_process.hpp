@@ -1,0 +1,103 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+#include "nilio/core/time.hpp"
+
+#include "ipc/overwriting_ring.hpp"
+#include "ipc/restarted_process.hpp"
+#include "ipc/scan_cloud.hpp"
+#include "ipc/shared_object.hpp"
+#include "ipc/wake_event.hpp"
+
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <sys/types.h>
+#include <vector>
+
+namespace nilio::ipc {
+
+struct MapperProcessConfig {
+  std::filesystem::path executable;  ///< nilio-mapper
+  std::filesystem::path folder;      ///< of the map
+  double range_m = 50.0;             ///< points farther from the sensor are left out
+  bool publish = true;               ///< over DDS
+  std::uint32_t domain = 0;
+  std::vector<std::string> interface_whitelist;
+  std::string map_frame = "map";
+  std::string odom_frame = "odom";
+  std::string topic_prefix;
+  int max_voxels = 200'000;  ///< of an open submap; three are open
+  int kept_submaps = 20;     ///< submaps kept for late subscribers
+  core::Duration start_interval = core::Duration::from_seconds(1.0);
+  /// Killed if it reads no keyframe for this time while some wait; a disk may take long.
+  core::Duration hang_timeout = core::Duration::from_seconds(30.0);
+  /// Killed by stop() if it makes no progress for this time.
+  core::Duration stop_hang_timeout = core::Duration::from_seconds(5.0);
+};
+
+/// Counters of nilio-mapper, in shared memory; a restarted mapper continues them. One thread records, any
+/// reads.
+struct MapperState {
+  std::atomic<std::uint64_t> heartbeat{0};
+  std::atomic<std::uint64_t> keyframes{0};
+  std::atomic<std::uint64_t> submaps{0};        ///< on disk
+  std::atomic<std::uint64_t> map_bytes{0};      ///< of their files
+  std::atomic<std::uint64_t> failed_writes{0};  ///< submaps or keyframes that the disk refused
+};
+
+/// Starts, supervises and restarts `nilio-mapper`, and owns the shared memory with it. The mapper may be
+/// slow, hang or die: keyframes are overwritten, and counted.
+///
+/// push() and has_room() belong to the odometry thread, start(), poll(), request_stop() and stop() to one
+/// supervising thread (see RestartedProcess), the other getters to any thread.
+class MapperProcess {
+ public:
+  static core::Result<std::unique_ptr<MapperProcess>> create(MapperProcessConfig config);
+  MapperProcess(const MapperProcess&) = delete;
+  MapperProcess& operator=(const MapperProcess&) = delete;
+
+  core::Result<pid_t> start() { return process_.start(); }
+  /// Call about every 50 ms; does not block.
+  std::optional<ProcessEvent> poll();
+  /// Begins what stop() waits for.
+  void request_stop() { process_.request_stop(); }
+  /// Lets the process read the waiting keyframes, complete the map and end. One that has died or hangs is
+  /// started once more for that. Killed after `timeout`, which costs the submaps that were open their
+  /// surfaces, not their keyframes. The events in order; none if the program cannot be started.
+  std::vector<ProcessEvent> stop(core::Duration timeout);
+
+  void push(const ScanCloud& keyframe) noexcept;
+  /// False while push() would overwrite an unread keyframe.
+  [[nodiscard]] bool has_room() const { return keyframes_.has_room(); }
+  [[nodiscard]] const OverwritingRing<ScanCloud>& keyframes() const { return keyframes_; }
+  [[nodiscard]] const MapperState& state() const { return *state_; }
+  [[nodiscard]] bool running() const { return process_.running(); }
+  [[nodiscard]] pid_t pid() const { return process_.pid(); }
+  [[nodiscard]] std::uint64_t restarts() const { return process_.restarts(); }
+  [[nodiscard]] const std::filesystem::path& folder() const { return config_.folder; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  MapperProcess(MapperProcessConfig config, OverwritingRing<ScanCloud> keyframes, WakeEvent wake,
+                SharedObject<MapperState> state);
+  core::Result<pid_t> spawn(bool publish);
+
+  MapperProcessConfig config_;
+  std::string session_;
+  OverwritingRing<ScanCloud> keyframes_;
+  WakeEvent wake_;
+  SharedObject<MapperState> state_;
+  RestartedProcess process_;
+  bool is_ending_ = false;
+  std::uint64_t taken_ = 0;
+  Clock::time_point progress_at_;
+};
+
+}  // namespace nilio::ipc

@@ -1,0 +1,177 @@
+#include "ipc/mapper_process.hpp"
+
+#include "tests/support/eventually.hpp"
+#include "tests/support/paths.hpp"
+#include "tests/support/street.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <random>
+#include <set>
+#include <thread>
+
+#include <catch2/catch.hpp>
+
+#include "mapping/map_folder.hpp"
+
+namespace {
+
+using namespace nilio;
+using nilio::tests::eventually;
+using nilio::tests::TemporaryFolder;
+
+std::optional<std::filesystem::path> mapper_program() {
+  const std::filesystem::path path = std::filesystem::path(nilio::tests::program_folder()) / "nilio-mapper";
+  if (std::filesystem::exists(path)) return path;
+  WARN("skipped: " << path << " is not built");
+  return std::nullopt;
+}
+
+std::unique_ptr<ipc::MapperProcess> make_mapper(const std::filesystem::path& program,
+                                                const std::filesystem::path& folder) {
+  ipc::MapperProcessConfig config;
+  config.executable = program;
+  config.folder = folder;
+  config.publish = false;
+  config.start_interval = core::Duration::from_milliseconds(10.0);
+  auto mapper = ipc::MapperProcess::create(std::move(config));
+  if (!mapper) FAIL(mapper.error().message);
+  return std::move(mapper).value();
+}
+
+std::unique_ptr<ipc::ScanCloud> cloud_of(const mapping::Keyframe& keyframe) {
+  auto cloud = std::make_unique<ipc::ScanCloud>();
+  cloud->stamp_ns = keyframe.stamp.ns;
+  for (std::size_t i = 0; i < 3; ++i)
+    cloud->position[i] = keyframe.T_odom_base.translation[static_cast<Eigen::Index>(i)];
+  cloud->count = keyframe.points.size();
+  for (std::size_t i = 0; i < cloud->count; ++i) {
+    const mapping::MapPoint& point = keyframe.points[i];
+    cloud->points[i] = {point.position.x(), point.position.y(), point.position.z(), point.intensity};
+  }
+  return cloud;
+}
+
+/// Waits until the mapper has read all keyframes, restarting it as niliod does.
+bool wait_until_read(ipc::MapperProcess& mapper) {
+  return eventually([&] {
+    mapper.poll();
+    return mapper.keyframes().taken() == mapper.keyframes().written();
+  });
+}
+
+/// Stamps of all keyframes in a map; every submap has to be readable.
+std::set<std::int64_t> stamps_in(const std::filesystem::path& folder) {
+  const auto map = mapping::MapReader::open(folder);
+  if (!map) FAIL(map.error().message);
+  std::set<std::int64_t> stamps;
+  for (const mapping::SubmapEntry& entry : map->submaps()) {
+    const auto submap = map->load(entry);
+    if (!submap) FAIL(submap.error().message);
+    for (const mapping::SubmapKeyframe& keyframe : submap->keyframes) stamps.insert(keyframe.stamp.ns);
+  }
+  return stamps;
+}
+
+}  // namespace
+
+TEST_CASE("the mapper writes what it is given, and completes the map when it is stopped",
+          "[mapper_process]") {
+  const auto program = mapper_program();
+  if (!program) return;
+  const TemporaryFolder folder;
+  const auto mapper = make_mapper(*program, folder.path() / "map");
+  REQUIRE(mapper->start().ok());
+  for (int i = 0; i < 90; ++i) {
+    REQUIRE(eventually([&] { return mapper->has_room(); }));
+    mapper->push(*cloud_of(tests::street_keyframe(i, 300)));
+  }
+  const auto ends = mapper->stop(core::Duration::from_seconds(30.0));
+  REQUIRE(ends.size() == 1);
+  CHECK(ends.front().exit_status == 0);
+  CHECK(mapper->keyframes().dropped() == 0);
+  CHECK(mapper->state().keyframes.load() == 90);
+  CHECK(mapper->state().failed_writes.load() == 0);
+  CHECK(stamps_in(folder.path() / "map").size() == 90);
+  CHECK(std::filesystem::is_empty(folder.path() / "map" / "open"));
+}
+
+TEST_CASE(
+    "a mapper that is killed at random instants leaves a readable map each time, and loses at most the "
+    "keyframes it was working on",
+    "[mapper_process]") {
+  const auto program = mapper_program();
+  if (!program) return;
+  const TemporaryFolder folder;
+  const auto map_folder = folder.path() / "map";
+  const auto mapper = make_mapper(*program, map_folder);
+  REQUIRE(mapper->start().ok());
+  std::mt19937 random(17);
+  int kills = 0;
+  constexpr int kKeyframes = 250;
+  for (int i = 0; i < kKeyframes; ++i) {
+    mapper->poll();
+    REQUIRE(eventually([&] {
+      mapper->poll();
+      return mapper->has_room();
+    }));
+    mapper->push(*cloud_of(tests::street_keyframe(i, 200)));
+    if (i % 10 != 9) continue;
+    REQUIRE(wait_until_read(*mapper));
+    // In the middle of the next ones.
+    mapper->push(*cloud_of(tests::street_keyframe(i, 200)));
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 3000U));
+    if (!mapper->running()) continue;
+    kill(mapper->pid(), SIGKILL);
+    ++kills;
+    if (std::filesystem::exists(map_folder / "map.log")) stamps_in(map_folder);
+  }
+  REQUIRE(wait_until_read(*mapper));
+  const auto ends = mapper->stop(core::Duration::from_seconds(30.0));
+  REQUIRE_FALSE(ends.empty());
+  CHECK(ends.back().exit_status == 0);
+  CHECK(kills > 15);
+  const auto stamps = stamps_in(map_folder);
+  CHECK(static_cast<int>(stamps.size()) >= kKeyframes - kills);
+  CHECK(mapper->state().failed_writes.load() == 0);
+}
+
+TEST_CASE("a mapper that is dead when it is stopped is started once more to complete the map",
+          "[mapper_process]") {
+  const auto program = mapper_program();
+  if (!program) return;
+  const TemporaryFolder folder;
+  const auto mapper = make_mapper(*program, folder.path() / "map");
+  REQUIRE(mapper->start().ok());
+  for (int i = 0; i < 40; ++i) {
+    REQUIRE(eventually([&] { return mapper->has_room(); }));
+    mapper->push(*cloud_of(tests::street_keyframe(i, 300)));
+  }
+  REQUIRE(wait_until_read(*mapper));
+  kill(mapper->pid(), SIGKILL);
+  const auto ends = mapper->stop(core::Duration::from_seconds(30.0));
+  REQUIRE(ends.size() == 2);
+  CHECK(ends.front().signal == SIGKILL);
+  CHECK(ends.back().exit_status == 0);
+  CHECK(mapper->restarts() == 1);
+  // The last keyframe may have been read and not yet written.
+  CHECK(stamps_in(folder.path() / "map").size() >= 39);
+  CHECK(mapper->state().submaps.load() == 2);
+}
+
+TEST_CASE("pushing never waits for a mapper that does not exist", "[mapper_process]") {
+  const TemporaryFolder folder;
+  const auto mapper = make_mapper("/nonexistent/nilio-mapper", folder.path() / "map");
+  CHECK_FALSE(mapper->start().ok());
+  const auto cloud = cloud_of(tests::street_keyframe(0, 100));
+  const auto before = std::chrono::steady_clock::now();
+  for (int i = 0; i < 1000; ++i) mapper->push(*cloud);
+  CHECK(std::chrono::steady_clock::now() - before < std::chrono::seconds(5));
+  CHECK_FALSE(mapper->has_room());
+  CHECK(mapper->keyframes().written() == 1000);
+}
