@@ -1,5 +1,6 @@
 #include "daemon/input/bag_input.hpp"
 
+#include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
 #include "daemon/input/cloud_feed.hpp"
@@ -71,9 +72,9 @@ Result<const BagTopicSurvey*> choose(const BagSurvey& survey, const std::string&
 
 ExtrinsicConfig extrinsic_of(const core::SE3& transform) {
   const Eigen::Matrix3d r = transform.rotation.toRotationMatrix();
-  const double pitch = std::asin(std::clamp(-r(2, 0), -1.0, 1.0));
-  const double roll = std::atan2(r(2, 1), r(2, 2));
-  const double yaw = std::atan2(r(1, 0), r(0, 0));
+  const double pitch = portable::atan2(-r(2, 0), std::sqrt(r(2, 1) * r(2, 1) + r(2, 2) * r(2, 2)));
+  const double roll = portable::atan2(r(2, 1), r(2, 2));
+  const double yaw = portable::atan2(r(1, 0), r(0, 0));
   ExtrinsicConfig extrinsic;
   extrinsic.translation = {transform.translation.x(), transform.translation.y(), transform.translation.z()};
   extrinsic.rotation_rpy_deg = {roll / kRadiansPerDegree, pitch / kRadiansPerDegree, yaw / kRadiansPerDegree};
