@@ -11,7 +11,7 @@ case ${1:-} in
   *) echo "test.sh: unknown option $1; known are --quick and --full" >&2; exit 2 ;;
 esac
 mode=${1:-}
-targets=(test_core test_drivers test_ipc test_dds test_daemon fuzz_rtps)
+targets=(test_core test_drivers test_ipc test_mapping test_dds test_daemon fuzz_rtps)
 selection=(--exclude-regex '^tools$')
 if [[ $mode == --full ]]; then
   targets+=(test_tools)
