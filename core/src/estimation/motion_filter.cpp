@@ -70,6 +70,8 @@ constexpr double kMaxSampleSeconds = 0.005;
 // Longest motion that is predicted; what is before it is a jump of the clock, or nobody knows.
 constexpr Duration kLongestPrediction = Duration::from_seconds(10.0);
 
+Matrix3 variance_of(double deviation) { return deviation * deviation * Matrix3::Identity(); }
+
 Vector3 lever_velocity(const Vector3& rate, const Vector3& lever) { return rate.cross(lever); }
 
 /// F of error' = F error, for a twist, gravity in body axes and the inputs of a step.
@@ -195,18 +197,14 @@ void MotionFilter::reset(const SE3& T_map_base, Time time) {
   last_update_.reset();
   state_.time = time;
   state_.T_map_base = T_map_base;
-  covariance_.setZero();
   manoeuvre_scale_.setOnes();
-  const auto set = [&](int block, double deviation) {
-    covariance_.diagonal().segment<3>(block).setConstant(deviation * deviation);
-  };
-  set(kPose, kMinMetres);
-  set(kRotation, kMinRadians);
-  set(kVelocity, kVelocityPrior);
-  set(kRate, kRatePrior);
-  set(kGyroBias, kGyroBiasPrior);
-  set(kAccelBias, kAccelBiasPrior);
-  set(kGravityBlock, kGravityPrior);
+  isolate(kPose, variance_of(kMinMetres));
+  isolate(kRotation, variance_of(kMinRadians));
+  isolate(kVelocity, variance_of(kVelocityPrior));
+  isolate(kRate, variance_of(kRatePrior));
+  isolate(kGyroBias, variance_of(kGyroBiasPrior));
+  isolate(kAccelBias, variance_of(kAccelBiasPrior));
+  isolate(kGravityBlock, variance_of(kGravityPrior));
   if (old_covariance(kGyroBias, kGyroBias) > 0.0) {
     // Sensors keep their biases through a reset of the map.
     state_.gyro_bias = old.gyro_bias;
@@ -216,42 +214,30 @@ void MotionFilter::reset(const SE3& T_map_base, Time time) {
 
 void MotionFilter::relocate(const SE3& T_map_base) {
   state_.T_map_base = T_map_base;
-  covariance_.topRows<12>().setZero();
-  covariance_.leftCols<12>().setZero();
-  const auto set = [&](int block, double deviation) {
-    covariance_.diagonal().segment<3>(block).setConstant(deviation * deviation);
-  };
-  set(kPose, kRelocatedMetres);
-  set(kRotation, kRelocatedRadians);
-  set(kVelocity, kVelocityPrior);
-  set(kRate, kRatePrior);
-  state_.acceleration.setZero();
-  state_.angular_acceleration.setZero();
-  last_update_.reset();
+  isolate(kPose, variance_of(kRelocatedMetres));
+  isolate(kRotation, variance_of(kRelocatedRadians));
+  isolate(kVelocity, variance_of(kVelocityPrior));
+  isolate(kRate, variance_of(kRatePrior));
+  forget_accelerations();
   manoeuvre_scale_.setOnes();
 }
 
 void MotionFilter::set_twist(const Vector6& twist, const Vector6& variance) {
-  state_.acceleration.setZero();
-  state_.angular_acceleration.setZero();
-  last_update_.reset();
+  forget_accelerations();
   state_.velocity = twist.head<3>();
   state_.angular_velocity = twist.tail<3>();
-  covariance_.middleRows<6>(kVelocity).setZero();
-  covariance_.middleCols<6>(kVelocity).setZero();
-  covariance_.diagonal().segment<6>(kVelocity) = variance;
+  isolate(kVelocity, variance.head<3>().asDiagonal());
+  isolate(kRate, variance.tail<3>().asDiagonal());
 }
 
 void MotionFilter::set_gravity(const Vector3& specific_force, double variance) {
   state_.gravity = -specific_force;
   state_.accelerometer_bias.setZero();
-  covariance_.middleRows<6>(kAccelBias).setZero();
-  covariance_.middleCols<6>(kAccelBias).setZero();
   // The force is known, not how it is shared between gravity and bias.
   const Matrix3 R = state_.T_map_base.rotation.toRotationMatrix();
   const double bias = kAccelBiasPrior * kAccelBiasPrior;
-  covariance_.block<3, 3>(kAccelBias, kAccelBias).diagonal().setConstant(bias);
-  covariance_.block<3, 3>(kGravityBlock, kGravityBlock).diagonal().setConstant(bias + variance);
+  isolate(kAccelBias, bias * Matrix3::Identity());
+  isolate(kGravityBlock, (bias + variance) * Matrix3::Identity());
   covariance_.block<3, 3>(kGravityBlock, kAccelBias) = bias * R;
   covariance_.block<3, 3>(kAccelBias, kGravityBlock) = bias * R.transpose();
 }
@@ -259,9 +245,7 @@ void MotionFilter::set_gravity(const Vector3& specific_force, double variance) {
 void MotionFilter::step(const MotionInputs& inputs, Time to) {
   if (had_gyro_ && !inputs.gyro) {
     // The last rate of the gyro starts the constant one.
-    covariance_.middleRows<3>(kRate).setZero();
-    covariance_.middleCols<3>(kRate).setZero();
-    covariance_.block<3, 3>(kRate, kRate) = covariance_.block<3, 3>(kGyroBias, kGyroBias);
+    isolate(kRate, covariance_.block<3, 3>(kGyroBias, kGyroBias));
     covariance_.diagonal().segment<3>(kRate).array() += kGyroDensity * kGyroDensity / kMaxStepSeconds;
   }
   had_gyro_ = inputs.gyro;
@@ -284,9 +268,7 @@ void MotionFilter::step(const MotionInputs& inputs, Time to) {
   const Matrix noise = sensor_noise(middle, inputs, seconds) + manoeuvre_noise(inputs, manoeuvre_scale_);
   covariance_ = (whole * covariance_ * whole.transpose() + integrated(noise, half, whole, seconds)).eval();
   if (inputs.gyro) {
-    covariance_.middleRows<3>(kRate).setZero();
-    covariance_.middleCols<3>(kRate).setZero();
-    covariance_.block<3, 3>(kRate, kRate) = covariance_.block<3, 3>(kGyroBias, kGyroBias);
+    isolate(kRate, covariance_.block<3, 3>(kGyroBias, kGyroBias));
   }
   symmetrise();
 }
@@ -398,6 +380,18 @@ double MotionFilter::normalised_innovation_squared(const SE3& T_map_base, const 
     if (eigen.values[i] > kMinInformation) square += along * along / eigen.values[i];
   }
   return square;
+}
+
+void MotionFilter::isolate(int block, const Matrix3& covariance) {
+  covariance_.middleRows<3>(block).setZero();
+  covariance_.middleCols<3>(block).setZero();
+  covariance_.block<3, 3>(block, block) = covariance;
+}
+
+void MotionFilter::forget_accelerations() {
+  state_.acceleration.setZero();
+  state_.angular_acceleration.setZero();
+  last_update_.reset();
 }
 
 void MotionFilter::symmetrise() { covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval(); }

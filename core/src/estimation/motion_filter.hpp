@@ -102,6 +102,9 @@ class MotionFilter {
  private:
   void step(const MotionInputs& inputs, Time to);
   void apply(const Vector& error);
+  /// Gives a block this covariance of its own, and no correlation with the others.
+  void isolate(int block, const Matrix3& covariance);
+  void forget_accelerations();
   void symmetrise();
   void estimate_accelerations();
 
