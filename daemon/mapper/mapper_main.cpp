@@ -4,6 +4,7 @@
 
 #include "nilio/core/clock.hpp"
 
+#include "daemon/child_process.hpp"
 #include "daemon/command_line.hpp"
 #include "daemon/exit_status.hpp"
 #include "daemon/log_format.hpp"
@@ -11,14 +12,11 @@
 #include "ipc/mapper_process.hpp"
 
 #include <cerrno>
-#include <csignal>
 #include <cstring>
 #include <ctime>
 #include <fstream>
 #include <memory>
 #include <string>
-#include <sys/prctl.h>
-#include <sys/signalfd.h>
 #include <unistd.h>
 #include <utility>
 
@@ -70,16 +68,6 @@ void add_options(CLI::App& app, MapperOptions& options) {
       ->check(CLI::Range(1, 1000));
 }
 
-// Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them.
-int take_signals() {
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGTERM);
-  sigaddset(&signals, SIGINT);
-  sigprocmask(SIG_BLOCK, &signals, nullptr);
-  return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
-}
-
 /// When memory is short, the kernel ends this process before the odometry, whose protection it inherits.
 void yield_memory() { std::ofstream("/proc/self/oom_score_adj") << 500; }
 
@@ -109,13 +97,9 @@ int run(const MapperOptions& options) {
     spdlog::error("signalfd: {}", std::strerror(errno));
     return kFailed;
   }
-  if (options.parent != 0) {
-    prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (getppid() != options.parent) {
-      spdlog::warn("--parent-pid {}: not the parent of this process, which has ended; exiting",
-                   options.parent);
-      return kFailed;
-    }
+  if (!end_with_parent(options.parent)) {
+    spdlog::warn("--parent-pid {}: not the parent of this process, which has ended; exiting", options.parent);
+    return kFailed;
   }
   yield_memory();
   auto inputs = attach(options);

@@ -5,6 +5,7 @@
 #include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
 
+#include "daemon/child_process.hpp"
 #include "daemon/command_line.hpp"
 #include "daemon/log_format.hpp"
 #include "daemon/publisher/cloud_loop.hpp"
@@ -28,9 +29,7 @@
 #include <memory>
 #include <pthread.h>
 #include <string>
-#include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/signalfd.h>
 #include <sys/types.h>
 #include <unistd.h>
 #include <utility>
@@ -154,23 +153,6 @@ constexpr int kMinNice = -20;
 // must not keep the pose threads from running either. Therefore above every normal thread and below every
 // other FIFO thread.
 constexpr int kDdsPriority = 1;
-
-// Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them.
-int take_signals() {
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGTERM);
-  sigaddset(&signals, SIGINT);
-  sigprocmask(SIG_BLOCK, &signals, nullptr);
-  return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
-}
-
-// False if the parent has already ended.
-bool end_with_parent(pid_t parent) {
-  if (parent == 0) return true;
-  prctl(PR_SET_PDEATHSIG, SIGTERM);
-  return getppid() == parent;
-}
 
 /// Locks all memory, including the thread stacks. Call before any thread is started. Unlike in niliod,
 /// threads keep separate malloc arenas, so that the IMU-rate poses do not wait for another thread's lock.
