@@ -75,8 +75,8 @@ class MotionFilter {
   /// axis.
   void set_gravity(const Vector3& specific_force, double variance);
 
-  /// Predicts to the time `to`: the last ten seconds before it, as where the clock jumped, and nothing where it
-  /// jumped back.
+  /// Predicts to the time `to`: the last ten seconds before it, as where the clock jumped, and nothing where
+  /// it jumped back.
   void propagate(const MotionInputs& inputs, Time to);
   /// Scales the noise of manoeuvres on the axes where the registered pose contradicts the prediction, for the
   /// next propagation until an update. Returns whether there was any.
