@@ -7,7 +7,7 @@
 
 namespace nilio::daemon {
 
-// What nilio-publisher and nilio-mapper do first. Call before any thread is started.
+// The start of nilio-publisher and nilio-mapper, before any thread.
 
 /// Blocks SIGTERM and SIGINT in this and all later threads and returns a signalfd for them; -1 on error, with
 /// errno.
