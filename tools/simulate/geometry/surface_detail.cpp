@@ -16,12 +16,14 @@ constexpr float kRoughCellM = 0.3F;
 /// Limits the displacement along a grazing ray.
 constexpr float kLeastCosine = 0.5F;
 
-/// Amplitude of a surface's unevenness over decimetres, m.
+/// Amplitude of a surface's unevenness over decimetres, m; its rms is 0.37 of it. Ground by ISO 8608 between
+/// wavelengths of 0.3 and 1 m: class B (asphalt) 0.7 mm rms, C (pavement) twice as much, E (soil) eight
+/// times.
 float unevenness(Material material) {
   // In the order of the enumeration; plants and wires have their own structure.
   static constexpr std::array<float, 14> values{
-      0.004F,  // asphalt
-      0.008F,  // pavement
+      0.002F,  // asphalt
+      0.004F,  // pavement
       0.020F,  // grass
       0.020F,  // plaster
       0.020F,  // brick

@@ -21,14 +21,17 @@ constexpr double kHaloRad = 0.45 * std::numbers::pi / 180.0;
 constexpr double kDirtTransmission = 0.02;
 
 /// Part of the view that a car's roof, rack and mast hide below an elevation; azimuth from the vehicle's
-/// forward direction to the left. Measured on KITTI's car (raw drive 0009).
+/// forward direction to the left. Returns of the lowest rings by azimuth in KITTI's raw drive 0009 and
+/// sequence 04, which are of one car: mast behind, rack to the right, edge of the roof ahead and to the left.
 struct HiddenSector {
   double from_deg;
   double to_deg;
   double below_deg;
 };
-constexpr std::array kHiddenSectors{HiddenSector{160.0, 200.0, -16.0}, HiddenSector{280.0, 300.0, -16.0},
-                                    HiddenSector{340.0, 380.0, -20.0}};
+constexpr std::array kHiddenSectors{HiddenSector{160.0, 167.0, -13.5}, HiddenSector{160.0, 205.0, -17.5},
+                                    HiddenSector{150.0, 222.0, -20.5}, HiddenSector{283.0, 300.0, -14.5},
+                                    HiddenSector{345.0, 376.0, -20.5}, HiddenSector{340.0, 385.0, -22.0},
+                                    HiddenSector{130.0, 222.0, -21.5}};
 /// Lower sensors stand on no roof.
 constexpr double kRoofM = 1.3;
 

@@ -98,10 +98,15 @@ LidarModel::Motion LidarModel::motion_during(std::uint64_t packet) const {
   return motion;
 }
 
-std::uint16_t LidarModel::reported_azimuth(core::Duration time) const {
+LidarModel::Step LidarModel::step_at(std::uint64_t packet, std::size_t index) const {
+  const core::Duration time =
+      timing_.step_time(packet, index) + core::Duration{offset_in_step_ns(layout_, 0, 0)};
   const double turns = time.seconds() * config_.revolutions_per_minute / 60.0;
   const double units = (turns - std::floor(turns)) * drivers::kAzimuthModulus / azimuth_unit_;
-  return static_cast<std::uint16_t>(std::lround(units) * azimuth_unit_ % drivers::kAzimuthModulus);
+  const auto reported =
+      static_cast<std::uint16_t>(std::lround(units) * azimuth_unit_ % drivers::kAzimuthModulus);
+  const bool exact = !config_.effects.has(Effect::kCalibration);
+  return {packet, index, reported, (exact ? reported : units * azimuth_unit_) * (kPi / 18000.0)};
 }
 
 void LidarModel::set_last_bytes(std::uint64_t index, VelodyneDataPacket& packet) const {
@@ -125,9 +130,7 @@ SimulatedPacket LidarModel::make_packet(std::uint64_t index) const {
   SimulatedPacket result;
   result.stamp = timing_.received(index);
   for (std::size_t s = 0; s < layout_.azimuth_steps(); ++s) {
-    const core::Duration first_firing =
-        timing_.step_time(index, s) + core::Duration{offset_in_step_ns(layout_, 0, 0)};
-    result.returns += fill_step(motion, {index, s, reported_azimuth(first_firing)}, packet);
+    result.returns += fill_step(motion, step_at(index, s), packet);
   }
   result.payload = drivers::encode(packet);
   return result;
@@ -204,8 +207,8 @@ LidarModel::Shots LidarModel::aim(const Motion& motion, const Step& step, std::s
     const LidarBeam& beam = cast_beams_[entry.laser];
     shots.beams[i] = &beam;
     shots.lasers[i] = entry.laser;
-    shots.azimuths[i] = BeamAzimuth::of(step.azimuth * (kPi / 18000.0) +
-                                        entry.azimuth_fraction * advance_rad - beam.azimuth_correction_rad());
+    shots.azimuths[i] = BeamAzimuth::of(step.actual_azimuth_rad + entry.azimuth_fraction * advance_rad -
+                                        beam.azimuth_correction_rad());
     const core::Duration offset = step_offset + core::Duration{offset_in_step_ns(layout_, block, first + i)};
     const SE3 T_world_lidar = motion.pose(offset.seconds());
     shots.R_world_lidar[i] = T_world_lidar.rotation;

@@ -89,10 +89,12 @@ class LidarModel {
     std::uint64_t packet = 0;
     std::size_t index = 0;
     std::uint16_t azimuth = 0;
+    /// Where the head points when the laser fires, rad: the encoder's resolution hides it from the decoder.
+    double actual_azimuth_rad = 0.0;
   };
 
   [[nodiscard]] Motion motion_during(std::uint64_t packet) const;
-  [[nodiscard]] std::uint16_t reported_azimuth(core::Duration time) const;
+  [[nodiscard]] Step step_at(std::uint64_t packet, std::size_t index) const;
   void set_last_bytes(std::uint64_t index, drivers::VelodyneDataPacket& packet) const;
   /// Fills the blocks of a step; the number of its firings with a return.
   std::uint32_t fill_step(const Motion& motion, const Step& step, drivers::VelodyneDataPacket& packet) const;

@@ -14,13 +14,15 @@ class Ground {
  public:
   Ground(const StreetLayout& layout, std::uint64_t seed);
 
-  /// World z of the ground, metres; defined everywhere, valid within 90 m of the path.
+  /// World z of the ground, metres; defined everywhere, valid within 90 m of the path. `sealed_plots`: part
+  /// of the ground beside the road is paved; otherwise all of it is grass.
   [[nodiscard]] double height(const Vector2& p) const;
   [[nodiscard]] core::Vector3 on_ground(const Vector2& p) const { return {p.x(), p.y(), height(p)}; }
   /// Lowest ground under the corners of a footprint.
   [[nodiscard]] double lowest(const Footprint& footprint) const;
-  /// Ground as triangles of about a metre, within 90 m of the path.
-  void append_to(TriangleMesh& mesh, const StreetLayout& layout) const;
+  /// Ground as triangles of about a metre, within 90 m of the path. `sealed_plots`: part of the ground
+  /// beside the road is paved; otherwise all of it is grass.
+  void append_to(TriangleMesh& mesh, const StreetLayout& layout, bool sealed_plots) const;
 
  private:
   [[nodiscard]] std::size_t node(std::int64_t column, std::int64_t row) const;

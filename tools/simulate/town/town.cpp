@@ -40,7 +40,7 @@ class TownBuilder {
   TownBuilder(Town& town, const TownConfig& config) : town_(town), config_(config) {}
 
   void build() {
-    town_.ground.append_to(town_.mesh, town_.layout);
+    town_.ground.append_to(town_.mesh, town_.layout, config_.clutter);
     for (const Side side : {Side::kRight, Side::kLeft}) {
       add_pavement(side);
       add_parked_cars(side);
@@ -149,7 +149,10 @@ class TownBuilder {
           built = small.length_m;
         }
       }
-      const double gap = random.chance(0.4) ? 0.8 : random.uniform(1.5, 7.0);
+      // Detached houses keep at least 3 m to the boundary of their plot (German building codes).
+      const double least = config_.clutter ? 6.0 : 1.5;
+      const double most = config_.clutter ? 9.0 : 7.0;
+      const double gap = random.chance(0.4) ? 0.8 : random.uniform(least, most);
       i += static_cast<std::size_t>((built > 0.0 ? built + gap : 3.0) / kSampleSpacingM);
     }
   }
