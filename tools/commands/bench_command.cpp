@@ -175,7 +175,7 @@ void add_matrix_run_options(CLI::App& command, bench::MatrixOptions& o) {
       ->excludes(quick);
   command.add_flag("--list", o.list, "print the names of the rows");
   command.add_option("--rows", o.rows,
-                     "only rows that match this pattern of a shell, such as 'town*no IMU*'");
+                     "only rows that match a pattern of a shell, such as 'KITTI*|town*no IMU*'");
   command.add_option("--runs", o.runs, "seeds to draw for each simulated drive")
       ->check(number_between(1, 1000))
       ->capture_default_str()

@@ -197,7 +197,9 @@ std::string describe_extent(const MatrixOptions& options, const MatrixResult& re
   if (options.sample > 0 || options.minutes > 0.0) text += ", which the commit draws";
   if (end == End::kTime) text += "; ended after " + fixed(options.minutes, 0) + " minutes";
   if (end == End::kSignal) text += "; interrupted";
-  return text + ".";
+  const auto successes = std::count_if(result.runs.begin(), result.runs.end(),
+                                       [](const MatrixRun& run) { return run.success(); });
+  return text + ". " + std::to_string(successes) + " of these runs succeed.";
 }
 
 void report_tables(const MatrixOptions& options, const MatrixResult& result,
@@ -249,8 +251,9 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
     jobs = repeated_jobs(matrix, *earlier);
     if (jobs.empty()) return Error{options.repeat + ": has no run of this matrix - --list shows its rows"};
   }
-  auto page =
-      ResultsPage::create(options.page, "Success, drift and silent errors over scenes, sensors and faults");
+  auto page = ResultsPage::create(
+      options.page, options.effects ? "Drift with each effect of realism alone and with all"
+                                    : "Success, drift and silent errors over scenes, sensors and faults");
   if (!page) return page.error();
   const End end = run_until_stopped(jobs, *runner, options.minutes, signals, result);
   result.complete = end == End::kDone;

@@ -46,8 +46,8 @@ Matrix full_matrix();
 /// A part of it with short drives, for every change.
 Matrix quick_matrix();
 
-/// The rows whose name matches the pattern of a shell (*, ?), and their drives.
-Matrix select_rows(Matrix matrix, const std::string& pattern);
+/// The rows whose name matches a pattern of a shell (*, ?; several with | between them), and their drives.
+Matrix select_rows(Matrix matrix, const std::string& patterns);
 
 /// `count` rows that the commit draws: those with the smallest SHA-256(commit, "row", name). Rows keep their
 /// order; the drives come in the order of the draw, so that a run that ends early has a fair part of them.

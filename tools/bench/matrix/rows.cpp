@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <fnmatch.h>
 #include <map>
+#include <sstream>
 #include <string_view>
 #include <utility>
 
@@ -221,12 +222,20 @@ Matrix quick_matrix() {
                       scene_options("highway", "vlp16", realism, "15"));
     builder.add_both(kBound);
   }
+  builder.add_drive("town hdl64e typical", DriveKind::kSimulated,
+                    scene_options("town", "hdl64e", "typical", "8"));
+  builder.add_both(kBound);
   return builder.take();
 }
 
-Matrix select_rows(Matrix matrix, const std::string& pattern) {
-  std::erase_if(matrix.rows,
-                [&](const MatrixRow& row) { return fnmatch(pattern.c_str(), row.name.c_str(), 0) != 0; });
+Matrix select_rows(Matrix matrix, const std::string& patterns) {
+  const auto matches = [&](const MatrixRow& row) {
+    std::istringstream list(patterns);
+    for (std::string pattern; std::getline(list, pattern, '|');)
+      if (fnmatch(pattern.c_str(), row.name.c_str(), 0) == 0) return true;
+    return false;
+  };
+  std::erase_if(matrix.rows, [&](const MatrixRow& row) { return !matches(row); });
   std::erase_if(matrix.drives, [&](const DriveSpec& drive) {
     return std::none_of(matrix.rows.begin(), matrix.rows.end(),
                         [&](const MatrixRow& row) { return row.drive == drive.name; });

@@ -1,5 +1,12 @@
 #include "tools/bench/matrix/jobs.hpp"
 
+#include "tests/support/paths.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tools/common/child_process.hpp"
+#include "tools/common/files.hpp"
+#include "tools/common/system.hpp"
+
+#include <csignal>
 #include <set>
 #include <string>
 #include <utility>
@@ -58,4 +65,34 @@ TEST_CASE("an earlier result is repeated run by run, without the rows that are n
   CHECK(runs_of(jobs) == expected);
   // The two rows of seed 11 share their drive.
   CHECK(jobs.size() == 3);
+}
+
+TEST_CASE("Ctrl-C ends the matrix with status 130 and keeps the runs that were done", "[jobs]") {
+  const tests::TemporaryFolder folder;
+  const std::string json = (folder.path() / "result.json").string();
+  const std::filesystem::path log = folder.path() / "log";
+  auto matrix = ChildProcess::start(tests::program_folder() + "/nilio",
+                                    {"bench", "matrix", "--quick", "--rows", "town vlp16 ideal*", "--seeds",
+                                     "1,2,3,4,5,6,7,8,9", "--jobs", "1", "--json", json},
+                                    log);
+  REQUIRE(matrix);
+  const auto text = [&] { return file_text(log.string()).value_or(""); };
+  for (int i = 0; i < 6000 && text().find("[1/27,") == std::string::npos; ++i)
+    sleep_for(core::Duration::from_milliseconds(20.0));
+  REQUIRE(text().find("min left] town vlp16 ideal") != std::string::npos);
+  matrix->send_signal(SIGINT);
+  std::optional<int> status;
+  for (int i = 0; i < 3000 && !status; ++i) {
+    status = matrix->poll();
+    sleep_for(core::Duration::from_milliseconds(20.0));
+  }
+  REQUIRE(status);
+  CHECK(*status == 130);
+  const auto result = read_matrix_result(json);
+  REQUIRE(result);
+  CHECK_FALSE(result->complete);
+  CHECK_FALSE(result->runs.empty());
+  CHECK(result->runs.size() < 27);
+  for (const MatrixRun& run : result->runs) CHECK(run.figures.failure.empty());
+  CHECK(text().find("; interrupted. ") != std::string::npos);
 }

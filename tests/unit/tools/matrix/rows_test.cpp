@@ -54,6 +54,10 @@ TEST_CASE("a pattern selects rows and the drives that they need", "[rows]") {
   CHECK(rows.drives.front().name == "town vlp16 ideal");
   for (const MatrixRow& row : rows.rows) CHECK_FALSE(row.imu);
   CHECK(select_rows(full_matrix(), "nowhere").rows.empty());
+  const Matrix two = select_rows(full_matrix(), "KITTI 04|town hdl64e poor");
+  REQUIRE(two.rows.size() == 2);
+  CHECK(two.rows[0].name == "KITTI 04");
+  CHECK(two.rows[1].name == "town hdl64e poor");
 }
 
 TEST_CASE("the matrix has typical rows with each grade of IMU and without one, the quick one some",
@@ -66,7 +70,8 @@ TEST_CASE("the matrix has typical rows with each grade of IMU and without one, t
       CHECK(select_rows(full, std::string(scene.name) + " hdl64e typical " + grade).rows.size() == 1);
     }
   }
-  CHECK(select_rows(quick_matrix(), "*typical*").rows.size() >= 4);
+  CHECK(select_rows(quick_matrix(), "*vlp16 typical*").rows.size() >= 4);
+  CHECK(select_rows(quick_matrix(), "*hdl64e typical*").rows.size() >= 2);
 }
 
 TEST_CASE("the commit draws the rows of a part, and a larger part contains the smaller one", "[rows]") {
