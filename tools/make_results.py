@@ -76,7 +76,7 @@ def simulated_rows(build, work, seeds, scenes):
             for seed in seeds:
                 drive = work / f"{scene}_{sensor}_{seed}"
                 if not (drive / "truth.tum").exists():
-                    run(build / "bin/nilio", "simulate", drive, "--scene", scene, "--sensor", sensor, "--seed", seed, *options)
+                    run(build / "bin/nilio", "simulate", drive, "--scene", scene, "--sensor", sensor, "--seed", seed, "--realism", "ideal", *options)
                 for imu, no_imu in (("IMU", []), ("", ["--set", "imu.enabled=false"])):
                     results[imu].append(replay(build, drive, drive / "truth.tum", work / f"run_{drive.name}_{imu}", no_imu))
                 subprocess.run(["rm", "-rf", drive], check=True)

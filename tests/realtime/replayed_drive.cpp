@@ -33,8 +33,8 @@ struct SimulatedDrive {
 
 void simulate(SimulatedDrive& drive) {
   const std::string path = drive.folder.path().string();
-  const std::string command =
-      program_folder() + "/nilio simulate " + path + " --duration " + kDriveSeconds + " > /dev/null 2>&1";
+  const std::string command = program_folder() + "/nilio simulate " + path + " --realism ideal --duration " +
+                              kDriveSeconds + " > /dev/null 2>&1";
   REQUIRE(std::system(command.c_str()) == 0);
   auto packets = drivers::open_pcap(path + "/lidar.pcap", {});
   REQUIRE(packets.ok());

@@ -247,7 +247,7 @@ def main():
     work = tempfile.mkdtemp(prefix="nilio-recordings-")
     drive = Drive(programs, folder, work)
     try:
-        subprocess.run([f"{programs}/nilio", "simulate", drive.path("drive"), "--duration", SECONDS], check=True, capture_output=True, timeout=600)
+        subprocess.run([f"{programs}/nilio", "simulate", drive.path("drive"), "--realism", "ideal", "--duration", SECONDS], check=True, capture_output=True, timeout=600)
         subprocess.run(["node", os.path.join(folder, "write_rosbag2.mjs"), drive.path("drive"), work], check=True, timeout=600)
         reference, _ = drive.replay("capture", drive.path("drive"))
         check_packets(drive, reference, open(drive.path("drive", "nilio.yaml")).read())

@@ -34,7 +34,7 @@ struct Arguments {
   std::string gps = "locked";
   std::string stream_calibration;
   std::string scene = "town";
-  std::string realism = "ideal";
+  std::string realism = "typical";
   std::vector<std::string> effects;
   std::string imu_grade;
   std::string weather = "clear";

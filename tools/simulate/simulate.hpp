@@ -73,7 +73,7 @@ struct Options {
   /// Mounting of the IMU as lidar_extrinsic.
   std::array<double, 6> imu_extrinsic{-0.81, 0.32, 0.93, 0.5, -0.3, 0.8};
 
-  Realism realism = Realism::kIdeal;
+  Realism realism = Realism::kTypical;
   /// These effects alone; unset = all, or none if ideal.
   std::optional<Effects> effects;
   Weather weather;

@@ -113,8 +113,8 @@ TEST_CASE("at each seam to another place tracking is lost, reported, and recover
           "[bench_soak][drives]") {
   const TemporaryFolder folder;
   const std::string forest = folder.file("forest");
-  REQUIRE(run_command(add_simulate_command, {"simulate", forest, "--scene", "forest", "--duration", "5"}) ==
-          0);
+  REQUIRE(run_command(add_simulate_command, {"simulate", forest, "--scene", "forest", "--realism", "ideal",
+                                             "--duration", "5"}) == 0);
   for (const bool with_imu : {true, false}) {
     auto drives = open_sensor_drives({tests::town_drive(), forest});
     REQUIRE(drives.ok());

@@ -16,7 +16,8 @@ namespace {
 constexpr const char* kPlanted = " --lidar-extrinsic 0 0 1.9 3 -4 25";
 
 void simulate(const std::string& arguments) {
-  const auto simulated = tests::capture_command(tools::add_simulate_command, "simulate " + arguments);
+  const auto simulated =
+      tests::capture_command(tools::add_simulate_command, "simulate --realism ideal " + arguments);
   INFO(simulated.errors);
   REQUIRE(simulated.status == 0);
 }

@@ -39,7 +39,7 @@ struct SceneRun {
 SceneRun drive(const std::string& scene, std::vector<std::string> options) {
   const TemporaryFolder folder;
   const std::string path = folder.file(scene);
-  std::vector<std::string> arguments{"simulate", path, "--scene", scene};
+  std::vector<std::string> arguments{"simulate", path, "--realism", "ideal", "--scene", scene};
   arguments.insert(arguments.end(), options.begin(), options.end());
   REQUIRE(run_command(add_simulate_command, arguments) == 0);
   const auto dataset = open_bench_dataset(path);

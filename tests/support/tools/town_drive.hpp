@@ -12,8 +12,8 @@ namespace nilio::tests {
 /// Simulates a drive through the town in the folder; its path.
 inline std::string simulate_town(const TemporaryFolder& folder, const std::string& seconds) {
   const std::string drive = folder.file("town");
-  REQUIRE(run_command(tools::add_simulate_command,
-                      {"simulate", drive, "--duration", seconds, "--moving-start"}) == 0);
+  REQUIRE(run_command(tools::add_simulate_command, {"simulate", drive, "--realism", "ideal", "--duration",
+                                                    seconds, "--moving-start"}) == 0);
   return drive;
 }
 

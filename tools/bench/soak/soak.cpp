@@ -102,9 +102,11 @@ Result<std::monostate> SoakSection::stay() {
   if (!work) return work.error();
   const std::string folder = (work->path() / "standstill").string();
   const double seconds = std::min(kStationaryLapS, plan_.stationary_minutes * kMinuteS);
-  Result<ChildProcess> simulation = ChildProcess::start(
-      *nilio, {"simulate", folder, "--scene", "standstill", "--duration", std::to_string(seconds)},
-      work->path() / "simulate.log");
+  Result<ChildProcess> simulation =
+      ChildProcess::start(*nilio,
+                          {"simulate", folder, "--scene", "standstill", "--realism", "ideal", "--duration",
+                           std::to_string(seconds)},
+                          work->path() / "simulate.log");
   if (!simulation) return simulation.error();
   const auto simulated = await_end(*simulation, kSimulationLimit, signals_);
   if (!simulated) return simulated.error();

@@ -55,7 +55,8 @@ TEST_CASE("a drive that is over before the vehicle has left its place is simulat
 TEST_CASE("the truth begins at the identity and its times are those of the IMU frames",
           "[simulate_command]") {
   const SimulationFolder folder;
-  REQUIRE(simulate(folder.path().string() + kShort + " --imu oxts_rt3003 --imu-rate 100") == 0);
+  REQUIRE(simulate(folder.path().string() + kShort + " --realism ideal --imu oxts_rt3003 --imu-rate 100") ==
+          0);
   const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
   REQUIRE(truth.ok());
   CHECK(truth->poses.size() == 201);
@@ -155,7 +156,7 @@ TEST_CASE("every model is available by name, and unsupported options are rejecte
 TEST_CASE("the calibration that an HDL-64E sends is also written beside the recording",
           "[simulate_command]") {
   const SimulationFolder folder;
-  REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3") == 0);
+  REQUIRE(simulate(folder.path().string() + kShort + " --realism ideal --sensor HDL-64E-S3") == 0);
   const auto path = folder.path() / "calibration.yaml";
   // By its file name only, so that the recording can be moved.
   CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"),
@@ -164,6 +165,7 @@ TEST_CASE("the calibration that an HDL-64E sends is also written beside the reco
   const auto read = drivers::with_calibration_file(built_in, path.string());
   REQUIRE(read.ok());
   CHECK(read->lasers != built_in.lasers);
-  REQUIRE(simulate(folder.path().string() + kShort + " --sensor HDL-64E-S3 --stream-calibration off") == 0);
+  REQUIRE(simulate(folder.path().string() + kShort +
+                   " --realism ideal --sensor HDL-64E-S3 --stream-calibration off") == 0);
   CHECK_FALSE(std::filesystem::exists(path));
 }
