@@ -1,6 +1,9 @@
 #include "mapping/submap_codec.hpp"
 
+#include "nilio/core/portable_math.hpp"
+
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -26,25 +29,32 @@ constexpr std::size_t kMinSurfaceBytes = 10;
 // Logarithmic codes: 3 % a step.
 constexpr double kLogBase = 1.03;
 constexpr double kMinThicknessMetres = 0.001;
+/// Powers of the base: the C library's pow() has other bits on other processors.
+constexpr std::array<double, 256> kPowers = [] {
+  std::array<double, 256> powers{1.0};
+  for (std::size_t i = 1; i < powers.size(); ++i) powers[i] = kLogBase * powers[i - 1];
+  return powers;
+}();
 
 std::uint8_t to_byte(double value) {
   return static_cast<std::uint8_t>(std::clamp(std::lround(value), 0L, 255L));
 }
 
 std::uint8_t encode_log(double value, double minimum) {
-  return value <= minimum ? std::uint8_t{0} : to_byte(std::log(value / minimum) / std::log(kLogBase));
+  return value <= minimum ? std::uint8_t{0}
+                          : to_byte(portable::log(value / minimum) / portable::log(kLogBase));
 }
 
-double decode_log(std::uint8_t code, double minimum) { return minimum * std::pow(kLogBase, code); }
+double decode_log(std::uint8_t code, double minimum) { return minimum * kPowers[code]; }
 
 /// Number of points: exact up to 32, then 3 % a step.
 std::uint8_t encode_count(std::uint32_t count) {
   return count <= 32 ? static_cast<std::uint8_t>(count)
-                     : to_byte(32 + std::log(count / 32.0) / std::log(kLogBase));
+                     : to_byte(32 + portable::log(count / 32.0) / portable::log(kLogBase));
 }
 
 std::uint32_t decode_count(std::uint8_t code) {
-  return code <= 32 ? code : static_cast<std::uint32_t>(std::lround(32.0 * std::pow(kLogBase, code - 32)));
+  return code <= 32 ? code : static_cast<std::uint32_t>(std::lround(32.0 * kPowers[code - 32U]));
 }
 
 float voxel_of(bool plane) { return plane ? kPlaneVoxelMetres : kIrregularVoxelMetres; }
