@@ -12,8 +12,9 @@ namespace nilio::drivers::bag {
 
 namespace {
 
-// Growth of the output: a small file that declares a large size allocates little.
-constexpr std::size_t kFirstBlock = std::size_t{4} << 20U;
+// First size of the output: a small input that declares a large size allocates little.
+constexpr std::size_t kSmallestBlock = std::size_t{64} << 10U;
+constexpr std::size_t kUsualRatio = 16;
 
 /// Bytes that one step read and wrote; `more` is false at the end of the stream and at damage.
 struct Step {
@@ -27,11 +28,13 @@ template <class StepFunction>
 bool unpack(std::span<const std::uint8_t> input, std::uint64_t size, std::vector<std::uint8_t>& output,
             StepFunction step) {
   output.clear();
+  std::uint64_t block = std::max(kSmallestBlock, kUsualRatio * input.size());
   std::size_t written = 0;
   while (written < size && !input.empty()) {
-    if (output.size() == written)
-      output.resize(
-          static_cast<std::size_t>(std::min<std::uint64_t>(size, std::max(kFirstBlock, 2 * written))));
+    if (output.size() == written) {
+      output.resize(static_cast<std::size_t>(std::min(size, block)));
+      block *= 2;
+    }
     const Step done = step(input, std::span(output).subspan(written));
     input = input.subspan(done.read);
     written += done.written;
