@@ -63,7 +63,7 @@ int spawn_with_descriptors(char* const* argv, const std::vector<DescriptorCopy>&
 
 }  // namespace
 
-core::Result<pid_t> spawn_child(std::vector<std::string> arguments, std::initializer_list<int> descriptors) {
+core::Result<pid_t> spawn_child(std::vector<std::string> arguments, const std::vector<int>& descriptors) {
   std::vector<DescriptorCopy> copies;
   for (const int descriptor : descriptors) copies.emplace_back(descriptor);
   std::vector<char*> argv;

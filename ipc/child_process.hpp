@@ -2,7 +2,6 @@
 
 #include "nilio/core/result.hpp"
 
-#include <initializer_list>
 #include <string>
 #include <sys/types.h>
 #include <vector>
@@ -16,6 +15,6 @@ inline constexpr int kFirstInheritedDescriptor = 3;
 /// and no others but the standard ones. Its signals have their defaults; SIGTERM and SIGINT are blocked until
 /// it reads them from its signalfd. It has its own process group, so that Ctrl-C on the terminal reaches only
 /// the parent, which then stops it in order, and normal scheduling.
-core::Result<pid_t> spawn_child(std::vector<std::string> arguments, std::initializer_list<int> descriptors);
+core::Result<pid_t> spawn_child(std::vector<std::string> arguments, const std::vector<int>& descriptors);
 
 }  // namespace nilio::ipc

@@ -14,6 +14,8 @@ namespace {
 
 // Seconds of keyframes while the mapper writes a file or restarts.
 constexpr std::size_t kKeyframeSlots = 16;
+// The mapper waits for room.
+constexpr std::size_t kSubmapSlots = 4;
 // Processes that may be killed while they complete a map.
 constexpr std::size_t kMaxEnds = 3;
 
@@ -36,17 +38,26 @@ core::Result<std::unique_ptr<MapperProcess>> MapperProcess::create(MapperProcess
   if (!wake) return core::Error{"wake event for the mapper: " + wake.error().message};
   auto state = SharedObject<MapperState>::create();
   if (!state) return core::Error{"state of the mapper: " + state.error().message};
+  std::shared_ptr<OverwritingRing<SubmapCloud>> submaps;
+  if (config.returns_submaps) {
+    auto ring = OverwritingRing<SubmapCloud>::in_shared_memory(kSubmapSlots);
+    if (!ring) return core::Error{"submap ring of the mapper: " + ring.error().message};
+    submaps = std::make_shared<OverwritingRing<SubmapCloud>>(std::move(ring).value());
+  }
   return std::unique_ptr<MapperProcess>(new MapperProcess(std::move(config), std::move(keyframes).value(),
-                                                          std::move(wake).value(), std::move(state).value()));
+                                                          std::move(wake).value(), std::move(state).value(),
+                                                          std::move(submaps)));
 }
 
 MapperProcess::MapperProcess(MapperProcessConfig config, OverwritingRing<ScanCloud> keyframes, WakeEvent wake,
-                             SharedObject<MapperState> state)
+                             SharedObject<MapperState> state,
+                             std::shared_ptr<OverwritingRing<SubmapCloud>> submaps)
     : config_(std::move(config)),
       session_(make_session()),
       keyframes_(std::move(keyframes)),
       wake_(std::move(wake)),
       state_(std::move(state)),
+      submaps_(std::move(submaps)),
       process_("mapper", config_.start_interval,
                [this](bool) { return spawn(config_.publish && !is_ending_); }) {}
 
@@ -65,11 +76,17 @@ core::Result<pid_t> MapperProcess::spawn(bool publish) {
   if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
   for (const std::string& address : config_.interface_whitelist)
     arguments.push_back("--interface=" + address);
-  int descriptor = kFirstInheritedDescriptor;
-  for (const char* const option : {"--keyframe-ring-fd=", "--wake-fd=", "--state-fd="})
-    arguments.push_back(option + std::to_string(descriptor++));
-  auto pid = spawn_child(std::move(arguments),
-                         {keyframes_.file_descriptor(), wake_.file_descriptor(), state_.file_descriptor()});
+  std::vector<int> inherited;
+  const auto pass_on = [&](const char* option, int descriptor) {
+    arguments.push_back(option +
+                        std::to_string(kFirstInheritedDescriptor + static_cast<int>(inherited.size())));
+    inherited.push_back(descriptor);
+  };
+  pass_on("--keyframe-ring-fd=", keyframes_.file_descriptor());
+  pass_on("--wake-fd=", wake_.file_descriptor());
+  pass_on("--state-fd=", state_.file_descriptor());
+  if (submaps_) pass_on("--submap-ring-fd=", submaps_->file_descriptor());
+  auto pid = spawn_child(std::move(arguments), inherited);
   if (!pid) return core::Error{"cannot start the mapper " + pid.error().message};
   taken_ = keyframes_.taken();
   progress_at_ = Clock::now();

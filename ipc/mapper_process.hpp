@@ -32,8 +32,9 @@ struct MapperProcessConfig {
   std::string map_frame = "map";
   std::string odom_frame = "odom";
   std::string topic_prefix;
-  int max_voxels = 200'000;  ///< of an open submap; three are open
-  int kept_submaps = 20;     ///< submaps kept for late subscribers
+  int max_voxels = 200'000;      ///< of an open submap; three are open
+  int kept_submaps = 20;         ///< submaps kept for late subscribers
+  bool returns_submaps = false;  ///< through submaps()
   core::Duration start_interval = core::Duration::from_seconds(1.0);
   /// Killed if it reads no keyframe for this time while some wait; a disk may take long.
   core::Duration hang_timeout = core::Duration::from_seconds(30.0);
@@ -76,6 +77,9 @@ class MapperProcess {
   /// False while push() would overwrite an unread keyframe.
   [[nodiscard]] bool has_room() const { return keyframes_.has_room(); }
   [[nodiscard]] const OverwritingRing<ScanCloud>& keyframes() const { return keyframes_; }
+  /// Complete submaps for one consumer; null unless they are returned. A restarted mapper repeats the last
+  /// one.
+  [[nodiscard]] std::shared_ptr<OverwritingRing<SubmapCloud>> submaps() const { return submaps_; }
   [[nodiscard]] const MapperState& state() const { return *state_; }
   [[nodiscard]] bool running() const { return process_.running(); }
   [[nodiscard]] pid_t pid() const { return process_.pid(); }
@@ -86,7 +90,7 @@ class MapperProcess {
   using Clock = std::chrono::steady_clock;
 
   MapperProcess(MapperProcessConfig config, OverwritingRing<ScanCloud> keyframes, WakeEvent wake,
-                SharedObject<MapperState> state);
+                SharedObject<MapperState> state, std::shared_ptr<OverwritingRing<SubmapCloud>> submaps);
   core::Result<pid_t> spawn(bool publish);
 
   MapperProcessConfig config_;
@@ -94,6 +98,7 @@ class MapperProcess {
   OverwritingRing<ScanCloud> keyframes_;
   WakeEvent wake_;
   SharedObject<MapperState> state_;
+  std::shared_ptr<OverwritingRing<SubmapCloud>> submaps_;
   RestartedProcess process_;
   bool is_ending_ = false;
   std::uint64_t taken_ = 0;

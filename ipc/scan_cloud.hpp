@@ -7,7 +7,7 @@
 
 namespace nilio::ipc {
 
-/// A registered point in base_link at the end of its scan, metres; reflectivity 0..255.
+/// A point, metres: of a scan in base_link at its end; reflectivity 0..255.
 struct CloudPoint {
   float x = 0.0F;
   float y = 0.0F;
@@ -35,6 +35,21 @@ struct ScanCloud {
   [[nodiscard]] std::size_t bytes() const { return offsetof(ScanCloud, points) + count * sizeof(CloudPoint); }
 };
 
+/// Surfaces of a complete submap in odom, a subset spread evenly; passed between processes by value.
+struct SubmapCloud {
+  static constexpr std::size_t kCapacity = 20'000;
+
+  std::uint64_t id = 0;
+  std::int64_t stamp_ns = 0;  ///< of its first keyframe
+  std::uint64_t count = 0;
+  std::array<CloudPoint, kCapacity> points;
+
+  /// Bytes to transfer.
+  [[nodiscard]] std::size_t bytes() const {
+    return offsetof(SubmapCloud, points) + count * sizeof(CloudPoint);
+  }
+};
+
 /// Pose of the path.
 struct PathPose {
   std::int64_t stamp_ns = 0;
@@ -42,6 +57,7 @@ struct PathPose {
   std::array<double, 4> orientation_xyzw{0.0, 0.0, 0.0, 1.0};
 };
 
-static_assert(std::is_trivially_copyable_v<ScanCloud> && std::is_trivially_copyable_v<PathPose>);
+static_assert(std::is_trivially_copyable_v<ScanCloud> && std::is_trivially_copyable_v<SubmapCloud> &&
+              std::is_trivially_copyable_v<PathPose>);
 
 }  // namespace nilio::ipc

@@ -289,7 +289,7 @@ std::vector<ConfigKey> config_keys(Config& config) {
              "write map.ply and the folder map (nilio-mapper) into the output folder");
   output.number("map_voxel_m", &config.output.map_voxel_m, "m", 0.05, 10, "voxel size of map.ply");
   output.add("run_mcap", &config.output.mcap,
-             "write run.mcap into the output folder: poses, path, thinned scans, diagnostics");
+             "write run.mcap into the output folder: poses, path, thinned scans, submaps, diagnostics");
   Section mapper(keys, "mapper");
   mapper.number("range_m", &config.mapper.range_m, "m", 5, 65,
                 "points farther from their sensor are not mapped");

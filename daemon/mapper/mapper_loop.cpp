@@ -22,6 +22,7 @@ using core::Duration;
 using core::Time;
 
 constexpr int kWaitMs = 100;
+constexpr int kReturnPatienceMs = 1000;
 constexpr Duration kLocalMapPeriod{1'000'000'000};
 constexpr Duration kInterfacePeriod{1'000'000'000};
 
@@ -75,7 +76,7 @@ MapperLoop::~MapperLoop() = default;
 void MapperLoop::recover() {
   const auto& submaps = writer_.content().submaps();
   // Late subscribers shall not miss what the earlier process has kept for them.
-  const std::size_t kept = publisher_ ? static_cast<std::size_t>(kept_submaps_) : 0;
+  const std::size_t kept = publisher_ ? static_cast<std::size_t>(kept_submaps_) : inputs_.submaps ? 1 : 0;
   for (std::size_t i = 0; i < submaps.size(); ++i) {
     add_pose(submaps[i].first_stamp, submaps[i].T_map_submap);
     const std::size_t age = submaps.size() - i;
@@ -154,9 +155,24 @@ void MapperLoop::write(const mapping::Submap& submap) {
 }
 
 void MapperLoop::publish(const mapping::Submap& submap) {
-  if (!publisher_ || submap.keyframes.empty()) return;
+  if (submap.keyframes.empty() || (!publisher_ && !inputs_.submaps)) return;
   fill_points(submap, points_);
-  publisher_->publish_submap(submap.keyframes.front().stamp, points_);
+  if (publisher_) publisher_->publish_submap(submap.keyframes.front().stamp, points_);
+  if (inputs_.submaps) return_submap(submap);
+}
+
+/// Waits a moment for niliod to take earlier ones: a replay completes submaps faster than they are read.
+void MapperLoop::return_submap(const mapping::Submap& submap) {
+  for (int waited_ms = 0; waited_ms < kReturnPatienceMs && !inputs_.submaps->has_room(); ++waited_ms)
+    ::poll(nullptr, 0, 1);
+  returned_->id = submap.id;
+  returned_->stamp_ns = submap.keyframes.front().stamp.ns;
+  returned_->count = std::min(points_.size(), ipc::SubmapCloud::kCapacity);
+  for (std::size_t i = 0; i < returned_->count; ++i) {
+    const dds::SurfacePoint& point = points_[i * points_.size() / returned_->count];
+    returned_->points[i] = {point.x, point.y, point.z, point.intensity};
+  }
+  inputs_.submaps->push(*returned_, returned_->bytes());
 }
 
 void MapperLoop::add_pose(Time stamp, const core::SE3& T_map_submap) {

@@ -12,6 +12,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <sys/types.h>
 
@@ -25,6 +26,7 @@ struct MapperInputs {
   ipc::OverwritingRing<ipc::ScanCloud> keyframes;
   ipc::WakeEvent wake;
   ipc::SharedObject<ipc::MapperState> state;
+  std::optional<ipc::OverwritingRing<ipc::SubmapCloud>> submaps;  ///< to niliod, if it wants them
 };
 
 /// Main loop of nilio-mapper: keyframes to submaps, submaps to disk and DDS. Everything happens in one thread
@@ -50,6 +52,7 @@ class MapperLoop {
   void take_keyframes();
   void write(const mapping::Submap& submap);
   void publish(const mapping::Submap& submap);
+  void return_submap(const mapping::Submap& submap);
   void add_pose(core::Time stamp, const core::SE3& T_map_submap);
   void publish_local_map(core::Time now);
   void report_failure(const std::string& message);
@@ -64,6 +67,7 @@ class MapperLoop {
   std::unique_ptr<dds::MapPublisher> publisher_;
   int kept_submaps_;
   std::unique_ptr<ipc::ScanCloud> scan_ = std::make_unique<ipc::ScanCloud>();
+  std::unique_ptr<ipc::SubmapCloud> returned_ = std::make_unique<ipc::SubmapCloud>();
   mapping::Keyframe keyframe_;  // refilled
   std::vector<dds::SurfacePoint> points_;
   dds::Path poses_;

@@ -32,6 +32,7 @@ struct MapperOptions {
   int keyframe_ring_descriptor = -1;
   int wake_descriptor = -1;
   int state_descriptor = -1;
+  int submap_ring_descriptor = -1;
   pid_t parent = 0;
   std::string folder;
   std::string session;
@@ -49,6 +50,8 @@ void add_options(CLI::App& app, MapperOptions& options) {
       ->required();
   app.add_option("--state-fd", options.state_descriptor, "Inherited memfd of this process's counters")
       ->required();
+  app.add_option("--submap-ring-fd", options.submap_ring_descriptor,
+                 "Inherited memfd that takes complete submaps; default: none");
   app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
   app.add_option("--folder", options.folder, "Folder of the map")->required();
   app.add_option("--session", options.session, "Run that writes the map; the same run continues it")
@@ -78,7 +81,12 @@ core::Result<MapperInputs> attach(const MapperOptions& options) {
   if (!wake) return wake.error();
   auto state = ipc::SharedObject<ipc::MapperState>::attach(options.state_descriptor);
   if (!state) return state.error();
-  return MapperInputs{std::move(keyframes).value(), std::move(wake).value(), std::move(state).value()};
+  MapperInputs inputs{std::move(keyframes).value(), std::move(wake).value(), std::move(state).value(), {}};
+  if (options.submap_ring_descriptor < 0) return inputs;
+  auto submaps = ipc::OverwritingRing<ipc::SubmapCloud>::attach(options.submap_ring_descriptor);
+  if (!submaps) return submaps.error();
+  inputs.submaps.emplace(std::move(submaps).value());
+  return inputs;
 }
 
 /// Null if DDS is not wanted or not possible: the map is written without it, too.

@@ -69,6 +69,7 @@ void FileWriter::State::take_all(std::int64_t now_ns) {
   drain(pipeline->clouds(), [&](const CloudRecord& cloud) {
     if (output) output->add(cloud);
   });
+  if (output) output->take_submaps();
   if (!recorder) return;
   for (const auto& lidar : pipeline->lidars()) {
     if (!lidar->recorded) continue;

@@ -1,5 +1,6 @@
 #include "daemon/output/run_mcap.hpp"
 
+#include <algorithm>
 #include <utility>
 
 namespace nilio::daemon {
@@ -22,6 +23,7 @@ void RunMcap::write(RunChannel channel, std::int64_t stamp_ns) {
 }
 
 void RunMcap::add(const ipc::PoseRecord& record) {
+  latest_ns_ = record.stamp_ns;
   write_odometry(record, frames_, message_);
   write(RunChannel::kOdometry, record.stamp_ns);
   const StampedPose pose{record.stamp_ns, record.position, record.orientation_xyzw};
@@ -68,6 +70,13 @@ void RunMcap::report(const ipc::PoseRecord& record) {
 void RunMcap::add(const CloudRecord& cloud) {
   write_scan(cloud, frames_, message_);
   write(RunChannel::kScan, cloud.stamp_ns);
+}
+
+void RunMcap::add(const ipc::SubmapCloud& submap) {
+  if (submap.id < next_submap_) return;
+  next_submap_ = submap.id + 1;
+  write_submap(submap, frames_, message_);
+  write(RunChannel::kSubmap, std::max(latest_ns_, submap.stamp_ns));
 }
 
 void RunMcap::finish() {

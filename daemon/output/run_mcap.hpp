@@ -7,6 +7,7 @@
 #include "ipc/messages/diagnostics.hpp"
 #include "ipc/odometry_resets.hpp"
 #include "ipc/records.hpp"
+#include "ipc/scan_cloud.hpp"
 
 #include <cstdint>
 #include <filesystem>
@@ -15,8 +16,8 @@
 
 namespace nilio::daemon {
 
-/// run.mcap of a run: poses, transforms, path, thinned registered scans, diagnostics and latency, stamped
-/// with the time of their scan. One thread.
+/// run.mcap of a run: poses, transforms, path, thinned registered scans and submaps, diagnostics and latency,
+/// stamped with the time of their scan. One thread.
 class RunMcap {
  public:
   /// Poses of the path at most; beyond, every second one is dropped and their distance doubles.
@@ -26,6 +27,8 @@ class RunMcap {
 
   void add(const ipc::PoseRecord& record);
   void add(const CloudRecord& cloud);
+  /// Logged at the time of the latest pose, when it was complete. One that was added before is left out.
+  void add(const ipc::SubmapCloud& submap);
   /// See McapWriter::close_old_chunk().
   void close_old_chunk(std::int64_t now_ns) { writer_.close_old_chunk(now_ns); }
   /// Adds the last path and closes the file.
@@ -48,6 +51,8 @@ class RunMcap {
   dds::PoseCounts counts_;
   dds::PoseCounts reported_;
   std::optional<std::int64_t> reported_ns_;
+  std::int64_t latest_ns_ = 0;
+  std::uint64_t next_submap_ = 0;
 };
 
 }  // namespace nilio::daemon

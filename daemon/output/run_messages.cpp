@@ -1,5 +1,6 @@
 #include "daemon/output/run_messages.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <initializer_list>
@@ -108,6 +109,13 @@ drivers::McapWriter::Channel transform_channel() {
                      {kTransformStamped, kHeader, kTime, kTransform, kVector, kQuaternion})};
 }
 
+drivers::McapWriter::Channel cloud_channel(const char* topic) {
+  return {topic, "sensor_msgs/msg/PointCloud2",
+          definition("std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool "
+                     "is_bigendian\nuint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n",
+                     {kHeader, kTime, kPointField})};
+}
+
 drivers::McapWriter::Channel path_channel() {
   return {"/path", "nav_msgs/msg/Path",
           definition("std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
@@ -134,11 +142,8 @@ std::vector<drivers::McapWriter::Channel> run_channels() {
            {kHeader, kTime, kPoseCovariance, kPose, kPoint, kQuaternion, kTwistCovariance, kTwist, kVector})},
       transform_channel(),
       path_channel(),
-      {"/scan_registered", "sensor_msgs/msg/PointCloud2",
-       definition("std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool "
-                  "is_bigendian\nuint32 "
-                  "point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n",
-                  {kHeader, kTime, kPointField})},
+      cloud_channel("/scan_registered"),
+      cloud_channel("/submaps"),
       {"/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
        definition("std_msgs/Header header\nDiagnosticStatus[] status\n",
                   {kHeader, kTime, kStatus, kKeyValue})},
@@ -178,20 +183,31 @@ void write_path(std::span<const StampedPose> poses, const RunFrames& frames, std
     writer.header(pose.stamp_ns, frames.odom).numbers(pose.position).numbers(pose.orientation_xyzw);
 }
 
-void write_scan(const CloudRecord& cloud, const RunFrames& frames, std::vector<std::uint8_t>& out) {
-  constexpr std::array<std::string_view, 3> kFields{"x", "y", "z"};
-  constexpr std::uint32_t kStep = 12;
+namespace {
+
+/// Points of 32-bit floats: x, y, z and, as the fourth of `step` bytes, intensity.
+void write_points(std::int64_t stamp_ns, const RunFrames& frames, std::uint32_t count, std::uint32_t step,
+                  const void* data, std::vector<std::uint8_t>& out) {
+  constexpr std::array<std::string_view, 4> kFields{"x", "y", "z", "intensity"};
+  const std::uint32_t fields = step / 4;
   CdrWriter writer(out);
-  writer.header(cloud.stamp_ns, frames.odom)
-      .number(std::uint32_t{1})
-      .number(cloud.count)
-      .length(kFields.size());
-  for (std::uint32_t i = 0; i < kFields.size(); ++i)
+  writer.header(stamp_ns, frames.odom).number(std::uint32_t{1}).number(count).length(fields);
+  for (std::uint32_t i = 0; i < fields; ++i)
     writer.text(kFields[i]).number(4 * i).number(kFloat32).number(std::uint32_t{1});
-  writer.number(std::uint8_t{0}).number(kStep).number(kStep * cloud.count).number(kStep * cloud.count);
-  if (cloud.count > 0)
-    std::memcpy(writer.extend(kStep * cloud.count), cloud.points.data(), kStep * cloud.count);
+  writer.number(std::uint8_t{0}).number(step).number(step * count).number(step * count);
+  if (count > 0) std::memcpy(writer.extend(step * count), data, step * count);
   writer.number(std::uint8_t{1});
+}
+
+}  // namespace
+
+void write_scan(const CloudRecord& cloud, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  write_points(cloud.stamp_ns, frames, cloud.count, 12, cloud.points.data(), out);
+}
+
+void write_submap(const ipc::SubmapCloud& submap, const RunFrames& frames, std::vector<std::uint8_t>& out) {
+  const auto count = static_cast<std::uint32_t>(std::min<std::uint64_t>(submap.count, submap.points.size()));
+  write_points(submap.stamp_ns, frames, count, sizeof(ipc::CloudPoint), submap.points.data(), out);
 }
 
 void write_diagnostics(const dds::DiagnosticArray& array, std::vector<std::uint8_t>& out) {

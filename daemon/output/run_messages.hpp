@@ -6,6 +6,7 @@
 #include "daemon/odometry/odometry_loop.hpp"
 #include "ipc/messages/messages.hpp"
 #include "ipc/records.hpp"
+#include "ipc/scan_cloud.hpp"
 
 #include <cstdint>
 #include <span>
@@ -21,7 +22,7 @@ struct RunFrames {
 };
 
 /// Numbers of the channels of run.mcap.
-enum class RunChannel : std::uint8_t { kOdometry, kTransform, kPath, kScan, kDiagnostics, kLatency };
+enum class RunChannel : std::uint8_t { kOdometry, kTransform, kPath, kScan, kSubmap, kDiagnostics, kLatency };
 
 /// Topics of run.mcap in the order of RunChannel.
 std::vector<drivers::McapWriter::Channel> run_channels();
@@ -44,6 +45,7 @@ void write_pose(const StampedPose& pose, const RunFrames& frames, std::vector<st
 void write_transform(const StampedPose& pose, const RunFrames& frames, std::vector<std::uint8_t>& out);
 void write_path(std::span<const StampedPose> poses, const RunFrames& frames, std::vector<std::uint8_t>& out);
 void write_scan(const CloudRecord& cloud, const RunFrames& frames, std::vector<std::uint8_t>& out);
+void write_submap(const ipc::SubmapCloud& submap, const RunFrames& frames, std::vector<std::uint8_t>& out);
 void write_diagnostics(const dds::DiagnosticArray& array, std::vector<std::uint8_t>& out);
 void write_number(double value, std::vector<std::uint8_t>& out);
 

@@ -132,6 +132,12 @@ void RunOutput::add(const CloudRecord& cloud) {
   if (mcap_) mcap_->add(cloud);
 }
 
+void RunOutput::take_submaps() {
+  if (!mcap_ || !options_.submaps) return;
+  if (!submap_) submap_ = std::make_unique<ipc::SubmapCloud>();
+  while (options_.submaps->read(*submap_)) mcap_->add(*submap_);
+}
+
 void RunOutput::flush(std::int64_t now_ns) {
   if (mcap_) mcap_->close_old_chunk(now_ns);
   if (!disk_.is_due(now_ns)) return;

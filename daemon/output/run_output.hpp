@@ -7,7 +7,9 @@
 #include "daemon/odometry/odometry_loop.hpp"
 #include "daemon/output/map_file.hpp"
 #include "daemon/output/run_mcap.hpp"
+#include "ipc/overwriting_ring.hpp"
 #include "ipc/records.hpp"
+#include "ipc/scan_cloud.hpp"
 
 #include <cstdint>
 #include <filesystem>
@@ -37,6 +39,8 @@ class RunOutput {
     bool map = true;
     double map_voxel_m = 0.3;
     bool mcap = true;
+    /// Complete submaps for run.mcap; may be null.
+    std::shared_ptr<ipc::OverwritingRing<ipc::SubmapCloud>> submaps{};
     RunFrames frames;
   };
   /// Content of files that are written at the end, by path in the folder.
@@ -58,6 +62,8 @@ class RunOutput {
 
   void add(const ipc::PoseRecord& record);
   void add(const CloudRecord& cloud);
+  /// Adds the submaps that have been completed.
+  void take_submaps();
   /// Decisions are written below this first line of decisions.jsonl; call before the first one.
   void open_decisions(const std::string& header);
   void add(const ScanDecision& decision);
@@ -82,7 +88,8 @@ class RunOutput {
   drivers::RecordFile decisions_;
   std::optional<MapFile> map_;
   std::unique_ptr<RunMcap> mcap_;
-  std::optional<core::SE3> T_base_odom_;  ///< inverse of the first pose
+  std::unique_ptr<ipc::SubmapCloud> submap_;  ///< refilled
+  std::optional<core::SE3> T_base_odom_;      ///< inverse of the first pose
   Lost lost_;
 };
 

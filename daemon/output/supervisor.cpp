@@ -167,6 +167,7 @@ Result<std::monostate> Supervisor::open_mapper() {
   config.range_m = config_.mapper.range_m;
   config.max_voxels = config_.mapper.max_voxels;
   config.kept_submaps = config_.mapper.kept_submaps;
+  config.returns_submaps = config_.output.mcap;
   config.publish = config_.publisher.enabled;
   config.domain = static_cast<std::uint32_t>(config_.publisher.domain);
   config.interface_whitelist = config_.publisher.interfaces;
@@ -232,6 +233,7 @@ Result<std::monostate> Supervisor::open_files(const std::optional<core::SE3>& T_
     output_options.map = config_.output.map;
     output_options.map_voxel_m = config_.output.map_voxel_m;
     output_options.mcap = config_.output.mcap;
+    if (mapper_) output_options.submaps = mapper_->submaps();
     output_options.frames = {config_.publisher.odom_frame, config_.publisher.base_frame};
     auto created = RunOutput::create(output_options, to_yaml(config_), report);
     if (!created) return created.error();

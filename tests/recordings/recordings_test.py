@@ -200,6 +200,8 @@ def check_run(drive, run):
     check(found["statistics"] == counts, f"the statistics count the messages {found['statistics']}")
     check(counts.get("/odom") == len(lines) and counts.get("/tf") == len(lines), f"one pose and transform for each of {len(lines)} lines of trajectory.tum")
     check(counts.get("/scan_registered", 0) > 0.9 * len(lines), f"{counts.get('/scan_registered')} registered scans")
+    submaps = len(os.listdir(os.path.join(run, "map", "submaps")))
+    check(submaps > 0 and counts.get("/submaps") == submaps, f"{counts.get('/submaps')} of {submaps} submaps")
     check(all(counts.get(topic, 0) > 0 for topic in ("/path", "/diagnostics", "/latency_ms")) and found["pathPoses"] > 5, f"path of {found['pathPoses']} poses")
     position = [found["odometry"][axis] for axis in "xyz"]
     check(math.dist(position, lines[-1][1:4]) < 1e-8, f"the last pose is that of trajectory.tum: {position}")

@@ -33,8 +33,10 @@ std::optional<std::filesystem::path> mapper_program() {
 }
 
 std::unique_ptr<ipc::MapperProcess> make_mapper(const std::filesystem::path& program,
-                                                const std::filesystem::path& folder) {
+                                                const std::filesystem::path& folder,
+                                                bool returns_submaps = false) {
   ipc::MapperProcessConfig config;
+  config.returns_submaps = returns_submaps;
   config.executable = program;
   config.folder = folder;
   config.publish = false;
@@ -55,6 +57,13 @@ std::unique_ptr<ipc::ScanCloud> cloud_of(const mapping::Keyframe& keyframe) {
     cloud->points[i] = {point.position.x(), point.position.y(), point.position.z(), point.intensity};
   }
   return cloud;
+}
+
+void push_street(ipc::MapperProcess& mapper, int keyframes) {
+  for (int i = 0; i < keyframes; ++i) {
+    REQUIRE(eventually([&] { return mapper.has_room(); }));
+    mapper.push(*cloud_of(tests::street_keyframe(i, 300)));
+  }
 }
 
 /// Waits until the mapper has read all keyframes, restarting it as niliod does.
@@ -87,10 +96,7 @@ TEST_CASE("the mapper writes what it is given, and completes the map when it is 
   const TemporaryFolder folder;
   const auto mapper = make_mapper(*program, folder.path() / "map");
   REQUIRE(mapper->start().ok());
-  for (int i = 0; i < 90; ++i) {
-    REQUIRE(eventually([&] { return mapper->has_room(); }));
-    mapper->push(*cloud_of(tests::street_keyframe(i, 300)));
-  }
+  push_street(*mapper, 90);
   const auto ends = mapper->stop(core::Duration::from_seconds(30.0));
   REQUIRE(ends.size() == 1);
   CHECK(ends.front().exit_status == 0);
@@ -99,6 +105,47 @@ TEST_CASE("the mapper writes what it is given, and completes the map when it is 
   CHECK(mapper->state().failed_writes.load() == 0);
   CHECK(stamps_in(folder.path() / "map").size() == 90);
   CHECK(std::filesystem::is_empty(folder.path() / "map" / "open"));
+}
+
+TEST_CASE("complete submaps come back, each once and as they are on disk", "[mapper_process]") {
+  const auto program = mapper_program();
+  if (!program) return;
+  const TemporaryFolder folder;
+  const auto mapper = make_mapper(*program, folder.path() / "map", true);
+  REQUIRE(mapper->submaps());
+  REQUIRE(mapper->start().ok());
+  push_street(*mapper, 90);
+  REQUIRE(wait_until_read(*mapper));
+  const auto ends = mapper->stop(core::Duration::from_seconds(30.0));
+  REQUIRE_FALSE(ends.empty());
+  CHECK(ends.back().exit_status == 0);
+  const auto map = mapping::MapReader::open(folder.path() / "map");
+  REQUIRE(map.ok());
+  REQUIRE(map->submaps().size() > 1);
+  // Without a reader the newest remain.
+  const auto returned = std::make_unique<ipc::SubmapCloud>();
+  std::size_t read = 0;
+  while (mapper->submaps()->read(*returned)) {
+    ++read;
+    CAPTURE(returned->id);
+    REQUIRE(returned->id < map->submaps().size());
+    const auto submap = map->load(map->submaps()[returned->id]);
+    REQUIRE(submap.ok());
+    CHECK(returned->stamp_ns == submap->keyframes.front().stamp.ns);
+    REQUIRE(returned->count == std::min(submap->surfaces.size(), ipc::SubmapCloud::kCapacity));
+    const core::Vector3 first = submap->T_odom_submap * submap->surfaces.front().mean.cast<double>();
+    const auto distance = [&](const ipc::CloudPoint& point) {
+      return (core::Vector3(point.x, point.y, point.z) - first).norm();
+    };
+    double nearest = 1e9;
+    for (std::size_t i = 0; i < returned->count; ++i)
+      nearest = std::min(nearest, distance(returned->points[i]));
+    // Means are stored in steps of 1/256 of a voxel.
+    CHECK(nearest < 0.01);
+  }
+  CHECK(read + mapper->submaps()->dropped() == map->submaps().size());
+  CHECK(read >= std::min<std::size_t>(map->submaps().size(), mapper->submaps()->capacity() - 1));
+  CHECK(make_mapper(*program, folder.path() / "other")->submaps() == nullptr);
 }
 
 TEST_CASE(
@@ -148,10 +195,7 @@ TEST_CASE("a mapper that is dead when it is stopped is started once more to comp
   const TemporaryFolder folder;
   const auto mapper = make_mapper(*program, folder.path() / "map");
   REQUIRE(mapper->start().ok());
-  for (int i = 0; i < 40; ++i) {
-    REQUIRE(eventually([&] { return mapper->has_room(); }));
-    mapper->push(*cloud_of(tests::street_keyframe(i, 300)));
-  }
+  push_street(*mapper, 40);
   REQUIRE(wait_until_read(*mapper));
   kill(mapper->pid(), SIGKILL);
   const auto ends = mapper->stop(core::Duration::from_seconds(30.0));
