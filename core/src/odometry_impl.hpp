@@ -39,6 +39,11 @@ inline constexpr int kRestartAfterSearches = 10;
 inline constexpr double kMaxSigmaMetres = 2.0;
 /// Minimum of the prediction error; a relocalised pose is registered with it.
 inline constexpr double kMinSigmaMetres = 0.1;
+/// Share of the usual agreement with the map, or of that of another hypothesis, below which one is out of
+/// family.
+inline constexpr double kAgreementCollapse = 0.75;
+/// Squared Mahalanobis distance, 99.9 % of 6 degrees of freedom.
+inline constexpr double kFarInnovation = 22.46;
 /// Lever that converts rotation errors to distances.
 inline constexpr double kErrorLeverMetres = 30.0;
 
@@ -114,6 +119,18 @@ struct Odometry::State {
     [[nodiscard]] double span_s() const { return (span.end - previous).seconds(); }
   };
 
+  /// A registration with what it rests on.
+  struct Hypothesis {
+    MotionPrior prior;
+    MotionFilter filter;
+    SweepMotion motion;
+    RegistrationResult registration;
+    std::size_t points = 0;
+    double agreement = 0.0;
+  };
+  [[nodiscard]] Hypothesis hypothesis() const;
+  void return_to(const Hypothesis& earlier, OdometryResult& result);
+
   // The steps of the algorithm, in the order of use.
   [[nodiscard]] static OdometryResult result_for(const Scan& scan);
   void filter_points(const Scan& scan, OdometryResult& result);
@@ -127,6 +144,8 @@ struct Odometry::State {
   void register_sweep(OdometryResult& result);
   void register_predicted(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
+  void reconsider_standing(OdometryResult& result);
+  void end_standing();
   RegistrationResult register_coarse(OdometryResult& result);
   [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse, const PlaneMetric& metric);
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
@@ -173,8 +192,6 @@ struct Odometry::State {
                        double span_s, OdometryResult& result) const;
   void align_with_gravity(const Scan& scan);
   [[nodiscard]] bool detect_static_start();
-  /// The second scan still decides between stationary and a smooth ride.
-  [[nodiscard]] bool applies_zero_velocity_update() const { return motion_prior.is_stationary && scans > 1; }
   void initialize_gravity();
   void predict_motion();
   /// Standard deviation of the predicted displacement of a point at the lever, metres.
@@ -227,6 +244,7 @@ struct Odometry::State {
   SE3 T_accepted;  ///< the last pose that is not a prediction
   SE3 T_published;
   double published_speed = 0.0;  ///< of its twist, m/s
+  SE3 T_standing;                ///< midpoint of the sweeps while stationary since the start
   SE3 T_last_keyframe;           ///< midpoint of the sweep inserted last
   Time time;
   Time registered_time;  ///< of the last pose that is not a prediction

@@ -63,6 +63,11 @@ constexpr double kHeave = 2.0 * kHeaveSpeed * kHeaveSpeed / kSwaySeconds;
 // Lower bounds of the pose's deviation: numerical.
 constexpr double kMinMetres = 1e-4;
 constexpr double kMinRadians = 1e-6;
+// Sway of a stationary vehicle: displacements and velocities.
+constexpr double kStandingMetres = 0.005;
+constexpr double kStandingRadians = 0.05 * kRadiansPerDegree;
+constexpr double kStandingSpeed = 0.02;
+constexpr double kStandingRate = 0.1 * kRadiansPerDegree;
 constexpr double kRelocatedMetres = 0.05;
 constexpr double kRelocatedRadians = 0.2 * kRadiansPerDegree;
 // Directions of the scan with less information, 1/m^2, say nothing.
@@ -351,6 +356,13 @@ void MotionFilter::estimate_accelerations() {
     follow(state_.acceleration.y(), 1);
     follow(state_.angular_acceleration.z(), 5);
   }
+}
+
+void MotionFilter::stand_at(const SE3& T_map_base) {
+  zero_velocity_update(kStandingSpeed, kStandingRate);
+  state_.T_map_base = T_map_base;
+  isolate(kPose, variance_of(kStandingMetres));
+  isolate(kRotation, variance_of(kStandingRadians));
 }
 
 void MotionFilter::zero_velocity_update(double velocity_deviation, double rate_deviation) {

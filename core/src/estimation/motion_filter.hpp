@@ -91,6 +91,8 @@ class MotionFilter {
   /// Squared Mahalanobis distance of a pose from the prediction, 6 degrees of freedom: of the scan alone with
   /// `information`, at the pose that it and the prediction give together.
   [[nodiscard]] double normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const;
+  /// Updates with velocities of zero, and sets the pose: that of all sweeps of a stationary vehicle.
+  void stand_at(const SE3& T_map_base);
   /// Updates with a velocity, and a rate, of zero.
   void zero_velocity_update(double velocity_deviation, double rate_deviation);
 

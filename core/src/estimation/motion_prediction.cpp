@@ -9,9 +9,6 @@ namespace nilio::core {
 
 namespace {
 
-// Deviations of the velocities of a stationary vehicle.
-constexpr double kStandingSpeed = 0.02;
-constexpr double kStandingRate = 0.1 * kRadiansPerDegree;
 constexpr double kStationaryGravityVariance = 0.02 * 0.02;
 // Unknown acceleration and tilt of a moving start, m/s^2.
 constexpr double kMovingGravityVariance = 1.5 * 1.5;
@@ -33,12 +30,11 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   return result;
 }
 
-/// Zero-velocity update while stationary since the start; the mean specific force initialises gravity.
+/// Whether the IMU shows the vehicle stationary since the start.
 bool Odometry::State::detect_static_start() {
   if (motion_prior.imu_covers && monitor.force_usable(motion_prior.previous)) {
     const Time end = motion_prior.span.end;
-    return static_initialization.observe(imu_statistics(imu, end - StaticInitialization::kWindow, end),
-                                         T_map_base.translation);
+    return static_initialization.observe(imu_statistics(imu, end - StaticInitialization::kWindow, end));
   }
   if (scans >= kInitialScans) static_initialization.end();
   return false;
@@ -55,6 +51,13 @@ void Odometry::State::initialize_gravity() {
   gravity_known = true;
 }
 
+/// The IMU was wrong, and with it the gravity that it gave.
+void Odometry::State::end_standing() {
+  static_initialization.end();
+  motion_prior.is_stationary = false;
+  gravity_known = false;
+}
+
 double Odometry::State::prediction_deviation() const {
   const Matrix6 covariance = motion_filter.pose_covariance();
   const double square = covariance.topLeftCorner<3, 3>().trace() +
@@ -64,7 +67,7 @@ double Odometry::State::prediction_deviation() const {
 
 void Odometry::State::predict_motion() {
   motion_filter.propagate(motion_prior.inputs, motion_prior.span.middle());
-  if (applies_zero_velocity_update()) motion_filter.zero_velocity_update(kStandingSpeed, kStandingRate);
+  if (motion_prior.is_stationary) motion_filter.stand_at(T_standing);
   follow(motion_filter.state());
   T_predicted = motion_filter.state().T_map_base;
   sigma_m = prediction_deviation();
@@ -80,10 +83,11 @@ void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   initialize_gravity();
   relocalized = false;
   motion_prior.is_stationary = detect_static_start();
+  if (scans == 1) T_standing = T_map_base;
   if (motion_prior.is_stationary && motion_prior.imu_covers) {
     motion_filter.set_gravity(
         motion_filter.state().T_map_base.rotation * static_initialization.mean_force(),
-        applies_zero_velocity_update() ? kStationaryGravityVariance : kMovingGravityVariance);
+        scans > 1 ? kStationaryGravityVariance : kMovingGravityVariance);
     gravity_known = true;
   }
   last_filter = motion_filter;

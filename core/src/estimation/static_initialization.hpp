@@ -15,14 +15,13 @@ inline constexpr double kGravity = 9.81;
 bool is_gravity_plausible(const Vector3& force);
 
 /// Static initialisation: detects from the IMU alone that the vehicle has been stationary since the start,
-/// which scans cannot where most of the scene begins to move. The mean specific force meanwhile initialises
-/// gravity and accelerometer bias. Not thread-safe.
+/// which scans cannot where most of the scene moves. The mean specific force meanwhile initialises gravity and
+/// accelerometer bias. Not thread-safe.
 class StaticInitialization {
  public:
-  /// Call once a scan with the samples of the last `kWindow` and the last registered position, m. Returns
-  /// whether the vehicle is still stationary; ends for good when the IMU measures a change, or when scans
-  /// moved the position all the same, as at a smooth walking pace.
-  bool observe(const ImuStatistics& imu, const Vector3& place);
+  /// Call once a scan with the samples of the last `kWindow`. Returns whether the vehicle is still stationary;
+  /// ends for good when the IMU measures a change.
+  bool observe(const ImuStatistics& imu);
   /// Ends the phase: motion was detected elsewhere.
   void end() { has_ended_ = true; }
   [[nodiscard]] bool is_over() const { return has_ended_; }
@@ -32,11 +31,10 @@ class StaticInitialization {
   static constexpr Duration kWindow = Duration::from_milliseconds(200.0);
 
  private:
-  [[nodiscard]] bool is_still_stationary(const ImuStatistics& imu, const Vector3& place) const;
+  [[nodiscard]] bool is_still_stationary(const ImuStatistics& imu) const;
 
   bool has_ended_ = false;
   int scans_ = 0;
-  Vector3 first_position_ = Vector3::Zero();
   Vector3 mean_force_ = Vector3::Zero();
 };
 

@@ -24,11 +24,11 @@ constexpr double kFoundDeviationMetres = 0.3;
 constexpr double kFoundDeviationRadians = 0.01;
 
 // Relocalisation hypotheses around the prediction. NDT converges from 3 m and 10 deg around each.
-struct Hypothesis {
+struct Offset {
   double forward_m;
   double yaw_rad;
 };
-constexpr std::array<Hypothesis, 7> kRelocalizationHypotheses = {
+constexpr std::array<Offset, 7> kRelocalizationHypotheses = {
     {{0.0, 0.0}, {0.0, 0.17}, {0.0, -0.17}, {0.0, 0.35}, {0.0, -0.35}, {4.0, 0.0}, {-4.0, 0.0}}};
 // Typical number of NDT iterations for a hypothesis.
 constexpr std::size_t kSearchIterations = 15;
@@ -71,9 +71,7 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
     scores[i] =
         ndt_equations(coarse_map, search_points, start_hypothesis(i), {kNdtKernelSchedule[0]}).weight_sum;
   Search search{T_predicted, 0};
-  // Other vehicles suggest speeds to one that stands.
-  if (motion_prior.is_stationary) try_hypothesis(T_predicted, search, result);
-  for (int trial = 0; trial < kStartTrials && !motion_prior.is_stationary; ++trial) {
+  for (int trial = 0; trial < kStartTrials; ++trial) {
     const auto best =
         static_cast<std::size_t>(std::max_element(scores.begin(), scores.end()) - scores.begin());
     try_hypothesis(start_hypothesis(best), search, result);
@@ -81,6 +79,13 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
       const double distance = kStartStepMetres * std::abs(static_cast<double>(i) - static_cast<double>(best));
       if (distance < kSamePlaceMetres) scores[i] = 0.0;
     }
+  }
+  if (motion_prior.is_stationary) {
+    // Other vehicles suggest speeds to one that stands.
+    const std::uint32_t standing =
+        plane_equations(planes, search_points, T_standing, plane_metric(kMinSigmaMetres)).inliers;
+    if (standing > kAgreementCollapse * search.inliers) search.T_best = T_standing;
+    else end_standing();
   }
   start_moving(search.T_best);
 }
@@ -102,7 +107,7 @@ void Odometry::State::start_moving(const SE3& T_map_middle) {
 SE3 Odometry::State::relocalization_hypothesis(std::size_t i) const {
   // The vehicle may have stopped at the last registered pose.
   if (i == 0) return T_accepted * motion.T_middle_end().inverse();
-  const Hypothesis& h = kRelocalizationHypotheses[i - 1];
+  const Offset& h = kRelocalizationHypotheses[i - 1];
   return T_predicted * SE3{so3_exp(h.yaw_rad * Vector3::UnitZ()), Vector3(h.forward_m, 0.0, 0.0)};
 }
 

@@ -11,8 +11,6 @@ namespace nilio::core {
 namespace {
 
 constexpr double kPeriodMemory = 0.9;
-// Share of the running mean below which the agreement with the map is out of family.
-constexpr double kAgreementCollapse = 0.75;
 constexpr double kAgreementMemory = 0.95;
 // Number of predicted poses, and of poses out of family, in a row until the state is lost.
 constexpr int kLostAfterFailures = 5;
@@ -27,10 +25,6 @@ constexpr double kMaxTurnAcceleration = 10.0;
 constexpr double kInnovationMemory = 0.8;
 constexpr double kMaxInnovation = 9.0;
 constexpr Duration kAccelerometerBan = Duration::from_seconds(5.0);
-// Squared Mahalanobis distance, 99.9 % of 6 degrees of freedom.
-constexpr double kFarInnovation = 22.46;
-// Half a step of the initial velocity search.
-constexpr double kStartSpeedError = 5.0;
 
 /// Maximum displacement of a point at the lever.
 double metres_of(const SE3& error) {
@@ -112,9 +106,6 @@ void Odometry::State::update_motion() {
   weigh_accelerometer(
       motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information));
   motion_filter.update(registration.T_map_moving, registration.information);
-  if (applies_zero_velocity_update()) motion_filter.zero_velocity_update(0.02, 2e-3);
-  if (motion_prior.is_stationary && scans == 1 && motion_filter.state().velocity.norm() > kStartSpeedError)
-    static_initialization.end();
   if (monitor.observe(imu, motion_filter.state().gyro_bias, registered_motion())) imu.clear();
 }
 

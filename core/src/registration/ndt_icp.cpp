@@ -19,6 +19,9 @@ constexpr double kCoarseTriggerGap = 1.5;
 
 constexpr int kMaxWidenings = 3;
 
+// Velocities of a vehicle that does not stand after all, m/s and rad/s.
+constexpr double kWalkingSpeed = 2.0;
+
 // Error of the mean of a non-planar voxel.
 constexpr double kVoxelMeanDeviation = 0.1;
 
@@ -186,7 +189,9 @@ void Odometry::State::register_predicted(OdometryResult& result) {
 
 void Odometry::State::register_sweep(OdometryResult& result) {
   register_predicted(result);
-  if (scans < kInitialScans || sweep.empty() || has_no_time()) return;
+  if (sweep.empty() || has_no_time()) return;
+  reconsider_standing(result);
+  if (scans < kInitialScans || motion_prior.is_stationary) return;
   reconsider_imu(result);
   if (is_doubtful()) compare_hypotheses(result);
 }
@@ -218,6 +223,42 @@ RegisteredMotion Odometry::State::registered_motion() const {
   return {last_middle, motion_prior.span.middle(), T_map_last_middle, registration.T_map_moving};
 }
 
+Odometry::State::Hypothesis Odometry::State::hypothesis() const {
+  return {motion_prior, motion_filter, motion, registration, registered_points, has_pose() ? agreement() : 0.0};
+}
+
+void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& result) {
+  motion_prior = earlier.prior;
+  motion_filter = earlier.filter;
+  motion = earlier.motion;
+  registration = earlier.registration;
+  registered_points = earlier.points;
+  T_predicted = motion_filter.state().T_map_base;
+  sigma_m = prediction_deviation();
+  count_inliers(result);
+}
+
+/// Other vehicles move the scan of one that stands, and the IMU does not see a smooth walking pace: the vehicle
+/// stands unless the map agrees much better with a motion.
+void Odometry::State::reconsider_standing(OdometryResult& result) {
+  if (!motion_prior.is_stationary || scans == 1) return;
+  if (motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
+      kFarInnovation)
+    return;
+  const Hypothesis standing = hypothesis();
+  motion_prior.is_stationary = false;
+  motion_filter = last_filter;
+  motion_filter.set_twist(Vector6::Zero(), Vector6::Constant(kWalkingSpeed * kWalkingSpeed));
+  predict_motion();
+  select_points(T_predicted);
+  register_predicted(result);
+  if (is_plausible() && kAgreementCollapse * agreement() > standing.agreement) {
+    end_standing();
+  } else {
+    return_to(standing, result);
+  }
+}
+
 /// A wrong IMU distorts the scan by deskewing and holds the pose: where the two do not agree, the scan is
 /// registered without it, and what agrees better with the map is kept.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
@@ -225,31 +266,19 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
   const bool is_contradicted =
       is_plausible() && monitor.contradicts(imu, motion_filter.state().gyro_bias, registered_motion());
   if (!is_contradicted && !is_doubtful()) return;
-  const MotionFilter filter_with_imu = motion_filter;
-  const MotionInputs inputs_with_imu = motion_prior.inputs;
-  const SweepMotion motion_with_imu = motion;
-  const RegistrationResult registration_with_imu = registration;
-  const double agreement_with_imu = has_pose() ? agreement() : 0.0;
-  const std::size_t points_with_imu = registered_points;
+  const Hypothesis with_imu = hypothesis();
   motion_prior.inputs.gyro = motion_prior.inputs.accelerometer = false;
   motion_filter = last_filter;
   predict_motion();
   select_points(T_predicted);
   register_predicted(result);
-  if (is_plausible() && (is_contradicted || agreement() > agreement_with_imu)) {
+  if (is_plausible() && (is_contradicted || agreement() > with_imu.agreement)) {
     result.imu_used = false;
     if (is_contradicted || monitor.contradicts(imu, motion_filter.state().gyro_bias, registered_motion()))
       monitor.demote();
     return;
   }
-  motion_prior.inputs = inputs_with_imu;
-  motion_filter = filter_with_imu;
-  motion = motion_with_imu;
-  registration = registration_with_imu;
-  registered_points = points_with_imu;
-  T_predicted = motion_filter.state().T_map_base;
-  sigma_m = prediction_deviation();
-  count_inliers(result);
+  return_to(with_imu, result);
 }
 
 }  // namespace nilio::core
