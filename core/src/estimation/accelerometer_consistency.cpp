@@ -1,6 +1,6 @@
 #include "core/src/estimation/accelerometer_consistency.hpp"
 
-#include "core/src/estimation/static_initialization.hpp"
+#include "core/src/estimation/standstill.hpp"
 
 #include <algorithm>
 #include <cmath>

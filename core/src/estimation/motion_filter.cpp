@@ -2,7 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/static_initialization.hpp"
+#include "core/src/estimation/standstill.hpp"
 #include "core/src/linear_algebra.hpp"
 
 #include <algorithm>
@@ -42,8 +42,8 @@ constexpr double kGravityPrior = 1.5;
 constexpr double kVelocityPrior = 10.0;
 constexpr double kRatePrior = 0.3;
 // Manoeuvres of a vehicle (Singer 1970: 2 a^2 tau) for a second: along the road 0.5 m/s^2, as a recorded car
-// in traffic has over one to ten seconds; sideways 2 m/s^2, where the body sways; 0.3 rad/s^2 of yaw. Stronger
-// ones widen the noise.
+// in traffic has over one to ten seconds; sideways 2 m/s^2, where the body sways; 0.3 rad/s^2 of yaw.
+// Stronger ones widen the noise.
 constexpr double kManoeuvreSeconds = 1.0;
 constexpr double kSpeedManoeuvre = 2.0 * 0.5 * 0.5 * kManoeuvreSeconds;
 constexpr double kSidewaysManoeuvre = 2.0 * 2.0 * 2.0 * kManoeuvreSeconds;
@@ -68,6 +68,7 @@ constexpr double kStandingMetres = 0.005;
 constexpr double kStandingRadians = 0.05 * kRadiansPerDegree;
 constexpr double kStandingSpeed = 0.02;
 constexpr double kStandingRate = 0.1 * kRadiansPerDegree;
+constexpr double kStanding999 = 16.27;  // 3 degrees of freedom
 constexpr double kRelocatedMetres = 0.05;
 constexpr double kRelocatedRadians = 0.2 * kRadiansPerDegree;
 // Directions of the scan with less information, 1/m^2, say nothing.
@@ -359,13 +360,18 @@ void MotionFilter::estimate_accelerations() {
 }
 
 void MotionFilter::stand_at(const SE3& T_map_base) {
-  zero_velocity_update(kStandingSpeed, kStandingRate);
+  zero_velocity_update();
   state_.T_map_base = T_map_base;
   isolate(kPose, variance_of(kStandingMetres));
   isolate(kRotation, variance_of(kStandingRadians));
 }
 
-void MotionFilter::zero_velocity_update(double velocity_deviation, double rate_deviation) {
+bool MotionFilter::may_stand() const {
+  const Matrix3 variance = covariance_.block<3, 3>(kVelocity, kVelocity);
+  return state_.velocity.dot(variance.inverse() * state_.velocity) < kStanding999;
+}
+
+void MotionFilter::zero_velocity_update() {
   // Sequentially, one axis after the other.
   Vector error = Vector::Zero();
   const auto observe = [&](int i, double value, double deviation) {
@@ -374,12 +380,12 @@ void MotionFilter::zero_velocity_update(double velocity_deviation, double rate_d
     error += column * ((-value - error[i]) / variance);
     covariance_ -= column * column.transpose() / variance;
   };
-  for (int axis = 0; axis < 3; ++axis) observe(kVelocity + axis, state_.velocity[axis], velocity_deviation);
+  for (int axis = 0; axis < 3; ++axis) observe(kVelocity + axis, state_.velocity[axis], kStandingSpeed);
   const int rate = had_gyro_ ? kGyroBias : kRate;
   for (int axis = 0; axis < 3; ++axis) {
     // With a gyro the rate's error is that of its bias, reversed.
     const double value = had_gyro_ ? -state_.angular_velocity[axis] : state_.angular_velocity[axis];
-    observe(rate + axis, value, rate_deviation);
+    observe(rate + axis, value, kStandingRate);
   }
   apply(error);
   symmetrise();

@@ -30,13 +30,12 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   return result;
 }
 
-/// Whether the IMU shows the vehicle stationary since the start.
-bool Odometry::State::detect_static_start() {
+bool Odometry::State::detect_standstill() {
   if (motion_prior.imu_covers && monitor.force_usable(motion_prior.previous)) {
     const Time end = motion_prior.span.end;
-    return static_initialization.observe(imu_statistics(imu, end - StaticInitialization::kWindow, end));
+    return standstill.observe(imu_statistics(imu, end - Standstill::kWindow, end), motion_filter.may_stand());
   }
-  if (scans >= kInitialScans) static_initialization.end();
+  if (standstill.is_standing() || scans >= kInitialScans) standstill.end();
   return false;
 }
 
@@ -53,7 +52,7 @@ void Odometry::State::initialize_gravity() {
 
 /// The IMU was wrong, and with it the gravity that it gave.
 void Odometry::State::end_standing() {
-  static_initialization.end();
+  standstill.contradict();
   motion_prior.is_stationary = false;
   gravity_known = false;
 }
@@ -67,7 +66,12 @@ double Odometry::State::prediction_deviation() const {
 
 void Odometry::State::predict_motion() {
   motion_filter.propagate(motion_prior.inputs, motion_prior.span.middle());
-  if (motion_prior.is_stationary) motion_filter.stand_at(T_standing);
+  if (motion_prior.is_stationary) {
+    if (standstill.is_first() || !standstill.has_begun())
+      motion_filter.stand_at(T_standing);
+    else
+      motion_filter.zero_velocity_update();
+  }
   follow(motion_filter.state());
   T_predicted = motion_filter.state().T_map_base;
   sigma_m = prediction_deviation();
@@ -82,12 +86,11 @@ void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   motion_prior = motion_prior_for(scan);
   initialize_gravity();
   relocalized = false;
-  motion_prior.is_stationary = detect_static_start();
+  motion_prior.is_stationary = detect_standstill();
   if (scans == 1) T_standing = T_map_base;
-  if (motion_prior.is_stationary && motion_prior.imu_covers) {
-    motion_filter.set_gravity(
-        motion_filter.state().T_map_base.rotation * static_initialization.mean_force(),
-        scans > 1 ? kStationaryGravityVariance : kMovingGravityVariance);
+  if (motion_prior.is_stationary && standstill.is_first()) {
+    motion_filter.set_gravity(motion_filter.state().T_map_base.rotation * standstill.mean_force(),
+                              scans > 1 ? kStationaryGravityVariance : kMovingGravityVariance);
     gravity_known = true;
   }
   last_filter = motion_filter;

@@ -4,7 +4,7 @@
 #include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/static_initialization.hpp"
+#include "core/src/estimation/standstill.hpp"
 
 #include <algorithm>
 #include <array>

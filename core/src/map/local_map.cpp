@@ -77,7 +77,7 @@ void Odometry::State::reset_map() {
   mean_known_share = 0.0;
   coarse_scans_left = kMinScansWithNdt;
   prediction_error_m = 0.0;
-  static_initialization.end();
+  standstill.end();
   gravity_known = false;
   registration = {};
 }

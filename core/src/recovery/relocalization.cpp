@@ -84,8 +84,10 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
     // Other vehicles suggest speeds to one that stands.
     const std::uint32_t standing =
         plane_equations(planes, search_points, T_standing, plane_metric(kMinSigmaMetres)).inliers;
-    if (standing > kAgreementCollapse * search.inliers) search.T_best = T_standing;
-    else end_standing();
+    if (standing > kAgreementCollapse * search.inliers)
+      search.T_best = T_standing;
+    else
+      end_standing();
   }
   start_moving(search.T_best);
 }

@@ -224,7 +224,8 @@ RegisteredMotion Odometry::State::registered_motion() const {
 }
 
 Odometry::State::Hypothesis Odometry::State::hypothesis() const {
-  return {motion_prior, motion_filter, motion, registration, registered_points, has_pose() ? agreement() : 0.0};
+  return {motion_prior, motion_filter,     motion,
+          registration, registered_points, has_pose() ? agreement() : 0.0};
 }
 
 void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& result) {
@@ -238,8 +239,8 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   count_inliers(result);
 }
 
-/// Other vehicles move the scan of one that stands, and the IMU does not see a smooth walking pace: the vehicle
-/// stands unless the map agrees much better with a motion.
+/// Other vehicles move the scan of one that stands, and the IMU does not see a smooth walking pace: the
+/// vehicle stands unless the map agrees much better with a motion.
 void Odometry::State::reconsider_standing(OdometryResult& result) {
   if (!motion_prior.is_stationary || scans == 1) return;
   if (motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <

@@ -14,7 +14,7 @@ namespace {
 // Lower bound: few points underestimate the thickness.
 constexpr double kMinPlaneVariance = 0.01 * 0.01;
 // Scans from which a voxel has its full weight: moving objects leave a voxel sooner.
-constexpr int kFamiliarScans = 8;
+constexpr int kFamiliarScans = 6;
 
 /// Weight of a voxel by the number of scans that saw it, 0 to 1.
 double familiarity(const GaussianVoxel& surface) {

@@ -2,7 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/static_initialization.hpp"
+#include "core/src/estimation/standstill.hpp"
 
 #include <algorithm>
 #include <cmath>

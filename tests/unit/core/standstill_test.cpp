@@ -1,4 +1,4 @@
-#include "core/src/estimation/static_initialization.hpp"
+#include "core/src/estimation/standstill.hpp"
 
 #include "nilio/core/odometry.hpp"
 
@@ -83,29 +83,28 @@ double position_behind_truck(double seconds) {
 }  // namespace
 
 TEST_CASE("an idling vehicle is stationary until it departs, and its gravity-and-bias is exact",
-          "[static_initialization]") {
-  StaticInitialization start;
+          "[standstill]") {
+  Standstill start;
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0.0, kForceNoise / std::sqrt(40.0));
   const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
-  for (int scan = 0; scan < 20; ++scan) CHECK(start.observe(imu(kSupport + noise()), Vector3::Zero()));
+  for (int scan = 0; scan < 20; ++scan) CHECK(start.observe(imu(kSupport + noise()), true));
   double acceleration = 0.0;
-  while (start.observe(imu(kSupport + Vector3(acceleration, 0.0, 0.0) + noise()), Vector3::Zero()))
-    acceleration += 0.01;
+  while (start.observe(imu(kSupport + Vector3(acceleration, 0.0, 0.0) + noise()), true)) acceleration += 0.01;
   CHECK(acceleration < 0.1);
   CHECK((start.mean_force() - kSupport).norm() < 0.02);
-  CHECK(start.is_over());
+  CHECK_FALSE(start.is_standing());
 }
 
-TEST_CASE("a constant acceleration after the departure is not stationary", "[static_initialization]") {
-  StaticInitialization start;
-  CHECK(start.observe(imu(kSupport), Vector3::Zero()));
+TEST_CASE("a constant acceleration after the departure is not stationary", "[standstill]") {
+  Standstill start;
+  CHECK(start.observe(imu(kSupport), true));
   for (int scan = 0; scan < 50; ++scan)
-    CHECK_FALSE(start.observe(imu(kSupport + Vector3(1.2, 0.0, 0.0)), Vector3::Zero()));
+    CHECK_FALSE(start.observe(imu(kSupport + Vector3(1.2, 0.0, 0.0)), true));
 }
 
 TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or without gravity",
-          "[static_initialization]") {
+          "[standstill]") {
   ImuStatistics shaking = imu(kSupport);
   shaking.acceleration_deviation = 0.5;
   ImuStatistics swaying = imu(kSupport);
@@ -115,19 +114,38 @@ TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or w
   const ImuStatistics sideways = imu(Vector3(9.8, 0.1, -0.2));
   const ImuStatistics in_units_of_g = imu(kSupport / 9.81);
   for (const ImuStatistics& statistics : {shaking, swaying, stuck, ImuStatistics{}, sideways, in_units_of_g})
-    CHECK_FALSE(StaticInitialization().observe(statistics, Vector3::Zero()));
+    CHECK_FALSE(Standstill().observe(statistics, true));
 }
 
-TEST_CASE("a smooth walking pace ends the stationary phase once scans show it", "[static_initialization]") {
-  StaticInitialization start;
-  int scans = 0;
-  while (scans < 100 && start.observe(imu(kSupport), Vector3(0.04 * scans, 0.0, 0.0))) ++scans;
-  CHECK(scans > 1);
-  CHECK(scans < 6);
+TEST_CASE("later a vehicle stands where it is as quiet as at the start and may stand", "[standstill]") {
+  Standstill standstill;
+  for (int scan = 0; scan < 10; ++scan) CHECK(standstill.observe(imu(kSupport), true));
+  CHECK(standstill.is_first());
+  ImuStatistics rolling = imu(kSupport);
+  rolling.acceleration_deviation *= 1.3;
+  CHECK_FALSE(standstill.observe(imu(kSupport + Vector3(0.5, 0.0, 0.0)), true));
+  CHECK_FALSE(standstill.is_first());
+  for (int scan = 0; scan < 10; ++scan) CHECK_FALSE(standstill.observe(rolling, true));
+  CHECK_FALSE(standstill.observe(imu(kSupport), false));
+  // Another slope of the road.
+  const Vector3 on_slope(0.8, 0.1, 9.75);
+  CHECK(standstill.observe(imu(on_slope), true));
+  CHECK(standstill.has_begun());
+  CHECK(standstill.observe(imu(on_slope), false));
+  CHECK_FALSE(standstill.observe(rolling, true));
+  standstill.contradict();
+  CHECK_FALSE(standstill.observe(imu(kSupport), true));
 }
 
-TEST_CASE("a truck that departs with the vehicle does not hold the pose, with an IMU",
-          "[static_initialization]") {
+TEST_CASE("a vehicle that did not stand at the start is never taken to stand", "[standstill]") {
+  Standstill standstill;
+  ImuStatistics driving = imu(kSupport);
+  driving.acceleration_deviation = 0.5;
+  CHECK_FALSE(standstill.observe(driving, true));
+  for (int scan = 0; scan < 50; ++scan) CHECK_FALSE(standstill.observe(imu(kSupport), true));
+}
+
+TEST_CASE("a truck that departs with the vehicle does not hold the pose, with an IMU", "[standstill]") {
   const double truth = travelled(6.0);
   REQUIRE(truth > 7.0);
   CHECK(std::abs(position_behind_truck(6.0) - truth) < 0.05 * truth);
