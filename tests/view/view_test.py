@@ -166,7 +166,7 @@ def main():
     folder = tempfile.mkdtemp(prefix="nilio-view-")
     drive = Drive(options.programs, folder)
     try:
-        subprocess.run([f"{options.programs}/nilio", "simulate", f"{folder}/drive", "--sensor", "vlp16", "--duration", "70"], check=True,
+        subprocess.run([f"{options.programs}/nilio", "simulate", f"{folder}/drive", "--sensor", "vlp16", "--realism", "ideal", "--duration", "70"], check=True,
                        capture_output=True)
         view, url = drive.view("--domain", str(drive.domain), "--interface", "127.0.0.1")
         if "left out" in open(f"{folder}/view.log").read() or "no page" in open(f"{folder}/view.log").read():
