@@ -45,6 +45,7 @@ constexpr std::array kRows{
         "nothing was received or found, or the file could not be written", nullptr},
     Row{"nilio inspect", "at least one file is usable", "no file is usable, or a file could not be written",
         nullptr},
+    Row{"nilio map", "done", "a map is damaged or none, or a file cannot be written", nullptr},
     Row{"nilio plot", "drawn", "a file cannot be read or written", nullptr},
     Row{"nilio watch", "poses were received", "no pose was received, or a file could not be written",
         nullptr},

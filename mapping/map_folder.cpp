@@ -204,7 +204,8 @@ Result<Submap> MapReader::load(const SubmapEntry& entry) const {
                  " lists (size or checksum differ) - restore it from a copy"};
   auto decoded = decode_submap(*bytes, path.string());
   if (!decoded) return decoded.error();
-  if (decoded->map != header_.id || decoded->submap.id != entry.id)
+  if (decoded->map != header_.id || decoded->submap.id != entry.id ||
+      decoded->submap.surfaces.size() != entry.surfaces)
     return Error{path.string() + ": belongs to another map or place - restore it from a copy"};
   return std::move(decoded->submap);
 }
@@ -321,6 +322,16 @@ void OpenKeyframes::remove_before(std::uint32_t first) {
     if (std::sscanf(file.path().filename().c_str(), "%6u.kf", &number) == 1 && number < first)
       fs::remove(file.path(), ignored);
   }
+}
+
+std::size_t OpenKeyframes::count() const {
+  std::size_t keyframes = 0;
+  std::error_code error;
+  for (const auto& file : fs::directory_iterator(folder_, error)) {
+    if (file.path().extension() != ".kf") continue;
+    if (const auto content = read_log(file.path())) keyframes += content->records.size();
+  }
+  return keyframes;
 }
 
 }  // namespace nilio::mapping

@@ -102,6 +102,8 @@ class OpenKeyframes {
   core::Result<std::monostate> add(const Keyframe& keyframe, std::uint32_t stretch);
   /// Removes the stretches before `first`.
   void remove_before(std::uint32_t first);
+  /// Intact keyframes in the files of all stretches; changes nothing.
+  [[nodiscard]] std::size_t count() const;
 
  private:
   [[nodiscard]] std::filesystem::path path_of(std::uint32_t stretch) const;

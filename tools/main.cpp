@@ -37,6 +37,7 @@ int main(int argc, char** argv) {
   nilio::tools::add_evaluate_command(app, status);
   nilio::tools::add_report_command(app, status);
   nilio::tools::add_inspect_command(app, status);
+  nilio::tools::add_map_command(app, status);
   nilio::tools::add_plot_command(app, status);
   nilio::tools::add_watch_command(app, status);
   nilio::tools::add_view_command(app, status);

@@ -12,7 +12,7 @@ packages=(
 # The page of nilio view; any node and npm will do, those of Debian bring some hundred packages.
 command -v npm >/dev/null || packages+=(nodejs npm)
 if [[ ${1:-} == --tests ]]; then
-  packages+=(catch2 ccache cyclonedds-dev cyclonedds-tools python3 python3-numpy python3-jsonschema python3-yaml python3-rosbag sqlite3 chromium prometheus xz-utils procps clang-format-14 clang-tidy-14
+  packages+=(catch2 ccache cyclonedds-dev cyclonedds-tools python3 python3-numpy python3-jsonschema python3-open3d python3-yaml python3-rosbag sqlite3 chromium prometheus xz-utils procps clang-format-14 clang-tidy-14
     clang-14 libclang-rt-14-dev
     mmdebstrap lintian groff-base
     user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1 systemd)

@@ -12,9 +12,9 @@ case ${1:-} in
 esac
 mode=${1:-}
 targets=(test_core test_drivers test_ipc test_mapping test_dds test_daemon fuzz_rtps)
-selection=(--exclude-regex '^tools$')
+selection=(--exclude-regex '^(tools|map)$')
 if [[ $mode == --full ]]; then
-  targets+=(test_tools)
+  targets+=(test_tools test_map)
   selection=()
 fi
 log=build/sanitizers.log

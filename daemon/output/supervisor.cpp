@@ -312,8 +312,10 @@ void Supervisor::stop_mapper(Duration timeout) {
   const std::vector<ipc::ProcessEvent> events = mapper_->stop(timeout);
   for (const ipc::ProcessEvent& event : events) log_mapper(event);
   if (events.empty() || events.back().exit_status < 0)
-    spdlog::warn("{}: the map lacks its end, whose keyframes are in its folder open",
-                 mapper_->folder().string());
+    spdlog::warn(
+        "{}: the map lacks its end, whose keyframes are in its folder open - complete it with nilio map "
+        "recover",
+        mapper_->folder().string());
 }
 
 void Supervisor::watch_can() {

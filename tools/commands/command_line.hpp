@@ -1,11 +1,15 @@
 #pragma once
 
 #include "daemon/command_line.hpp"
+#include "tools/convert/geodetic.hpp"
 
+#include <cmath>
 #include <map>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -31,6 +35,25 @@ CLI::Validator choice_of(std::map<std::string, Enum> values) {
   for (const auto& [name, value] : values) names += (names.empty() ? "{" : ",") + name;
   CLI::CheckedTransformer transformer(std::move(values), CLI::ignore_case);
   return transformer.description(names + "}");
+}
+
+/// Option --origin LAT,LON,ALT,HEADING; `explanation` begins its help.
+inline void add_origin_option(CLI::App& command, std::optional<convert::GeodeticOrigin>& origin,
+                              const std::string& explanation) {
+  command
+      .add_option_function<std::vector<double>>(
+          "--origin",
+          [&origin](const std::vector<double>& v) {
+            const bool is_place = std::abs(v[0]) <= 90.0 && std::abs(v[1]) <= 180.0 &&
+                                  std::abs(v[2]) <= 100'000.0 && std::abs(v[3]) <= 360.0;
+            if (!is_place) throw CLI::ValidationError("--origin", "is no place: LAT,LON,ALT,HEADING");
+            origin = {v[0], v[1], v[2], v[3]};
+          },
+          explanation +
+              ": latitude and longitude in degrees, altitude in metres and heading of the x axis in degrees "
+              "clockwise from north: LAT,LON,ALT,HEADING")
+      ->delimiter(',')
+      ->expected(4);
 }
 
 }  // namespace nilio::tools

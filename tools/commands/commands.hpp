@@ -15,6 +15,7 @@ void add_convert_command(CLI::App& app, int& status);
 void add_evaluate_command(CLI::App& app, int& status);
 void add_inspect_command(CLI::App& app, int& status);
 void add_init_command(CLI::App& app, int& status);
+void add_map_command(CLI::App& app, int& status);
 void add_plot_command(CLI::App& app, int& status);
 void add_watch_command(CLI::App& app, int& status);
 void add_view_command(CLI::App& app, int& status);

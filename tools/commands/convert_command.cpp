@@ -57,12 +57,8 @@ void add_capture_command(CLI::App& parent, const char* name, const char* descrip
 /// `run` with its options.
 void add_run_command(CLI::App& parent, int& status) {
   using convert::RunFormat;
-  struct Arguments {
-    convert::RunOptions options;
-    std::vector<double> origin;
-  };
-  const auto arguments = std::make_shared<Arguments>();
-  convert::RunOptions& options = arguments->options;
+  const auto arguments = std::make_shared<convert::RunOptions>();
+  convert::RunOptions& options = *arguments;
   CLI::App* const command =
       parent.add_subcommand("run", "poses of a run, a trajectory or a ROS bag to other formats");
   command->footer(
@@ -87,22 +83,9 @@ void add_run_command(CLI::App& parent, int& status) {
                                         {"mcap", RunFormat::kMcap}}));
   command->add_option("--output", options.output, "file to write (default: standard output)");
   command->add_option("--topic", options.topic, "topic of a bag with several topics of poses");
-  command
-      ->add_option(
-          "--origin", arguments->origin,
-          "geojson: latitude and longitude in degrees, altitude in metres and heading of the x axis in "
-          "degrees clockwise from north of the frame of the poses: LAT,LON,ALT,HEADING")
-      ->delimiter(',')
-      ->expected(4);
+  add_origin_option(*command, options.origin, "geojson: place of the origin of the poses");
   command->callback([arguments, &status] {
-    const std::vector<double>& origin = arguments->origin;
-    if (!origin.empty()) {
-      const bool is_place = std::abs(origin[0]) <= 90.0 && std::abs(origin[1]) <= 180.0 &&
-                            std::abs(origin[2]) <= 100'000.0 && std::abs(origin[3]) <= 360.0;
-      if (!is_place) throw CLI::ValidationError("--origin", "is no place: LAT,LON,ALT,HEADING");
-      arguments->options.origin = {origin[0], origin[1], origin[2], origin[3]};
-    }
-    const auto converted = convert::convert_run(arguments->options);
+    const auto converted = convert::convert_run(*arguments);
     if (!converted) std::cerr << "nilio convert: " << converted.error().message << '\n';
     status = converted ? kDone : kFailed;
   });

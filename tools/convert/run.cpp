@@ -99,12 +99,26 @@ std::string csv_text(const Trajectory& trajectory, const ScanColumns& columns) {
   return text;
 }
 
-Result<std::string> geojson_text(const Trajectory& trajectory, const RunOptions& options) {
-  if (!options.origin)
-    return Error{
-        "--origin: GeoJSON needs the place and heading of the first frame - give LAT,LON,ALT,HEADING"};
-  if (trajectory.poses.size() < 2) return Error{options.run + ": has one pose; a line needs two"};
-  const GeodeticFrame frame(*options.origin);
+Result<std::string> text_of(const Trajectory& trajectory, const RunOptions& options) {
+  if (options.format == RunFormat::kCsv)
+    return csv_text(trajectory, is_run_folder(options.run) ? read_scan_columns(options.run) : ScanColumns{});
+  if (options.format == RunFormat::kGeoJson) {
+    if (!options.origin)
+      return Error{
+          "--origin: GeoJSON needs the place and heading of the first frame - give LAT,LON,ALT,HEADING"};
+    if (trajectory.poses.size() < 2) return Error{options.run + ": has one pose; a line needs two"};
+    return geojson_text(trajectory, fs::path(options.run).filename().string(), *options.origin);
+  }
+  Trajectory converted = trajectory;
+  converted.format = options.format == RunFormat::kKitti ? TrajectoryFormat::kKitti : TrajectoryFormat::kTum;
+  return trajectory_text(converted);
+}
+
+}  // namespace
+
+std::string geojson_text(const Trajectory& trajectory, const std::string& name,
+                         const GeodeticOrigin& origin) {
+  const GeodeticFrame frame(origin);
   nlohmann::json line = nlohmann::json::array();
   nlohmann::json times = nlohmann::json::array();
   const auto rounded = [](double value, double unit) { return std::round(value / unit) * unit; };
@@ -116,24 +130,13 @@ Result<std::string> geojson_text(const Trajectory& trajectory, const RunOptions&
   const nlohmann::json feature{{"type", "Feature"},
                                {"geometry", {{"type", "LineString"}, {"coordinates", std::move(line)}}},
                                {"properties",
-                                {{"name", fs::path(options.run).filename().string()},
+                                {{"name", name},
                                  {"path_length_m", rounded(path_length(trajectory.poses), 1e-3)},
                                  {"coordTimes", std::move(times)}}}};
   const nlohmann::json collection{{"type", "FeatureCollection"},
                                   {"features", nlohmann::json::array({feature})}};
   return collection.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
 }
-
-Result<std::string> text_of(const Trajectory& trajectory, const RunOptions& options) {
-  if (options.format == RunFormat::kCsv)
-    return csv_text(trajectory, is_run_folder(options.run) ? read_scan_columns(options.run) : ScanColumns{});
-  if (options.format == RunFormat::kGeoJson) return geojson_text(trajectory, options);
-  Trajectory converted = trajectory;
-  converted.format = options.format == RunFormat::kKitti ? TrajectoryFormat::kKitti : TrajectoryFormat::kTum;
-  return trajectory_text(converted);
-}
-
-}  // namespace
 
 Result<std::monostate> convert_run(const RunOptions& options) {
   const auto trajectory = read_poses(options);

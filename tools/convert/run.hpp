@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
+#include "tools/common/trajectory.hpp"
 #include "tools/convert/geodetic.hpp"
 
 #include <cstdint>
@@ -31,6 +32,9 @@ struct RunOptions {
   /// For GeoJSON.
   std::optional<GeodeticOrigin> origin;
 };
+
+/// Poses, two at least, as a line on the WGS 84 ellipsoid (RFC 7946) with their times as property coordTimes.
+std::string geojson_text(const Trajectory& trajectory, const std::string& name, const GeodeticOrigin& origin);
 
 /// Writes the poses of a run in another format. Fails with what is missing: times, an origin, a topic.
 core::Result<std::monostate> convert_run(const RunOptions& options);

@@ -1,0 +1,251 @@
+#include "daemon/exit_status.hpp"
+#include "tools/commands/command_line.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/map/edit.hpp"
+#include "tools/map/export.hpp"
+#include "tools/map/render.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+namespace nilio::tools {
+
+namespace {
+
+using core::Error;
+using core::Result;
+using mapping::MapReader;
+
+int report(const Result<std::monostate>& done) {
+  if (done) return kDone;
+  std::cerr << "nilio map: " << done.error().message << '\n';
+  return kFailed;
+}
+
+/// The folder itself, or the map in it if it is an output folder of niliod.
+std::filesystem::path map_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  const bool is_run = !std::filesystem::exists(folder / "map.log", error) &&
+                      std::filesystem::exists(folder / "map/map.log", error);
+  return is_run ? folder / "map" : folder;
+}
+
+Result<MapReader> open_map(const std::string& folder) {
+  auto map = MapReader::open(map_folder(folder));
+  if (map && !map->warning().empty()) std::cerr << "nilio map: " << map->warning() << '\n';
+  return map;
+}
+
+Result<std::monostate> print_info(const std::string& folder) {
+  const auto map = open_map(folder);
+  if (!map) return map.error();
+  const auto summary = map::summarise(*map);
+  if (!summary) return summary.error();
+  const map::MapSummary& s = *summary;
+  const double km = s.path_m * 1e-3;
+  std::printf("map            ");
+  for (const std::uint8_t byte : map->header().id) std::printf("%02x", byte);
+  std::printf("\nsubmaps        %zu\nkeyframes      %zu over %.1f m, %.1f s\nsurfaces       %zu\n", s.submaps,
+              s.keyframes, s.path_m, static_cast<double>(s.last.ns - s.first.ns) * 1e-9, s.surfaces);
+  if (const std::size_t open = mapping::OpenKeyframes(map_folder(folder)).count(); open > 0)
+    std::printf("open           %zu keyframes; nilio map recover adds them if their run has been killed\n",
+                open);
+  std::printf("size           %.2f MB", s.megabytes);
+  if (km > 0.1) std::printf(", %.2f MB/km", s.megabytes / km);
+  std::printf("\n");
+  if (s.surfaces > 0)
+    std::printf("extent         x %.1f to %.1f, y %.1f to %.1f, z %.1f to %.1f m\n", s.bounds.minimum.x(),
+                s.bounds.maximum.x(), s.bounds.minimum.y(), s.bounds.maximum.y(), s.bounds.minimum.z(),
+                s.bounds.maximum.z());
+  return std::monostate{};
+}
+
+struct Paths {
+  std::string map;
+  std::string output;
+};
+
+struct ExportOptions {
+  Paths paths;
+  double spacing_m = 0.0;
+  std::optional<convert::GeodeticOrigin> origin;
+};
+
+Result<std::monostate> export_map(const ExportOptions& options) {
+  const std::string& output = options.paths.output;
+  const bool is_path = map::is_path_file(output);
+  if (const auto format = map::format_of(output); !format && !is_path) return format.error();
+  if (options.origin && !output.ends_with(".geojson"))
+    return Error{output + ": only .geojson has an origin - leave --origin out"};
+  if (is_path && options.spacing_m > 0.0) return Error{output + ": a path has no --spacing - leave it out"};
+  const auto map = open_map(options.paths.map);
+  if (!map) return map.error();
+  if (is_path) {
+    const auto path = map::read_path(*map);
+    if (!path) return path.error();
+    const auto written = map::write_path(*path, options.origin, output);
+    if (written) std::printf("%s: %zu poses\n", output.c_str(), path->poses.size());
+    return written;
+  }
+  const auto points = map::export_map(*map, options.spacing_m, output);
+  if (!points) return points.error();
+  std::printf("%s: %llu points\n", output.c_str(), static_cast<unsigned long long>(*points));
+  return std::monostate{};
+}
+
+Result<std::monostate> recover_map(const std::string& folder) {
+  const auto keyframes = map::recover(map_folder(folder));
+  if (!keyframes) return keyframes.error();
+  std::printf("%zu keyframes of open submaps\n", *keyframes);
+  return std::monostate{};
+}
+
+Result<std::monostate> render_map(const Paths& options, const map::RenderOptions& render) {
+  const auto map = open_map(options.map);
+  if (!map) return map.error();
+  const auto cloud = map::read_cloud(*map);
+  if (!cloud) return cloud.error();
+  const auto path = map::read_path(*map);
+  if (!path) return path.error();
+  const auto written = map::render_png(*cloud, *path, render, options.output);
+  if (!written) return written.error();
+  return std::monostate{};
+}
+
+Result<std::monostate> crop_map(const Paths& options, const std::vector<double>& low,
+                                const std::vector<double>& high) {
+  const auto map = open_map(options.map);
+  if (!map) return map.error();
+  return map::crop(*map, {core::Vector3(low.data()), core::Vector3(high.data())}, options.output);
+}
+
+Result<std::monostate> merge_maps(const std::vector<std::string>& folders, const std::string& output) {
+  std::vector<MapReader> maps;
+  for (const std::string& folder : folders) {
+    auto map = open_map(folder);
+    if (!map) return map.error();
+    maps.push_back(std::move(map).value());
+  }
+  return map::merge(maps, output);
+}
+
+Result<std::monostate> diff_maps(const std::vector<std::string>& folders, double reach_m,
+                                 const std::string& output) {
+  const auto first = open_map(folders[0]);
+  if (!first) return first.error();
+  const auto second = open_map(folders[1]);
+  if (!second) return second.error();
+  const auto difference = map::diff(*first, *second, reach_m);
+  if (!difference) return difference.error();
+  std::printf("in both        %zu surfaces, %.1f mm apart along their normals (root mean square)\n",
+              difference->both, 1e3 * difference->distance_rms_m);
+  std::printf("only first     %zu\nonly second    %zu\n", difference->only_first, difference->only_second);
+  return output.empty() ? Result<std::monostate>(std::monostate{})
+                        : map::write_cloud(difference->changes, output);
+}
+
+void add_export(CLI::App& parent, int& status) {
+  const auto options = std::make_shared<ExportOptions>();
+  CLI::App* const command =
+      parent.add_subcommand("export", "the surfaces of a map as a point cloud, or the path of the drive");
+  command->footer(
+      "One point for each voxel of 0.5 m (planes) or 1 m (irregular surfaces), in the map frame, in metres, "
+      "with its normal, mean intensity (0 to 255; LAS: times 257) and the time at which it was seen last. "
+      "PLY: grey colours of the intensity; PCD: fields of pcl::PointXYZINormal, curvature is the thickness "
+      "in metres; LAS 1.4: point format 6, normals as extra bytes, no coordinate system. Path: poses of the "
+      "keyframes in the format of TUM, or a line of GeoJSON in WGS 84.");
+  command->add_option("map", options->paths.map, "folder of the map")->required();
+  command->add_option("output", options->paths.output, "file: .ply, .pcd, .las; .tum, .geojson")->required();
+  command
+      ->add_option("--spacing", options->spacing_m,
+                   "fill the voxels of planes with points at this distance, m (default: one point each)")
+      ->check(number_between(0.02, 0.25));
+  add_origin_option(*command, options->origin, ".geojson: place of the map's origin");
+  command->callback([options, &status] { status = report(export_map(*options)); });
+}
+
+void add_render(CLI::App& parent, int& status) {
+  const auto paths = std::make_shared<Paths>();
+  const auto options = std::make_shared<map::RenderOptions>();
+  CLI::App* const command = parent.add_subcommand("render", "a picture of a map, with the path of the drive");
+  command->add_option("map", paths->map, "folder of the map")->required();
+  command->add_option("output", paths->output, "picture, .png")->required();
+  command->add_option("--view", options->view, "top (default) or oblique")
+      ->transform(choice_of<map::View>({{"top", map::View::kTop}, {"oblique", map::View::kOblique}}));
+  command->add_option("--colour", options->shading, "height (default) or intensity")
+      ->transform(choice_of<map::Shading>(
+          {{"height", map::Shading::kHeight}, {"intensity", map::Shading::kIntensity}}));
+  command->add_option("--width", options->width_px, "pixels")
+      ->check(number_between(100, 8000))
+      ->capture_default_str();
+  command->callback([paths, options, &status] { status = report(render_map(*paths, *options)); });
+}
+
+void add_edits(CLI::App& parent, int& status) {
+  const auto paths = std::make_shared<Paths>();
+  const auto low = std::make_shared<std::vector<double>>();
+  const auto high = std::make_shared<std::vector<double>>();
+  CLI::App* const crop = parent.add_subcommand("crop", "the part of a map inside a box, as a new map");
+  crop->add_option("map", paths->map, "folder of the map")->required();
+  crop->add_option("output", paths->output, "folder of the new map")->required();
+  crop->add_option("--min", *low, "lowest corner of the box: x y z, metres")->expected(3)->required();
+  crop->add_option("--max", *high, "highest corner of the box: x y z, metres")->expected(3)->required();
+  crop->callback([=, &status] { status = report(crop_map(*paths, *low, *high)); });
+
+  const auto broken = std::make_shared<std::string>();
+  CLI::App* const recover = parent.add_subcommand(
+      "recover", "completes a map whose run was killed, with the keyframes of its open submaps");
+  recover->add_option("map", *broken, "folder of the map")->required();
+  recover->callback([broken, &status] { status = report(recover_map(*broken)); });
+
+  const auto folders = std::make_shared<std::vector<std::string>>();
+  const auto merged = std::make_shared<std::string>();
+  CLI::App* const merge = parent.add_subcommand("merge", "several maps of the same frame as one new map");
+  merge->footer(
+      "The maps are not aligned with each other: they have to share their map frame, such as parts of one "
+      "map.");
+  merge->add_option("maps", *folders, "folders of the maps")->required()->expected(1, -1);
+  merge->add_option("--output", *merged, "folder of the new map")->required();
+  merge->callback([=, &status] { status = report(merge_maps(*folders, *merged)); });
+
+  const auto pair = std::make_shared<std::vector<std::string>>();
+  const auto changes = std::make_shared<std::string>();
+  const auto reach = std::make_shared<double>(25.0);
+  CLI::App* const diff = parent.add_subcommand("diff", "differences between two maps of the same frame");
+  diff->footer(
+      "Only places near both paths are compared. In the file of --output, intensity 0 marks surfaces of the "
+      "first map only, 255 of the second only.");
+  diff->add_option("maps", *pair, "folders of the two maps")->required()->expected(2);
+  diff->add_option("--reach", *reach, "maximum distance from both paths, m")
+      ->check(number_between(1, 200))
+      ->capture_default_str();
+  diff->add_option("--output", *changes, "surfaces of one map only: .ply, .pcd or .las");
+  diff->callback([=, &status] { status = report(diff_maps(*pair, *reach, *changes)); });
+}
+
+}  // namespace
+
+void add_map_command(CLI::App& app, int& status) {
+  CLI::App* const command =
+      app.add_subcommand("map", "maps of niliod: information, point clouds, pictures, edits");
+  command->require_subcommand(1);
+  const auto folder = std::make_shared<std::string>();
+  CLI::App* const info =
+      command->add_subcommand("info", "submaps, path, extent and size of a map; checks every file");
+  info->add_option("map", *folder, "folder of the map, or output folder of niliod")->required();
+  info->callback([folder, &status] { status = report(print_info(*folder)); });
+
+  add_export(*command, status);
+  add_render(*command, status);
+  add_edits(*command, status);
+}
+
+}  // namespace nilio::tools
