@@ -173,7 +173,10 @@ std::optional<BagFix> decode_fix(const BagTopic& topic, const BagMessage& messag
   fix.variance_m2 = {covariance[0], covariance[4], covariance[8]};
   fix.covariance_type = wire.number<std::uint8_t>();
   if (fix.header.stamp.ns <= 0) fix.header.stamp = message.stamp;
-  const bool valid = wire.ok() && std::abs(place[0]) <= 90.0 && std::abs(place[1]) <= 180.0;
+  // Drivers fill the position of a receiver without a fix with zeros or what is no number.
+  const bool has_place = are_finite(std::span(place).first(2)) && (place[0] != 0.0 || place[1] != 0.0);
+  if (!has_place) fix.status = -1;
+  const bool valid = wire.ok() && (!has_place || (std::abs(place[0]) <= 90.0 && std::abs(place[1]) <= 180.0));
   return valid ? std::optional(std::move(fix)) : std::nullopt;
 }
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "daemon/command_line.hpp"
-#include "tools/convert/geodetic.hpp"
+#include "tools/gnss/georeference.hpp"
 
 #include <cmath>
 #include <map>
@@ -38,7 +38,7 @@ CLI::Validator choice_of(std::map<std::string, Enum> values) {
 }
 
 /// Option --origin LAT,LON,ALT,HEADING; `explanation` begins its help.
-inline void add_origin_option(CLI::App& command, std::optional<convert::GeodeticOrigin>& origin,
+inline void add_origin_option(CLI::App& command, std::optional<gnss::GeodeticOrigin>& origin,
                               const std::string& explanation) {
   command
       .add_option_function<std::vector<double>>(
@@ -54,6 +54,23 @@ inline void add_origin_option(CLI::App& command, std::optional<convert::Geodetic
               "clockwise from north: LAT,LON,ALT,HEADING")
       ->delimiter(',')
       ->expected(4);
+}
+
+/// --antenna and --time-offset of commands that place a trajectory by GNSS.
+inline void add_georeference_options(CLI::App& command, gnss::GeoreferenceOptions& options) {
+  command
+      .add_option_function<std::vector<double>>(
+          "--antenna",
+          [&options](const std::vector<double>& place) { options.antenna << place[0], place[1], place[2]; },
+          "GNSS: the antenna in base_link, metres: X,Y,Z (default 0,0,0)")
+      ->delimiter(',')
+      ->expected(3);
+  command
+      .add_option_function<double>(
+          "--time-offset",
+          [&options](double seconds) { options.time_offset = core::Duration::from_seconds(seconds); },
+          "GNSS: seconds to add to the times of the positions")
+      ->check(CLI::Range(-1e6, 1e6));
 }
 
 }  // namespace nilio::tools

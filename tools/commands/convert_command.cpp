@@ -84,8 +84,41 @@ void add_run_command(CLI::App& parent, int& status) {
   command->add_option("--output", options.output, "file to write (default: standard output)");
   command->add_option("--topic", options.topic, "topic of a bag with several topics of poses");
   add_origin_option(*command, options.origin, "geojson: place of the origin of the poses");
+  command
+      ->add_option(
+          "--gnss", options.gnss_recording,
+          "geojson: ROS bag, capture or CSV file with GNSS positions, by which the place and heading of "
+          "the poses' frame are found (its z axis is taken as up)")
+      ->excludes("--origin");
+  command->add_option("--gnss-topic", options.gnss_topic, "topic of a bag with several topics of positions");
+  add_georeference_options(*command, options.georeference);
   command->callback([arguments, &status] {
     const auto converted = convert::convert_run(*arguments);
+    if (!converted) std::cerr << "nilio convert: " << converted.error().message << '\n';
+    status = converted ? kDone : kFailed;
+  });
+}
+
+/// `gnss` with its options.
+void add_gnss_command(CLI::App& parent, int& status) {
+  using convert::RunFormat;
+  const auto options = std::make_shared<convert::GnssOptions>();
+  CLI::App* const command = parent.add_subcommand("gnss", "positions of a GNSS receiver to CSV or GeoJSON");
+  command->footer(
+      "Reads sensor_msgs/NavSatFix and nmea_msgs/Sentence (RMC, GGA) of ROS bags, and the sentences in the "
+      "position packets of captures. csv: time, latitude, longitude, altitude above the WGS 84 ellipsoid, "
+      "standard "
+      "deviations as the receiver states them, quality, and the position east, north and up of the first "
+      "one. "
+      "'nilio evaluate' takes the CSV file and the recording as truth.");
+  command->add_option("recording", options->recording, "ROS bag, capture, or CSV file of this command")
+      ->required();
+  command->add_option("--to", options->format, "csv (default) or geojson")
+      ->transform(choice_of<RunFormat>({{"csv", RunFormat::kCsv}, {"geojson", RunFormat::kGeoJson}}));
+  command->add_option("--output", options->output, "file to write (default: standard output)");
+  command->add_option("--topic", options->topic, "topic of a bag with several topics of positions");
+  command->callback([options, &status] {
+    const auto converted = convert::convert_gnss(*options);
     if (!converted) std::cerr << "nilio convert: " << converted.error().message << '\n';
     status = converted ? kDone : kFailed;
   });
@@ -104,7 +137,8 @@ void add_convert_command(CLI::App& app, int& status) {
   auto arguments = std::make_shared<convert::Options>();
   CLI::App* command = app.add_subcommand(
       "convert",
-      "captures and ROS bags to point clouds, runs to other formats, and KITTI's drives to captures");
+      "captures and ROS bags to point clouds, runs and GNSS tracks to other formats, and KITTI's drives to "
+      "captures");
   command->require_subcommand(1);
   add_capture_command(
       *command, "capture", "captures of any Velodyne to one point cloud per scan",
@@ -116,13 +150,15 @@ void add_convert_command(CLI::App& app, int& status) {
                       "that were recognised.",
                       "recording.lidar_topic, recording.point_times, lidar.calibration", status);
   add_run_command(*command, status);
+  add_gnss_command(*command, status);
   CLI::App* kitti = command->add_subcommand(
-      "kitti-raw", "KITTI raw drive to lidar.pcap, imu.candump.log, truth.tum and nilio.yaml");
+      "kitti-raw", "KITTI raw drive to lidar.pcap, imu.candump.log, truth.tum, gnss.csv and nilio.yaml");
   kitti->footer(
       "Scans become the HDL-64E packets they were made of and are read back as a check. Reflectance 0..1 is "
       "written as 0..255. The times in KITTI's files have no time zone and are read as UTC. truth.tum is "
-      "the LiDAR's trajectory from the OXTS receiver, starting at the identity; without oxts/ there is "
-      "neither truth.tum nor imu.candump.log. Scans without a time are left out. Files in OUTPUT_DIR are "
+      "the LiDAR's trajectory from the OXTS receiver, starting at the identity, and gnss.csv its positions; "
+      "without oxts/ there is neither of them, nor imu.candump.log. Scans without a time are left out. Files "
+      "in OUTPUT_DIR are "
       "replaced.");
   kitti->add_option("drive", arguments->drive, "unpacked drive, <date>/<date>_drive_<number>_sync")
       ->required();

@@ -76,7 +76,7 @@ struct Paths {
 struct ExportOptions {
   Paths paths;
   double spacing_m = 0.0;
-  std::optional<convert::GeodeticOrigin> origin;
+  std::optional<gnss::GeodeticOrigin> origin;
 };
 
 Result<std::monostate> export_map(const ExportOptions& options) {

@@ -56,11 +56,9 @@ bool is_rotation(const Eigen::Matrix3d& matrix) {
 /// Adds a line. Returns an error text, or an empty one.
 std::string add_tum_line(const std::vector<std::string_view>& words, std::span<const double> numbers,
                          Trajectory& trajectory) {
-  // 53 bits leave 240 ns of a stamp of this decade: the stamp is read with the 64 bits of long double.
-  const auto seconds = parse_number<long double>(words[0]);
-  if (!seconds || std::abs(static_cast<double>(*seconds)) > kMaxSeconds) return "the time is out of range";
-  const core::Time stamp{std::llround(*seconds * 1e9L)};
-  if (!trajectory.stamps.empty() && stamp <= trajectory.stamps.back()) {
+  const auto stamp = parse_stamp(words[0]);
+  if (!stamp) return "the time is out of range";
+  if (!trajectory.stamps.empty() && *stamp <= trajectory.stamps.back()) {
     return "the time does not increase - sort the file by its first column and remove repeated lines";
   }
   Eigen::Quaterniond rotation(numbers[7], numbers[4], numbers[5], numbers[6]);
@@ -71,7 +69,7 @@ std::string add_tum_line(const std::vector<std::string_view>& words, std::span<c
   Pose pose = Pose::Identity();
   pose.linear() = rotation.toRotationMatrix();
   pose.translation() << numbers[1], numbers[2], numbers[3];
-  trajectory.stamps.push_back(stamp);
+  trajectory.stamps.push_back(*stamp);
   trajectory.poses.push_back(pose);
   return {};
 }
@@ -138,6 +136,13 @@ core::Result<Trajectory> read_trajectory(const std::string& path) {
     return core::Error{path + ": contains no pose - give a TUM or KITTI trajectory file"};
   }
   return trajectory;
+}
+
+std::optional<core::Time> parse_stamp(std::string_view seconds) {
+  // 53 bits leave 240 ns of a stamp of this decade: the stamp is read with the 64 bits of long double.
+  const auto value = parse_number<long double>(seconds);
+  if (!value || std::abs(static_cast<double>(*value)) > kMaxSeconds) return std::nullopt;
+  return core::Time{std::llround(*value * 1e9L)};
 }
 
 std::string trajectory_text(const Trajectory& trajectory) {

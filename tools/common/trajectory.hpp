@@ -63,6 +63,9 @@ std::vector<double> path_lengths(std::span<const Pose> poses);
 /// Numbers of a line separated by blanks; empty when one is not a finite number.
 std::optional<std::vector<double>> parse_numbers(std::string_view line);
 
+/// Decimal seconds to the nanosecond; empty for what is no time until 2262.
+std::optional<core::Time> parse_stamp(std::string_view seconds);
+
 /// "path:line: problem", for error messages.
 std::string line_error(const std::string& path, std::size_t line, const std::string& problem);
 

@@ -10,6 +10,7 @@
 #include "tools/common/trajectory.hpp"
 #include "tools/convert/kitti_raw.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"
+#include "tools/gnss/track.hpp"
 
 #include <algorithm>
 #include <array>
@@ -18,6 +19,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -93,6 +95,23 @@ core::Result<std::size_t> write_imu(const std::vector<OxtsRecord>& records, cons
   file.close();
   if (!file) return cannot_write(path);
   return records.size();
+}
+
+/// Positions of the inertial unit.
+std::string gnss_text(const std::vector<OxtsRecord>& records, const fs::path& path) {
+  gnss::Track track;
+  track.name = path.string();
+  for (const OxtsRecord& record : records) {
+    gnss::Fix fix;
+    fix.stamp = record.stamp;
+    fix.latitude_deg = record.latitude_deg;
+    fix.longitude_deg = record.longitude_deg;
+    fix.altitude_m = record.altitude_m;
+    const double deviation_m = record.position_deviation_m;
+    fix.deviation_m = {deviation_m, deviation_m, std::numeric_limits<double>::quiet_NaN()};
+    track.fixes.push_back(fix);
+  }
+  return gnss::csv_text(track);
 }
 
 /// `T_lidar_imu`: null without inertial data.
@@ -193,7 +212,7 @@ core::Result<int> convert_kitti_raw(const Options& options) {
   fs::create_directories(output, error);
   if (error) return core::Error{output.string() + ": " + error.message()};
   const drivers::VelodyneSensor sensor = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS2);
-  for (const char* name : {"imu.candump.log", "truth.tum"}) fs::remove(output / name, error);
+  for (const char* name : {"imu.candump.log", "truth.tum", "gnss.csv"}) fs::remove(output / name, error);
   const UnfinishedFile capture(output / "lidar.pcap");
   const auto lidar = write_lidar(*drive, sensor, capture.path());
   if (!lidar) return lidar.error();
@@ -203,6 +222,8 @@ core::Result<int> convert_kitti_raw(const Options& options) {
     const auto truth =
         write_trajectory(oxts_trajectory(records, drive->T_lidar_imu), (output / "truth.tum").string());
     if (!truth) return truth.error();
+    const fs::path gnss = output / "gnss.csv";
+    if (auto written = write_text(gnss, gnss_text(records, gnss)); !written) return written.error();
   }
   const auto configuration =
       write_configuration(records.empty() ? nullptr : &drive->T_lidar_imu, output / "nilio.yaml");

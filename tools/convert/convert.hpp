@@ -39,8 +39,8 @@ struct Options {
   std::string oxts_drive;
 };
 
-/// Converts a drive to lidar.pcap, imu.candump.log, truth.tum and nilio.yaml, prints a summary, and reads the
-/// capture back. Returns the exit status: 1 when the capture does not give the scans back.
+/// Converts a drive to lidar.pcap, imu.candump.log, truth.tum, gnss.csv and nilio.yaml, prints a summary, and
+/// reads the capture back. Returns the exit status: 1 when the capture does not give the scans back.
 core::Result<int> convert_kitti_raw(const Options& options);
 
 }  // namespace nilio::tools::convert

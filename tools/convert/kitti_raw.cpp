@@ -94,6 +94,7 @@ core::Result<OxtsRecord> read_oxts_record(const fs::path& path, core::Time stamp
   record.latitude_deg = v[0];
   record.longitude_deg = v[1];
   record.altitude_m = v[2];
+  record.position_deviation_m = v[23];
   record.roll_pitch_yaw = {v[3], v[4], v[5]};
   record.linear_acceleration = {v[11], v[12], v[13]};
   record.angular_velocity = {v[17], v[18], v[19]};

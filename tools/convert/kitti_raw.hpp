@@ -39,6 +39,7 @@ struct OxtsRecord {
   double latitude_deg = 0.0;
   double longitude_deg = 0.0;
   double altitude_m = 0.0;
+  double position_deviation_m = 0.0;  ///< north and east, as the receiver states it
   /// Roll, pitch, yaw (0 = east, counter-clockwise), rad.
   core::Vector3 roll_pitch_yaw = core::Vector3::Zero();
   /// Specific force, m/s^2, and angular rate, rad/s.

@@ -4,14 +4,14 @@
 #include "nilio/drivers/bag/bag.hpp"
 
 #include "tools/common/files.hpp"
+#include "tools/common/text.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/convert/run_poses.hpp"
+#include "tools/gnss/track.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <ctime>
 #include <filesystem>
 #include <iostream>
 #include <string>
@@ -29,13 +29,6 @@ using core::Error;
 using core::Result;
 
 constexpr const char* kTrajectory = "trajectory.tum";
-
-template <class... Values>
-std::string format(const char* pattern, Values... values) {
-  std::array<char, 512> text{};
-  std::snprintf(text.data(), text.size(), pattern, values...);
-  return text.data();
-}
 
 bool is_run_folder(const fs::path& path) {
   std::error_code code;
@@ -56,20 +49,7 @@ Result<Trajectory> read_poses(const RunOptions& options) {
   return read_trajectory(options.run);
 }
 
-/// Text of a stamp as in trajectory.tum and scans.csv.
-std::string stamp_text(core::Time stamp) {
-  return format("%lld.%09lld", static_cast<long long>(stamp.ns / 1'000'000'000),
-                static_cast<long long>(stamp.ns % 1'000'000'000));
-}
-
-std::string utc_text(core::Time stamp) {
-  const std::time_t seconds = stamp.ns / 1'000'000'000;
-  std::tm utc{};
-  gmtime_r(&seconds, &utc);
-  std::array<char, 32> text{};
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
-  return text.data() + format(".%03dZ", static_cast<int>(stamp.ns / 1'000'000 % 1000));
-}
+double rounded(double value, double unit) { return std::round(value / unit) * unit; }
 
 std::string csv_text(const Trajectory& trajectory, const ScanColumns& columns) {
   std::string text = "stamp_s,x_m,y_m,z_m,qx,qy,qz,qw,roll_deg,pitch_deg,yaw_deg,path_m";
@@ -99,15 +79,71 @@ std::string csv_text(const Trajectory& trajectory, const ScanColumns& columns) {
   return text;
 }
 
+/// A line of latitudes, longitudes and altitudes with its times.
+std::string geojson_line(const std::vector<std::array<double, 3>>& places,
+                         const std::vector<core::Time>& stamps, nlohmann::json properties) {
+  nlohmann::json line = nlohmann::json::array();
+  nlohmann::json times = nlohmann::json::array();
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const auto& [latitude, longitude, altitude] = places[i];
+    line.push_back({rounded(longitude, 1e-9), rounded(latitude, 1e-9), rounded(altitude, 1e-3)});
+    times.push_back(iso_text(stamps[i]));
+  }
+  properties["coordTimes"] = std::move(times);
+  const nlohmann::json feature{{"type", "Feature"},
+                               {"geometry", {{"type", "LineString"}, {"coordinates", std::move(line)}}},
+                               {"properties", std::move(properties)}};
+  const nlohmann::json collection{{"type", "FeatureCollection"},
+                                  {"features", nlohmann::json::array({feature})}};
+  return collection.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
+}
+
+/// The given place of the poses' frame, or that by GNSS.
+Result<gnss::GeodeticOrigin> find_origin(const Trajectory& trajectory, const RunOptions& options) {
+  if (options.origin) return *options.origin;
+  if (options.gnss_recording.empty())
+    return Error{
+        "--origin: GeoJSON needs the place and heading of the first frame - give LAT,LON,ALT,HEADING, or a "
+        "recording with GNSS by --gnss"};
+  const auto track = gnss::read_track(options.gnss_recording, options.gnss_topic);
+  if (!track) return track.error();
+  const auto found = gnss::georeference(trajectory, *track, options.georeference);
+  if (!found) return found.error();
+  return found->origin;
+}
+
+Result<std::string> track_geojson(const gnss::Track& track) {
+  if (track.fixes.size() < 2) return Error{track.name + ": has one position; a line needs two"};
+  std::vector<std::array<double, 3>> places;
+  std::vector<core::Time> stamps;
+  for (const gnss::Fix& fix : track.fixes) {
+    places.push_back({fix.latitude_deg, fix.longitude_deg, fix.altitude_m.value_or(0.0)});
+    stamps.push_back(fix.stamp);
+  }
+  return geojson_line(places, stamps, {{"name", track.name}, {"notes", track.notes}});
+}
+
+/// To standard output without a path; `content` is a line about it.
+Result<std::monostate> write_output(const std::string& path, const std::string& text,
+                                    const std::string& content) {
+  if (path.empty()) {
+    std::cout << text << std::flush;
+    if (!std::cout) return Error{"standard output: cannot be written"};
+    return std::monostate{};
+  }
+  if (auto written = write_text(path, text); !written) return written;
+  std::cout << path << ": " << content << '\n';
+  return std::monostate{};
+}
+
 Result<std::string> text_of(const Trajectory& trajectory, const RunOptions& options) {
   if (options.format == RunFormat::kCsv)
     return csv_text(trajectory, is_run_folder(options.run) ? read_scan_columns(options.run) : ScanColumns{});
   if (options.format == RunFormat::kGeoJson) {
-    if (!options.origin)
-      return Error{
-          "--origin: GeoJSON needs the place and heading of the first frame - give LAT,LON,ALT,HEADING"};
     if (trajectory.poses.size() < 2) return Error{options.run + ": has one pose; a line needs two"};
-    return geojson_text(trajectory, fs::path(options.run).filename().string(), *options.origin);
+    const auto origin = find_origin(trajectory, options);
+    if (!origin) return origin.error();
+    return geojson_text(trajectory, fs::path(options.run).filename().string(), *origin);
   }
   Trajectory converted = trajectory;
   converted.format = options.format == RunFormat::kKitti ? TrajectoryFormat::kKitti : TrajectoryFormat::kTum;
@@ -117,25 +153,24 @@ Result<std::string> text_of(const Trajectory& trajectory, const RunOptions& opti
 }  // namespace
 
 std::string geojson_text(const Trajectory& trajectory, const std::string& name,
-                         const GeodeticOrigin& origin) {
-  const GeodeticFrame frame(origin);
-  nlohmann::json line = nlohmann::json::array();
-  nlohmann::json times = nlohmann::json::array();
-  const auto rounded = [](double value, double unit) { return std::round(value / unit) * unit; };
-  for (std::size_t i = 0; i < trajectory.poses.size(); ++i) {
-    const auto [latitude, longitude, altitude] = frame.geodetic(trajectory.poses[i].translation());
-    line.push_back({rounded(longitude, 1e-9), rounded(latitude, 1e-9), rounded(altitude, 1e-3)});
-    times.push_back(utc_text(trajectory.stamps[i]));
+                         const gnss::GeodeticOrigin& origin) {
+  const gnss::GeodeticFrame frame(origin);
+  std::vector<std::array<double, 3>> places;
+  for (const Pose& pose : trajectory.poses) places.push_back(frame.geodetic(pose.translation()));
+  return geojson_line(places, trajectory.stamps,
+                      {{"name", name}, {"path_length_m", rounded(path_length(trajectory.poses), 1e-3)}});
+}
+
+Result<std::monostate> convert_gnss(const GnssOptions& options) {
+  const auto track = gnss::read_track(options.recording, options.topic);
+  if (!track) return track.error();
+  const Result<std::string> text =
+      options.format == RunFormat::kGeoJson ? track_geojson(*track) : Result(gnss::csv_text(*track));
+  if (!text) return text.error();
+  if (!options.output.empty()) {
+    for (const std::string& note : track->notes) std::cout << track->name << ": " << note << '\n';
   }
-  const nlohmann::json feature{{"type", "Feature"},
-                               {"geometry", {{"type", "LineString"}, {"coordinates", std::move(line)}}},
-                               {"properties",
-                                {{"name", name},
-                                 {"path_length_m", rounded(path_length(trajectory.poses), 1e-3)},
-                                 {"coordTimes", std::move(times)}}}};
-  const nlohmann::json collection{{"type", "FeatureCollection"},
-                                  {"features", nlohmann::json::array({feature})}};
-  return collection.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
+  return write_output(options.output, *text, gnss::summary(*track));
 }
 
 Result<std::monostate> convert_run(const RunOptions& options) {
@@ -144,21 +179,16 @@ Result<std::monostate> convert_run(const RunOptions& options) {
   if (trajectory->stamps.empty() && options.format != RunFormat::kKitti)
     return Error{trajectory->path +
                  ": has no times - give a TUM file, an output folder of niliod or a ROS bag"};
-  if (options.format == RunFormat::kMcap) {
-    if (options.output.empty())
-      return Error{"--output: an MCAP file is not written to standard output - name a file"};
-    if (auto written = write_mcap(*trajectory, options.output); !written) return written;
-  } else {
+  const std::string content = std::to_string(trajectory->poses.size()) + " poses";
+  if (options.format != RunFormat::kMcap) {
     const auto text = text_of(*trajectory, options);
     if (!text) return text.error();
-    if (options.output.empty()) {
-      std::cout << *text << std::flush;
-      if (!std::cout) return Error{"standard output: cannot be written"};
-      return std::monostate{};
-    }
-    if (auto written = write_text(options.output, *text); !written) return written;
+    return write_output(options.output, *text, content);
   }
-  std::cout << options.output << ": " << trajectory->poses.size() << " poses\n";
+  if (options.output.empty())
+    return Error{"--output: an MCAP file is not written to standard output - name a file"};
+  if (auto written = write_mcap(*trajectory, options.output); !written) return written;
+  std::cout << options.output << ": " << content << '\n';
   return std::monostate{};
 }
 

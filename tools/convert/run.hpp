@@ -3,7 +3,8 @@
 #include "nilio/core/result.hpp"
 
 #include "tools/common/trajectory.hpp"
-#include "tools/convert/geodetic.hpp"
+#include "tools/gnss/geodetic.hpp"
+#include "tools/gnss/georeference.hpp"
 
 #include <cstdint>
 #include <optional>
@@ -29,12 +30,28 @@ struct RunOptions {
   std::string output;
   /// Topic of a bag; empty = the only one with poses.
   std::string topic;
-  /// For GeoJSON.
-  std::optional<GeodeticOrigin> origin;
+  /// For GeoJSON: place of the frame of the poses, or a recording with GNSS positions (and the topic of a
+  /// bag) by which it is found.
+  std::optional<gnss::GeodeticOrigin> origin;
+  std::string gnss_recording;
+  std::string gnss_topic;
+  gnss::GeoreferenceOptions georeference;
 };
 
 /// Poses, two at least, as a line on the WGS 84 ellipsoid (RFC 7946) with their times as property coordTimes.
-std::string geojson_text(const Trajectory& trajectory, const std::string& name, const GeodeticOrigin& origin);
+std::string geojson_text(const Trajectory& trajectory, const std::string& name,
+                         const gnss::GeodeticOrigin& origin);
+
+/// Options of "nilio convert gnss".
+struct GnssOptions {
+  std::string recording;
+  std::string topic;
+  RunFormat format = RunFormat::kCsv;  ///< or kGeoJson
+  std::string output;                  ///< empty = standard output
+};
+
+/// Writes the track of a GNSS receiver.
+core::Result<std::monostate> convert_gnss(const GnssOptions& options);
 
 /// Writes the poses of a run in another format. Fails with what is missing: times, an origin, a topic.
 core::Result<std::monostate> convert_run(const RunOptions& options);

@@ -1,8 +1,6 @@
 #include "tools/evaluate/metrics_report.hpp"
 
-#include <array>
-#include <cstdarg>
-#include <cstdio>
+#include "tools/common/text.hpp"
 
 #include <nlohmann/json.hpp>
 
@@ -10,34 +8,25 @@ namespace nilio::tools::evaluate {
 
 namespace {
 
-[[gnu::format(printf, 2, 3)]] void append(std::string& text, const char* format, ...) {
-  std::array<char, 512> line{};
-  va_list arguments;
-  va_start(arguments, format);
-  std::vsnprintf(line.data(), line.size(), format, arguments);
-  va_end(arguments);
-  text += line.data();
-}
-
 void append_statistics(std::string& text, const char* name, const char* unit, const Statistics& s) {
-  append(text, "  %-34s %10.4f %10.4f %10.4f %10.4f %10.4f %10.4f  %s\n", name, s.rmse, s.mean, s.median,
-         s.std, s.min, s.max, unit);
+  text += format("  %-34s %10.4f %10.4f %10.4f %10.4f %10.4f %10.4f  %s\n", name, s.rmse, s.mean, s.median,
+                 s.std, s.min, s.max, unit);
 }
 
 void append_segments(std::string& text, const char* name, const std::optional<SegmentErrors>& errors,
                      double truth_length_m) {
-  append(text, "\n%s\n", name);
+  text += format("\n%s\n", name);
   if (!errors) {
-    append(text, "  none: the path of %.1f m is shorter than the shortest segment\n", truth_length_m);
+    text += format("  none: the path of %.1f m is shorter than the shortest segment\n", truth_length_m);
     return;
   }
-  append(text, "  %-10s %12s %14s %10s\n", "length", "t_rel %", "r_rel deg/100m", "segments");
+  text += format("  %-10s %12s %14s %10s\n", "length", "t_rel %", "r_rel deg/100m", "segments");
   for (const SegmentError& e : errors->per_length) {
-    append(text, "  %7g m  %12.4f %14.4f %10zu\n", e.length_m, e.translation_percent, e.rotation_deg_per_100m,
-           e.count);
+    text += format("  %7g m  %12.4f %14.4f %10zu\n", e.length_m, e.translation_percent,
+                   e.rotation_deg_per_100m, e.count);
   }
-  append(text, "  %-10s %12.4f %14.4f %10zu\n", "mean", errors->all.translation_percent,
-         errors->all.rotation_deg_per_100m, errors->all.count);
+  text += format("  %-10s %12.4f %14.4f %10zu\n", "mean", errors->all.translation_percent,
+                 errors->all.rotation_deg_per_100m, errors->all.count);
 }
 
 nlohmann::json statistics_json(const Statistics& s) {
@@ -89,15 +78,16 @@ double end_drift_percent(const Evaluation& evaluation, Alignment alignment) {
 
 std::string format_report(const Evaluation& evaluation, const ReportOptions& options) {
   std::string text;
-  append(text, "poses       %zu associated, unmatched: %zu of the truth, %zu of the estimate\n",
-         evaluation.associated, evaluation.unmatched_truth, evaluation.unmatched_estimate);
-  append(text, "path        truth %.3f m, estimate %.3f m, ratio %.5f\n", evaluation.truth_length_m,
-         evaluation.estimate_length_m, length_ratio(evaluation));
+  text += format("poses       %zu associated, unmatched: %zu of the truth, %zu of the estimate\n",
+                 evaluation.associated, evaluation.unmatched_truth, evaluation.unmatched_estimate);
+  text += format("path        truth %.3f m, estimate %.3f m, ratio %.5f\n", evaluation.truth_length_m,
+                 evaluation.estimate_length_m, length_ratio(evaluation));
   const AbsoluteError& chosen = absolute_error_of(evaluation, options.alignment);
-  append(text, "end drift   %.3f m (%.3f %% of the path), %.3f deg (alignment: %s)\n\n",
-         chosen.end_translation_m, end_drift_percent(evaluation, options.alignment), chosen.end_rotation_deg,
-         alignment_name(options.alignment));
-  append(text, "  %-34s %10s %10s %10s %10s %10s %10s\n", "", "rmse", "mean", "median", "std", "min", "max");
+  text += format("end drift   %.3f m (%.3f %% of the path), %.3f deg (alignment: %s)\n\n",
+                 chosen.end_translation_m, end_drift_percent(evaluation, options.alignment),
+                 chosen.end_rotation_deg, alignment_name(options.alignment));
+  text +=
+      format("  %-34s %10s %10s %10s %10s %10s %10s\n", "", "rmse", "mean", "median", "std", "min", "max");
   for (const AbsoluteError& error : evaluation.absolute) {
     const std::string name = std::string("aligned: ") + alignment_name(error.alignment);
     append_statistics(text, ("APE translation, " + name).c_str(), "m", error.errors.translation_m);

@@ -7,10 +7,10 @@
 #include "daemon/input/replay_files.hpp"
 #include "tools/common/files.hpp"
 #include "tools/common/system.hpp"
+#include "tools/common/text.hpp"
 #include "tools/inspect/config.hpp"
 #include "tools/inspect/inspect.hpp"
 #include "tools/inspect/lidar_mounting.hpp"
-#include "tools/inspect/text.hpp"
 #include "tools/record/session.hpp"
 
 #include <algorithm>
@@ -74,11 +74,10 @@ Result<std::string> record_traffic(const Options& options, const fs::path& folde
   auto session = record::RecordSession::open(config, say);
   if (!session) return session.error();
   const std::string sources =
-      inspect::format("UDP ports %u and %u", options.port, options.position_port) +
+      format("UDP ports %u and %u", options.port, options.position_port) +
       (config.can_interfaces.empty() ? "" : " and CAN " + joined(config.can_interfaces));
-  say(inspect::format(
-      "listening on %s for %.0f s: drive, at least %.0f m of it straight ahead on level ground",
-      sources.c_str(), options.seconds, inspect::kMinimumStraightM));
+  say(format("listening on %s for %.0f s: drive, at least %.0f m of it straight ahead on level ground",
+             sources.c_str(), options.seconds, inspect::kMinimumStraightM));
   if (config.can_interfaces.empty()) say("no CAN interface is up: the configuration will have no IMU on CAN");
   (*session)->start();
   const double end_s = monotonic_s() + options.seconds;

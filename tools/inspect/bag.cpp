@@ -1,7 +1,8 @@
 #include "tools/inspect/bag.hpp"
 
 #include "daemon/input/bag_input.hpp"
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
+#include "tools/gnss/track.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -15,6 +16,13 @@ core::Result<BagFindings> inspect_bag(const std::vector<std::string>& files) {
   BagFindings bag;
   bag.files = files;
   bag.survey = std::move(survey).value();
+  for (const drivers::BagContent content : {drivers::BagContent::kFix, drivers::BagContent::kSentence}) {
+    for (const drivers::BagTopicSurvey* const topic : bag.survey.with(content)) {
+      const std::string& name = topic->topic.name;
+      const auto track = gnss::read_bag_track(files, name);
+      bag.gnss.push_back(track ? "GNSS " + name + ": " + gnss::summary(*track) : track.error().message);
+    }
+  }
   const auto input = daemon::open_bag_replay(files, daemon::Config{});
   if (!input) {
     bag.problem = input.error().message;
@@ -41,6 +49,7 @@ std::string bag_report(const BagFindings& bag) {
   if (messages > 0) text += format(" in %.1f s", (last - first).seconds());
   if (!bag.survey.is_complete) text += ", of which the first GiB was read";
   text += '\n' + daemon::list_topics(bag.survey);
+  for (const std::string& line : bag.gnss) text += "  " + printable_text(line) + '\n';
   for (const std::string& note : bag.notes) text += "  " + note + '\n';
   for (const std::string& warning : bag.warnings) text += "  warning: " + warning + '\n';
   return text;

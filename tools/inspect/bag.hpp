@@ -16,6 +16,8 @@ struct BagFindings {
   std::vector<std::string> notes;
   std::vector<std::string> warnings;
   std::string problem;
+  /// A line for each topic of a GNSS receiver.
+  std::vector<std::string> gnss;
 
   [[nodiscard]] bool usable() const { return problem.empty(); }
 };

@@ -3,7 +3,7 @@
 #include "nilio/drivers/can/can_files.hpp"
 
 #include "tools/common/progress.hpp"
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
 
 #include <algorithm>
 #include <array>

@@ -4,7 +4,7 @@
 #include "nilio/drivers/packet.hpp"
 
 #include "tools/common/progress.hpp"
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
 
 #include <algorithm>
 #include <cstdint>

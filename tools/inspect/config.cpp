@@ -2,8 +2,8 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/config/schema.hpp"
+#include "tools/common/text.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,7 +2,7 @@
 
 #include "nilio/drivers/velodyne/packet.hpp"
 
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,7 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
 
 #include <span>
 #include <string_view>

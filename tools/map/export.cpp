@@ -52,8 +52,7 @@ Result<std::monostate> write_cloud(const std::vector<CloudPoint>& cloud, const s
 
 bool is_path_file(const std::string& file) { return file.ends_with(".tum") || file.ends_with(".geojson"); }
 
-Result<std::monostate> write_path(const Trajectory& path,
-                                  const std::optional<convert::GeodeticOrigin>& origin,
+Result<std::monostate> write_path(const Trajectory& path, const std::optional<gnss::GeodeticOrigin>& origin,
                                   const std::string& file) {
   if (!file.ends_with(".geojson")) return write_text(file, trajectory_text(path));
   if (!origin)

@@ -2,7 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
-#include "tools/convert/geodetic.hpp"
+#include "tools/gnss/geodetic.hpp"
 #include "tools/map/cloud.hpp"
 
 #include <cstdint>
@@ -36,7 +36,7 @@ bool is_path_file(const std::string& file);
 
 /// Writes the poses as lines of TUM, or as a line of GeoJSON, which needs the origin's place.
 core::Result<std::monostate> write_path(const Trajectory& path,
-                                        const std::optional<convert::GeodeticOrigin>& origin,
+                                        const std::optional<gnss::GeodeticOrigin>& origin,
                                         const std::string& file);
 
 }  // namespace nilio::tools::map

@@ -198,8 +198,10 @@ std::optional<NmeaFix> read_gga(const Fields& fields) {
   fix.time_of_day = reader.time_of_day(fields[1]);
   fix.latitude_deg = reader.angle(fields[2], fields[3], "NS", 90.0);
   fix.longitude_deg = reader.angle(fields[4], fields[5], "EW", 180.0);
-  fix.valid = reader.number(fields[6], 0.0, 9.0).value_or(0.0) > 0.0;
+  fix.quality = static_cast<int>(reader.number(fields[6], 0.0, 9.0).value_or(0.0));
+  fix.valid = fix.quality > 0;
   fix.altitude_m = reader.number(fields[9], -1e4, 1e6);
+  fix.geoid_height_m = reader.number(fields[11], -1e3, 1e3);
   if (!reader.ok()) return std::nullopt;
   return fix;
 }

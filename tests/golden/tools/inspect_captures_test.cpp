@@ -1,9 +1,9 @@
 #include "daemon/config/schema.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/tools/inspect_support.hpp"
+#include "tools/common/text.hpp"
 #include "tools/inspect/config.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <array>

@@ -211,8 +211,7 @@ TEST_CASE("a path is lines of TUM or a line of GeoJSON at the origin's place", "
   REQUIRE(read.ok());
   CHECK(read->stamps == path->stamps);
   CHECK((read->poses[89].translation() - path->poses[89].translation()).norm() < 1e-8);
-  REQUIRE(
-      write_path(*path, convert::GeodeticOrigin{49.0, 8.4, 115.0, 90.0}, folder.file("path.geojson")).ok());
+  REQUIRE(write_path(*path, gnss::GeodeticOrigin{49.0, 8.4, 115.0, 90.0}, folder.file("path.geojson")).ok());
   std::ifstream file(folder.file("path.geojson"));
   const auto places = nlohmann::json::parse(file)["features"][0]["geometry"]["coordinates"];
   REQUIRE(places.size() == 90);
@@ -220,5 +219,5 @@ TEST_CASE("a path is lines of TUM or a line of GeoJSON at the origin's place", "
   CHECK((places[89][0].get<double>() - places[0][0].get<double>()) * 73'172.0 == Approx(89.0).epsilon(1e-3));
   CHECK_THAT(write_path(*path, std::nullopt, folder.file("none.geojson")).error().message,
              Contains("none.geojson: ") && Contains("--origin"));
-  CHECK_FALSE(write_path({}, convert::GeodeticOrigin{}, folder.file("none.geojson")).ok());
+  CHECK_FALSE(write_path({}, gnss::GeodeticOrigin{}, folder.file("none.geojson")).ok());
 }

@@ -50,35 +50,6 @@ std::string message_of(const RunOptions& options) {
 
 }  // namespace
 
-TEST_CASE("metres of a local frame have the published lengths of a degree", "[geodetic]") {
-  struct Degree {
-    double latitude;
-    double north_m;
-    double east_m;
-  };
-  // Lengths of a degree of latitude and of longitude on WGS 84, to the metre.
-  for (const Degree& degree :
-       {Degree{0.0, 110574.0, 111320.0}, Degree{45.0, 111132.0, 78847.0}, Degree{60.0, 111412.0, 55800.0}}) {
-    CAPTURE(degree.latitude);
-    const GeodeticFrame frame({degree.latitude, 8.5, 120.0, 0.0});
-    const auto origin = frame.geodetic({0.0, 0.0, 0.0});
-    CHECK(origin[0] == Approx(degree.latitude).margin(1e-10));
-    CHECK(origin[1] == Approx(8.5).margin(1e-10));
-    CHECK(origin[2] == Approx(120.0).margin(1e-6));
-    // 120 m above the ellipsoid a degree is longer by 2e-5.
-    CHECK(frame.geodetic({1000.0, 0.0, 0.0})[0] - degree.latitude ==
-          Approx(1000.0 / degree.north_m).epsilon(5e-5));
-    CHECK(frame.geodetic({0.0, -1000.0, 0.0})[1] - 8.5 == Approx(1000.0 / degree.east_m).epsilon(5e-5));
-    CHECK(frame.geodetic({0.0, 0.0, 30.0})[2] == Approx(150.0).margin(1e-6));
-    const GeodeticFrame east({degree.latitude, 8.5, 120.0, 90.0});
-    CHECK(east.geodetic({1000.0, 0.0, 0.0})[1] - 8.5 == Approx(1000.0 / degree.east_m).epsilon(5e-5));
-    CHECK(east.geodetic({1000.0, 0.0, 0.0})[0] == Approx(degree.latitude).margin(2e-6));
-  }
-  // 100 km away the tangent plane is 780 m above the ellipsoid (d^2 / 2r).
-  CHECK(GeodeticFrame({45.0, 0.0, 0.0, 0.0}).geodetic({100'000.0, 0.0, 0.0})[2] ==
-        Approx(1e10 / (2.0 * 6367382.0)).epsilon(1e-3));
-}
-
 TEST_CASE("a run is converted to one table of its poses and scans", "[run]") {
   const TemporaryFolder folder;
   REQUIRE_FALSE(folder.write("trajectory.tum", kPoses).empty());

@@ -1,7 +1,7 @@
 #include "nilio/core/units.hpp"
 
+#include "tools/common/text.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/text.hpp"
 
 #include <array>
 #include <cmath>

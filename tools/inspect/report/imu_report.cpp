@@ -1,5 +1,5 @@
+#include "tools/common/text.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/text.hpp"
 
 #include <algorithm>
 #include <cmath>

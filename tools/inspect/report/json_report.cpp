@@ -1,7 +1,7 @@
 #include "daemon/output/event_log.hpp"
 #include "daemon/output/run_reports.hpp"
+#include "tools/common/text.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/text.hpp"
 
 #include <cmath>
 #include <numbers>
@@ -306,6 +306,7 @@ std::string inspect_json(const RecordingFindings& findings) {
                               {"topics", topics},
                               {"notes", bag.notes},
                               {"warnings", bag.warnings},
+                              {"gnss", bag.gnss},
                               {"problem", bag.problem}});
   }
   // Paths and interface names may contain any bytes.

@@ -1,6 +1,6 @@
 #include "tools/inspect/report/report.hpp"
 
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
 
 #include <algorithm>
 

@@ -1,6 +1,6 @@
 #include "daemon/output/event_log.hpp"
+#include "tools/common/text.hpp"
 #include "tools/inspect/report/report.hpp"
-#include "tools/inspect/text.hpp"
 
 #include <cmath>
 

@@ -49,10 +49,10 @@ struct BagImu {
 /// sensor_msgs/NavSatFix.
 struct BagFix {
   BagHeader header;
-  int status = -1;  ///< -1 none, 0 fix, 1 SBAS, 2 GBAS
+  int status = -1;  ///< -1 none, also without a position; 0 fix, 1 SBAS, 2 GBAS
   double latitude_deg = 0.0;
   double longitude_deg = 0.0;
-  double altitude_m = 0.0;              ///< above the ellipsoid
+  double altitude_m = 0.0;              ///< above the ellipsoid; not finite where it is unknown
   std::array<double, 3> variance_m2{};  ///< east, north, up; valid if `covariance_type` > 0
   int covariance_type = 0;
 };

@@ -30,6 +30,11 @@ struct NmeaFix {
   std::optional<double> course_deg;
   /// GGA: antenna above mean sea level.
   std::optional<double> altitude_m;
+  /// GGA: mean sea level above the WGS 84 ellipsoid.
+  std::optional<double> geoid_height_m;
+  /// GGA: 0 none, 1 autonomous, 2 differential, 3 precise, 4 RTK, 5 RTK float, 6 estimated, 7 manual, 8
+  /// simulated.
+  int quality = 0;
 };
 
 /// Reads an RMC or GGA sentence of any talker (GPRMC, GNRMC, ...), with or without '$' and line end; zero

@@ -1,10 +1,10 @@
-#include "tools/convert/geodetic.hpp"
+#include "tools/gnss/geodetic.hpp"
 
 #include "nilio/core/units.hpp"
 
 #include <cmath>
 
-namespace nilio::tools::convert {
+namespace nilio::tools::gnss {
 
 namespace {
 
@@ -15,6 +15,15 @@ constexpr double kPole = kEquator * (1.0 - kFlattening);
 constexpr double kFirst = kFlattening * (2.0 - kFlattening);
 constexpr double kSecond = kFirst / (1.0 - kFirst);
 
+/// Earth-centred coordinates of a place.
+Eigen::Vector3d earth_centred(double latitude, double longitude, double altitude_m) {
+  const double sin_lat = std::sin(latitude);
+  const double normal = kEquator / std::sqrt(1.0 - kFirst * sin_lat * sin_lat);
+  const double radius = (normal + altitude_m) * std::cos(latitude);
+  return {radius * std::cos(longitude), radius * std::sin(longitude),
+          (normal * (1.0 - kFirst) + altitude_m) * sin_lat};
+}
+
 }  // namespace
 
 GeodeticFrame::GeodeticFrame(const GeodeticOrigin& origin) {
@@ -24,16 +33,19 @@ GeodeticFrame::GeodeticFrame(const GeodeticOrigin& origin) {
   const double cos_lat = std::cos(latitude);
   const double sin_lon = std::sin(longitude);
   const double cos_lon = std::cos(longitude);
-  const double normal = kEquator / std::sqrt(1.0 - kFirst * sin_lat * sin_lat);
-  origin_ << (normal + origin.altitude_m) * cos_lat * cos_lon,
-      (normal + origin.altitude_m) * cos_lat * sin_lon,
-      (normal * (1.0 - kFirst) + origin.altitude_m) * sin_lat;
+  origin_ = earth_centred(latitude, longitude, origin.altitude_m);
   const Eigen::Vector3d east(-sin_lon, cos_lon, 0.0);
   const Eigen::Vector3d north(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat);
   const double heading = origin.heading_deg * kRadiansPerDegree;
   R_earth_local_.col(0) = std::sin(heading) * east + std::cos(heading) * north;
   R_earth_local_.col(2) = east.cross(north);
   R_earth_local_.col(1) = R_earth_local_.col(2).cross(R_earth_local_.col(0));
+}
+
+Eigen::Vector3d GeodeticFrame::local(double latitude_deg, double longitude_deg, double altitude_m) const {
+  const Eigen::Vector3d p =
+      earth_centred(latitude_deg * kRadiansPerDegree, longitude_deg * kRadiansPerDegree, altitude_m);
+  return R_earth_local_.transpose() * (p - origin_);
 }
 
 std::array<double, 3> GeodeticFrame::geodetic(const Eigen::Vector3d& point) const {
@@ -50,4 +62,4 @@ std::array<double, 3> GeodeticFrame::geodetic(const Eigen::Vector3d& point) cons
   return {latitude / kRadiansPerDegree, std::atan2(p.y(), p.x()) / kRadiansPerDegree, altitude};
 }
 
-}  // namespace nilio::tools::convert
+}  // namespace nilio::tools::gnss

@@ -5,10 +5,16 @@
 #include <string>
 #include <string_view>
 
-namespace nilio::tools::inspect {
+namespace nilio::tools {
 
 /// printf into a string.
 [[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
+
+/// Seconds with nine decimals, as in trajectory.tum.
+std::string stamp_text(core::Time stamp);
+
+/// "2023-11-14T22:13:20.100Z".
+std::string iso_text(core::Time stamp);
 
 /// "2024-05-01 12:00:00.123", UTC.
 std::string utc_text(core::Time time);
@@ -22,4 +28,4 @@ std::string without_trailing_space(std::string line);
 /// A span of time in a suitable unit: "12.3 ms", "1.500 s", "2.5 h".
 std::string span_text(double seconds);
 
-}  // namespace nilio::tools::inspect
+}  // namespace nilio::tools

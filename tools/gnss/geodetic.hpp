@@ -4,7 +4,7 @@
 
 #include <Eigen/Geometry>
 
-namespace nilio::tools::convert {
+namespace nilio::tools::gnss {
 
 /// Place of a local frame on the WGS 84 ellipsoid; its z axis is up.
 struct GeodeticOrigin {
@@ -21,10 +21,12 @@ class GeodeticFrame {
   explicit GeodeticFrame(const GeodeticOrigin& origin);
 
   [[nodiscard]] std::array<double, 3> geodetic(const Eigen::Vector3d& point) const;
+  /// The inverse: a place in the local frame.
+  [[nodiscard]] Eigen::Vector3d local(double latitude_deg, double longitude_deg, double altitude_m) const;
 
  private:
   Eigen::Vector3d origin_;  ///< earth-centred
   Eigen::Matrix3d R_earth_local_;
 };
 
-}  // namespace nilio::tools::convert
+}  // namespace nilio::tools::gnss

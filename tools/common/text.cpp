@@ -1,4 +1,4 @@
-#include "tools/inspect/text.hpp"
+#include "tools/common/text.hpp"
 
 #include <array>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <ctime>
 
-namespace nilio::tools::inspect {
+namespace nilio::tools {
 
 std::string format(const char* pattern, ...) {
   va_list arguments;
@@ -19,6 +19,17 @@ std::string format(const char* pattern, ...) {
   std::vsnprintf(text.data(), text.size(), pattern, again);
   va_end(again);
   text.pop_back();
+  return text;
+}
+
+std::string stamp_text(core::Time stamp) {
+  return format("%lld.%09lld", static_cast<long long>(stamp.ns / 1'000'000'000),
+                static_cast<long long>(stamp.ns % 1'000'000'000));
+}
+
+std::string iso_text(core::Time stamp) {
+  std::string text = utc_text(stamp) + "Z";
+  text[10] = 'T';
   return text;
 }
 
@@ -56,4 +67,4 @@ std::string span_text(double seconds) {
   return format("%.1f days", seconds / 86400.0);
 }
 
-}  // namespace nilio::tools::inspect
+}  // namespace nilio::tools
