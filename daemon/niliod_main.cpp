@@ -4,10 +4,10 @@
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/output/log_output.hpp"
 #include "daemon/output/output_folder.hpp"
-#include "daemon/output/supervisor.hpp"
 #include "daemon/realtime/memory_plan.hpp"
 #include "daemon/realtime/thread_hook.hpp"
 #include "daemon/service/service_notifier.hpp"
+#include "daemon/supervision/supervisor.hpp"
 
 #include <atomic>
 #include <csignal>

@@ -11,7 +11,7 @@
 #include "daemon/config/config.hpp"
 #include "daemon/input/replay_files.hpp"
 #include "daemon/input/scan_feed.hpp"
-#include "daemon/output/can_watch.hpp"
+#include "daemon/supervision/can_watch.hpp"
 
 #include <functional>
 #include <memory>

@@ -1,4 +1,4 @@
-#include "drivers/bag/byte_source.hpp"
+#include "drivers/bag/readers.hpp"
 
 #include <algorithm>
 #include <cerrno>

@@ -2,7 +2,7 @@
 #include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/evaluate/run_table.hpp"
-#include "tools/view/report_page.hpp"
+#include "tools/view/page.hpp"
 
 #include <algorithm>
 #include <filesystem>

@@ -1,7 +1,11 @@
 #include "tools/view/page.hpp"
 
+#include "tools/common/files.hpp"
 #include "tools/view/http_request.hpp"
+#include "tools/view/run_content.hpp"
 
+#include <algorithm>
+#include <fstream>
 #include <openssl/evp.h>
 #include <string_view>
 
@@ -26,6 +30,9 @@ namespace nilio::tools::view {
 namespace {
 
 constexpr std::string_view kDataMarker = "<!--nilio-data-->";
+// Map points of a report: of all runs at first, and of each at least.
+constexpr std::size_t kFirstPoints = 2'000'000;
+constexpr std::size_t kFewestPoints = 1000;
 constexpr std::string_view kEndMarker = "<!--nilio-end-->\n";
 
 std::string base64(const std::string& bytes) {
@@ -72,6 +79,34 @@ core::Result<std::string> page_with_data(const std::vector<PageData>& data) {
   if (at == std::string::npos) return core::Error{"the page of this build has no place for data"};
   page->replace(at, kDataMarker.size(), blocks);
   return *page + std::string(kEndMarker);
+}
+
+core::Result<std::size_t> write_report_page(const ReportPageOptions& options, const std::string& path) {
+  RunDocumentOptions document;
+  document.max_map_points =
+      std::max<std::size_t>(kFirstPoints / std::max<std::size_t>(options.runs.size(), 1), 1);
+  std::string page;
+  while (true) {
+    const auto blocks = run_blocks(options.runs, options.truths, document);
+    if (!blocks) return blocks.error();
+    auto made = page_with_data(*blocks);
+    if (!made) return made.error();
+    page = std::move(made).value();
+    if (page.size() <= options.max_bytes) break;
+    if (document.max_map_points <= kFewestPoints)
+      return core::Error{path + ": the runs do not fit into " + std::to_string(options.max_bytes) +
+                         " bytes even without their maps - report fewer of them"};
+    const double share = static_cast<double>(options.max_bytes) / static_cast<double>(page.size());
+    document.max_map_points = std::max(
+        kFewestPoints, static_cast<std::size_t>(0.8 * share * static_cast<double>(document.max_map_points)));
+  }
+  const UnfinishedFile unfinished(path);
+  std::ofstream file(unfinished.path(), std::ios::binary);
+  file << page;
+  file.close();
+  if (!file) return core::Error{path + ": cannot be written - check the folder and the space on the disk"};
+  if (auto finished = unfinished.finish(); !finished) return finished.error();
+  return page.size();
 }
 
 }  // namespace nilio::tools::view

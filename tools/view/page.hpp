@@ -2,6 +2,7 @@
 
 #include "nilio/core/result.hpp"
 
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <vector>
@@ -26,5 +27,15 @@ struct PageData {
 /// The page as one HTML file with its data inside, for reading without a server. Ends with a marker, so that
 /// a file that was cut is recognised. Fails where the build has no page.
 core::Result<std::string> page_with_data(const std::vector<PageData>& data);
+
+struct ReportPageOptions {
+  std::vector<std::string> runs;
+  std::vector<std::string> truths;  ///< none, one for all, or one for each
+  std::size_t max_bytes = 20'000'000;
+};
+
+/// Writes the page with the runs inside as one HTML file, which has its name only when it is complete. Map
+/// points are thinned until it fits. Returns its size.
+core::Result<std::size_t> write_report_page(const ReportPageOptions& options, const std::string& path);
 
 }  // namespace nilio::tools::view

@@ -1,4 +1,4 @@
-#include "daemon/output/can_watch.hpp"
+#include "daemon/supervision/can_watch.hpp"
 
 #include "tests/support/imu_support.hpp"
 

@@ -1,4 +1,4 @@
-#include "daemon/output/publisher_starts.hpp"
+#include "daemon/supervision/publisher_starts.hpp"
 
 #include <utility>
 

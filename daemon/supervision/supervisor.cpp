@@ -1,15 +1,15 @@
-#include "daemon/output/supervisor.hpp"
+#include "daemon/supervision/supervisor.hpp"
 
 #include "daemon/config/convert.hpp"
 #include "daemon/config/schema.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/file_writer.hpp"
-#include "daemon/output/publisher_starts.hpp"
 #include "daemon/output/run_log.hpp"
 #include "daemon/realtime/startup_priority.hpp"
 #include "daemon/realtime/watchdog.hpp"
 #include "daemon/service/service_report.hpp"
+#include "daemon/supervision/publisher_starts.hpp"
 #include "ipc/mapper_process.hpp"
 #include "ipc/publisher_process.hpp"
 
