@@ -41,19 +41,18 @@ constexpr double kAccelBiasPrior = 0.3;
 constexpr double kGravityPrior = 1.5;
 constexpr double kVelocityPrior = 10.0;
 constexpr double kRatePrior = 0.3;
-// Manoeuvres of a vehicle (Singer 1970: 2 a^2 tau) for a second: along the road 0.5 m/s^2, as a recorded car
-// in traffic has over one to ten seconds; sideways 2 m/s^2, where the body sways; 0.3 rad/s^2 of yaw.
-// Stronger ones widen the noise.
+// Manoeuvres of a vehicle (Singer 1970: 2 a^2 tau) for a second: 2 m/s^2, and 0.3 rad/s^2 of yaw. Where scans
+// do not show the speed, it varies as that of a recorded car in traffic: 0.5 m/s^2 over one to ten seconds.
 constexpr double kManoeuvreSeconds = 1.0;
-constexpr double kSpeedManoeuvre = 2.0 * 0.5 * 0.5 * kManoeuvreSeconds;
-constexpr double kSidewaysManoeuvre = 2.0 * 2.0 * 2.0 * kManoeuvreSeconds;
+constexpr double kManoeuvre = 2.0 * 2.0 * 2.0 * kManoeuvreSeconds;
+constexpr double kUnobservedManoeuvre = 2.0 * 0.5 * 0.5 * kManoeuvreSeconds;
 constexpr double kYawManoeuvre = 2.0 * 0.3 * 0.3 * kManoeuvreSeconds;
 // Share of the newest change of the velocities in their accelerations.
 constexpr double kNewest = 0.5;
 // An axis beyond 99 % of its predicted deviation shows a manoeuvre, up to the limits of a road vehicle: 1 g
 // (upwards, too), and 10 rad/s^2 of yaw; its body sways by 30 deg/s at most.
 constexpr double kManoeuvre99 = 6.63;
-constexpr std::array kMaxScale{400.0, 25.0, 3000.0, 225.0, 225.0, 1111.0};
+constexpr std::array kMaxScale{25.0, 25.0, 3000.0, 225.0, 225.0, 1111.0};
 // Sway of the body: rates of roll and pitch are an Ornstein-Uhlenbeck process.
 constexpr double kSwayRate = 2.0 * kRadiansPerDegree;
 constexpr double kSwaySeconds = 0.3;
@@ -134,8 +133,8 @@ Matrix sensor_noise(const MotionState& s, const MotionInputs& inputs, double sec
 /// Densities of manoeuvres that no sensor measures.
 Matrix manoeuvre_noise(const MotionInputs& inputs, const Vector6& scale) {
   Matrix Q = Matrix::Zero();
-  if (!inputs.accelerometer)
-    Q.diagonal().segment<3>(kVelocity) << kSpeedManoeuvre, kSidewaysManoeuvre, kHeave;
+  const double speed = inputs.speed_is_observed ? kManoeuvre : kUnobservedManoeuvre;
+  if (!inputs.accelerometer) Q.diagonal().segment<3>(kVelocity) << speed, kManoeuvre, kHeave;
   if (!inputs.gyro) {
     const double sway = 2.0 * kSwayRate * kSwayRate / kSwaySeconds;
     Q.diagonal().segment<3>(kRate) << sway, sway, kYawManoeuvre;

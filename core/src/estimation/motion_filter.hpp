@@ -36,6 +36,7 @@ struct MotionInputs {
   bool gyro = false;              ///< the gyro gives the rates; otherwise they stay, roll's and pitch's decay
   bool gyro_is_verified = false;  ///< turns have shown its scale and axes
   bool accelerometer = false;     ///< the accelerometer changes the velocity; otherwise it stays in body axes
+  bool speed_is_observed = true;  ///< the last scan showed the position along base_link's x
 };
 
 /// Motion of `state` to the time `to`, forwards or backwards.

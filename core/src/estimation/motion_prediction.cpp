@@ -24,6 +24,7 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   result.inputs.imu = &imu;
   result.inputs.imu_position = config.T_base_imu.translation;
   result.inputs.gyro = result.imu_covers && monitor.usable(from, scan.end);
+  result.inputs.speed_is_observed = (registration.degenerate_axes & 1U) == 0;
   result.inputs.gyro_is_verified = monitor.is_verified();
   result.inputs.accelerometer = result.imu_covers && gravity_known && monitor.force_usable(from) &&
                                 scan.end >= accelerometer_banned_until;

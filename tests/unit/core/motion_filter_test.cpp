@@ -175,8 +175,14 @@ TEST_CASE("over a gap the uncertainty grows as that of white acceleration, sway 
   for (const double seconds : {0.1, 0.5, 1.0, 2.0}) {
     MotionFilter filter(state, Matrix::Zero());
     filter.propagate({}, Time::from_seconds(seconds));
-    // 2 a^2 tau of 0.5 m/s^2 for a second: 0.5 m^2/s^3.
+    // 2 a^2 tau of 2 m/s^2 for a second: 8 m^2/s^3; of 0.5 m/s^2 where no scan showed the speed.
     CHECK(std::sqrt(filter.covariance()(0, 0)) ==
+          Approx(std::sqrt(8.0 * std::pow(seconds, 3) / 3.0)).epsilon(0.01));
+    MotionFilter in_tunnel(state, Matrix::Zero());
+    MotionInputs unobserved;
+    unobserved.speed_is_observed = false;
+    in_tunnel.propagate(unobserved, Time::from_seconds(seconds));
+    CHECK(std::sqrt(in_tunnel.covariance()(0, 0)) ==
           Approx(std::sqrt(0.5 * std::pow(seconds, 3) / 3.0)).epsilon(0.01));
     // A rolling body swings back: 0.3 rad/s for 0.3 s at most.
     CHECK(so3_log(filter.state().T_map_base.rotation).norm() < 0.091);
