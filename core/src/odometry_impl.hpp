@@ -4,7 +4,7 @@
 
 #include "core/src/estimation/imu_buffer.hpp"
 #include "core/src/estimation/motion_filter.hpp"
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 #include "core/src/imu_monitor/imu_monitor.hpp"
 #include "core/src/map/gaussian_voxel_map.hpp"
 #include "core/src/preprocessing/deskewing.hpp"
@@ -144,8 +144,8 @@ struct Odometry::State {
   void register_sweep(OdometryResult& result);
   void register_predicted(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
-  void reconsider_standing(OdometryResult& result);
-  void end_standing();
+  void reconsider_stationary(OdometryResult& result);
+  void end_stationary();
   RegistrationResult register_coarse(OdometryResult& result);
   [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse, const PlaneMetric& metric);
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
@@ -191,7 +191,7 @@ struct Odometry::State {
   void fill_confidence(const MotionFilter& filter, const SweepMotion& moved, const SE3& T_map_pose,
                        double span_s, OdometryResult& result) const;
   void align_with_gravity(const Scan& scan);
-  [[nodiscard]] bool detect_standstill();
+  [[nodiscard]] bool detect_stationary();
   void initialize_gravity();
   void predict_motion();
   /// Standard deviation of the predicted displacement of a point at the lever, metres.
@@ -222,7 +222,7 @@ struct Odometry::State {
   ImuMonitor monitor;
   MotionFilter motion_filter;
   MotionFilter last_filter;  ///< before the prediction of the scan
-  Standstill standstill;
+  StationaryDetector stationary_detector;
   VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
   VoxelMap coarse_map;
@@ -244,7 +244,7 @@ struct Odometry::State {
   SE3 T_accepted;  ///< the last pose that is not a prediction
   SE3 T_published;
   double published_speed = 0.0;  ///< of its twist, m/s
-  SE3 T_standing;                ///< midpoint of the sweeps of a standstill
+  SE3 T_stationary;              ///< midpoint of the sweeps while stationary
   SE3 T_last_keyframe;           ///< midpoint of the sweep inserted last
   Time time;
   Time registered_time;  ///< of the last pose that is not a prediction

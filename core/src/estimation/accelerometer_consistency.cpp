@@ -1,6 +1,6 @@
 #include "core/src/estimation/accelerometer_consistency.hpp"
 
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,7 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 #include "core/src/linear_algebra.hpp"
 
 #include <algorithm>
@@ -63,11 +63,11 @@ constexpr double kHeave = 2.0 * kHeaveSpeed * kHeaveSpeed / kSwaySeconds;
 constexpr double kMinMetres = 1e-4;
 constexpr double kMinRadians = 1e-6;
 // Sway of a stationary vehicle: displacements and velocities.
-constexpr double kStandingMetres = 0.005;
-constexpr double kStandingRadians = 0.05 * kRadiansPerDegree;
-constexpr double kStandingSpeed = 0.02;
-constexpr double kStandingRate = 0.1 * kRadiansPerDegree;
-constexpr double kStanding999 = 16.27;  // 3 degrees of freedom
+constexpr double kStationaryMetres = 0.005;
+constexpr double kStationaryRadians = 0.05 * kRadiansPerDegree;
+constexpr double kStationarySpeed = 0.02;
+constexpr double kStationaryRate = 0.1 * kRadiansPerDegree;
+constexpr double kStationary999 = 16.27;  // 3 degrees of freedom
 constexpr double kRelocatedMetres = 0.05;
 constexpr double kRelocatedRadians = 0.2 * kRadiansPerDegree;
 // Directions of the scan with less information, 1/m^2, say nothing.
@@ -358,16 +358,16 @@ void MotionFilter::estimate_accelerations() {
   }
 }
 
-void MotionFilter::stand_at(const SE3& T_map_base) {
+void MotionFilter::zero_motion_update(const SE3& T_map_base) {
   zero_velocity_update();
   state_.T_map_base = T_map_base;
-  isolate(kPose, variance_of(kStandingMetres));
-  isolate(kRotation, variance_of(kStandingRadians));
+  isolate(kPose, variance_of(kStationaryMetres));
+  isolate(kRotation, variance_of(kStationaryRadians));
 }
 
-bool MotionFilter::may_stand() const {
+bool MotionFilter::may_be_stationary() const {
   const Matrix3 variance = covariance_.block<3, 3>(kVelocity, kVelocity);
-  return state_.velocity.dot(variance.inverse() * state_.velocity) < kStanding999;
+  return state_.velocity.dot(variance.inverse() * state_.velocity) < kStationary999;
 }
 
 void MotionFilter::zero_velocity_update() {
@@ -379,12 +379,12 @@ void MotionFilter::zero_velocity_update() {
     error += column * ((-value - error[i]) / variance);
     covariance_ -= column * column.transpose() / variance;
   };
-  for (int axis = 0; axis < 3; ++axis) observe(kVelocity + axis, state_.velocity[axis], kStandingSpeed);
+  for (int axis = 0; axis < 3; ++axis) observe(kVelocity + axis, state_.velocity[axis], kStationarySpeed);
   const int rate = had_gyro_ ? kGyroBias : kRate;
   for (int axis = 0; axis < 3; ++axis) {
     // With a gyro the rate's error is that of its bias, reversed.
     const double value = had_gyro_ ? -state_.angular_velocity[axis] : state_.angular_velocity[axis];
-    observe(rate + axis, value, kStandingRate);
+    observe(rate + axis, value, kStationaryRate);
   }
   apply(error);
   symmetrise();

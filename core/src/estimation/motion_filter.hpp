@@ -93,11 +93,11 @@ class MotionFilter {
   /// `information`, at the pose that it and the prediction give together.
   [[nodiscard]] double normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const;
   /// Updates with velocities of zero, and sets the pose: that of all sweeps of a stationary vehicle.
-  void stand_at(const SE3& T_map_base);
+  void zero_motion_update(const SE3& T_map_base);
   /// Updates with a velocity, and a rate, of zero: those of a stationary vehicle.
   void zero_velocity_update();
   /// Whether the velocity is as far from zero as its covariance allows, by 99.9 %.
-  [[nodiscard]] bool may_stand() const;
+  [[nodiscard]] bool may_be_stationary() const;
 
   [[nodiscard]] const MotionState& state() const { return state_; }
   [[nodiscard]] const Matrix& covariance() const { return covariance_; }

@@ -31,12 +31,13 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   return result;
 }
 
-bool Odometry::State::detect_standstill() {
+bool Odometry::State::detect_stationary() {
   if (motion_prior.imu_covers && monitor.force_usable(motion_prior.previous)) {
     const Time end = motion_prior.span.end;
-    return standstill.observe(imu_statistics(imu, end - Standstill::kWindow, end), motion_filter.may_stand());
+    return stationary_detector.observe(imu_statistics(imu, end - StationaryDetector::kWindow, end),
+                                       motion_filter.may_be_stationary());
   }
-  if (standstill.is_standing() || scans >= kInitialScans) standstill.end();
+  if (stationary_detector.is_stationary() || scans >= kInitialScans) stationary_detector.end();
   return false;
 }
 
@@ -52,8 +53,8 @@ void Odometry::State::initialize_gravity() {
 }
 
 /// The IMU was wrong, and with it the gravity that it gave.
-void Odometry::State::end_standing() {
-  standstill.contradict();
+void Odometry::State::end_stationary() {
+  stationary_detector.contradict();
   motion_prior.is_stationary = false;
   gravity_known = false;
 }
@@ -68,8 +69,8 @@ double Odometry::State::prediction_deviation() const {
 void Odometry::State::predict_motion() {
   motion_filter.propagate(motion_prior.inputs, motion_prior.span.middle());
   if (motion_prior.is_stationary) {
-    if (standstill.is_first() || !standstill.has_begun())
-      motion_filter.stand_at(T_standing);
+    if (stationary_detector.is_first() || !stationary_detector.has_begun())
+      motion_filter.zero_motion_update(T_stationary);
     else
       motion_filter.zero_velocity_update();
   }
@@ -87,10 +88,10 @@ void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
   motion_prior = motion_prior_for(scan);
   initialize_gravity();
   relocalized = false;
-  motion_prior.is_stationary = detect_standstill();
-  if (scans == 1) T_standing = T_map_base;
-  if (motion_prior.is_stationary && standstill.is_first()) {
-    motion_filter.set_gravity(motion_filter.state().T_map_base.rotation * standstill.mean_force(),
+  motion_prior.is_stationary = detect_stationary();
+  if (scans == 1) T_stationary = T_map_base;
+  if (motion_prior.is_stationary && stationary_detector.is_first()) {
+    motion_filter.set_gravity(motion_filter.state().T_map_base.rotation * stationary_detector.mean_force(),
                               scans > 1 ? kStationaryGravityVariance : kMovingGravityVariance);
     gravity_known = true;
   }

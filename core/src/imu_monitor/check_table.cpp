@@ -4,7 +4,7 @@
 #include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 
 #include <algorithm>
 #include <array>

@@ -18,11 +18,11 @@ constexpr double kMaxPlaneVoxelMetres = 2.0;
 // Minimum number of points for which a second thread pays.
 constexpr std::size_t kMinSharedPoints = 8000;
 // Below both limits the vehicle is stationary and nothing is inserted: noise would thicken planes for ever.
-constexpr double kStandingSpeed = 0.05;
-constexpr double kStandingTurnRate = 0.01;
+constexpr double kStationarySpeed = 0.05;
+constexpr double kStationaryTurnRate = 0.01;
 // Minimum displacement since the last insertion: noise alone can exceed the speed limits above.
-constexpr double kStandingMetres = 0.02;
-constexpr double kStandingRadians = 0.002;
+constexpr double kStationaryMetres = 0.02;
+constexpr double kStationaryRadians = 0.002;
 // Minimum number of points of a first map.
 constexpr std::size_t kMinStartPoints = 50;
 constexpr double kStillForceDeviation = 0.5;
@@ -77,7 +77,7 @@ void Odometry::State::reset_map() {
   mean_known_share = 0.0;
   coarse_scans_left = kMinScansWithNdt;
   prediction_error_m = 0.0;
-  standstill.end();
+  stationary_detector.end();
   gravity_known = false;
   registration = {};
 }
@@ -168,11 +168,11 @@ void Odometry::State::update_maps() {
   motion.deskew(sweep, deskewed);
   const Vector6 twist = motion_filter.state().twist();
   const bool is_stationary =
-      twist.head<3>().norm() < kStandingSpeed && twist.tail<3>().norm() < kStandingTurnRate;
+      twist.head<3>().norm() < kStationarySpeed && twist.tail<3>().norm() < kStationaryTurnRate;
   const SE3 T_map_middle = motion_filter.state().T_map_base;
   const SE3 since_fed = T_last_keyframe.inverse() * T_map_middle;
-  const bool got_somewhere =
-      since_fed.translation.norm() > kStandingMetres || so3_log(since_fed.rotation).norm() > kStandingRadians;
+  const bool got_somewhere = since_fed.translation.norm() > kStationaryMetres ||
+                             so3_log(since_fed.rotation).norm() > kStationaryRadians;
   const bool moved_as_known = failures == 0 && !doubtful;
   if (moved_as_known && (is_initializing_map || (!is_stationary && got_somewhere))) {
     insert(sweep, deskewed, T_map_middle);

@@ -81,13 +81,13 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
     }
   }
   if (motion_prior.is_stationary) {
-    // Other vehicles suggest speeds to one that stands.
-    const std::uint32_t standing =
-        plane_equations(planes, search_points, T_standing, plane_metric(kMinSigmaMetres)).inliers;
-    if (standing > kAgreementCollapse * search.inliers)
-      search.T_best = T_standing;
+    // Other vehicles suggest speeds to a stationary one.
+    const std::uint32_t stationary =
+        plane_equations(planes, search_points, T_stationary, plane_metric(kMinSigmaMetres)).inliers;
+    if (stationary > kAgreementCollapse * search.inliers)
+      search.T_best = T_stationary;
     else
-      end_standing();
+      end_stationary();
   }
   start_moving(search.T_best);
 }

@@ -131,7 +131,8 @@ void Odometry::State::accept(OdometryResult& result) {
   } else {
     update_motion();
   }
-  if (standstill.has_begun() && !standstill.is_first()) T_standing = motion_filter.state().T_map_base;
+  if (stationary_detector.has_begun() && !stationary_detector.is_first())
+    T_stationary = motion_filter.state().T_map_base;
   follow(motion_filter.state());
   if (!motion_compensated) result.deskew_rate = motion_filter.state().angular_velocity;
   doubtful = !is_in_family() || relocalized || (failures > 0 && !has_converged());

@@ -19,7 +19,7 @@ constexpr double kCoarseTriggerGap = 1.5;
 
 constexpr int kMaxWidenings = 3;
 
-// Velocities of a vehicle that does not stand after all, m/s and rad/s.
+// Velocities of a vehicle that is not stationary after all, m/s and rad/s.
 constexpr double kWalkingSpeed = 2.0;
 
 // Error of the mean of a non-planar voxel.
@@ -190,7 +190,7 @@ void Odometry::State::register_predicted(OdometryResult& result) {
 void Odometry::State::register_sweep(OdometryResult& result) {
   register_predicted(result);
   if (sweep.empty() || has_no_time()) return;
-  reconsider_standing(result);
+  reconsider_stationary(result);
   if (scans < kInitialScans || motion_prior.is_stationary) return;
   reconsider_imu(result);
   if (is_doubtful()) compare_hypotheses(result);
@@ -239,24 +239,24 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   count_inliers(result);
 }
 
-/// Other vehicles move the scan of one that stands, and the IMU does not see a smooth walking pace: the
-/// vehicle stands unless the map agrees much better with a motion.
-void Odometry::State::reconsider_standing(OdometryResult& result) {
+/// Other vehicles move the scan of a stationary one, and the IMU does not see a smooth walking pace: the
+/// vehicle is stationary unless the map agrees much better with a motion.
+void Odometry::State::reconsider_stationary(OdometryResult& result) {
   if (!motion_prior.is_stationary || scans == 1) return;
   if (motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
       kFarInnovation)
     return;
-  const Hypothesis standing = hypothesis();
+  const Hypothesis stationary = hypothesis();
   motion_prior.is_stationary = false;
   motion_filter = last_filter;
   motion_filter.set_twist(Vector6::Zero(), Vector6::Constant(kWalkingSpeed * kWalkingSpeed));
   predict_motion();
   select_points(T_predicted);
   register_predicted(result);
-  if (is_plausible() && kAgreementCollapse * agreement() > standing.agreement) {
-    end_standing();
+  if (is_plausible() && kAgreementCollapse * agreement() > stationary.agreement) {
+    end_stationary();
   } else {
-    return_to(standing, result);
+    return_to(stationary, result);
   }
 }
 

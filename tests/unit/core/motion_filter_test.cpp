@@ -320,5 +320,5 @@ TEST_CASE("a vehicle at rest has no velocity and shows the gyro's bias", "[motio
   }
   CHECK(filter.state().velocity.norm() < 0.02);
   CHECK((filter.state().gyro_bias - bias).norm() < 5e-4);
-  CHECK(filter.may_stand());
+  CHECK(filter.may_be_stationary());
 }

@@ -2,7 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 
 #include <cmath>
 
@@ -27,11 +27,11 @@ bool is_gravity_plausible(const Vector3& force) {
   return std::abs(size - kGravity) <= kGravityTolerance && force.z() >= kMinUprightness * size;
 }
 
-bool Standstill::is_quiet(const ImuStatistics& imu) const {
+bool StationaryDetector::is_quiet(const ImuStatistics& imu) const {
   // Constant values indicate a fault, not a stationary vehicle.
   if (imu.count < kMinSamples || imu.acceleration_deviation <= 0.0) return false;
   if (!is_gravity_plausible(imu.mean_acceleration)) return false;
-  if (is_standing() && (imu.mean_acceleration - mean_force_).norm() > kMaxForceChange) return false;
+  if (is_stationary() && (imu.mean_acceleration - mean_force_).norm() > kMaxForceChange) return false;
   if (is_first_)
     return imu.acceleration_deviation <= kMaxForceDeviation &&
            imu.angular_velocity_deviation <= kMaxRateDeviation;
@@ -39,8 +39,8 @@ bool Standstill::is_quiet(const ImuStatistics& imu) const {
          imu.angular_velocity_deviation <= kQuietMargin * rate_deviation_;
 }
 
-bool Standstill::observe(const ImuStatistics& imu, bool may_stand) {
-  if (!is_quiet(imu) || !(is_standing() || may_stand)) {
+bool StationaryDetector::observe(const ImuStatistics& imu, bool may_be_stationary) {
+  if (!is_quiet(imu) || !(is_stationary() || may_be_stationary)) {
     end();
     return false;
   }
@@ -55,12 +55,12 @@ bool Standstill::observe(const ImuStatistics& imu, bool may_stand) {
   return true;
 }
 
-void Standstill::end() {
+void StationaryDetector::end() {
   is_first_ = false;
   scans_ = 0;
 }
 
-void Standstill::contradict() {
+void StationaryDetector::contradict() {
   end();
   first_scans_ = 0;
 }

@@ -1,4 +1,4 @@
-#include "core/src/estimation/standstill.hpp"
+#include "core/src/estimation/stationary_detector.hpp"
 
 #include "nilio/core/odometry.hpp"
 
@@ -83,8 +83,8 @@ double position_behind_truck(double seconds) {
 }  // namespace
 
 TEST_CASE("an idling vehicle is stationary until it departs, and its gravity-and-bias is exact",
-          "[standstill]") {
-  Standstill start;
+          "[stationary_detector]") {
+  StationaryDetector start;
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0.0, kForceNoise / std::sqrt(40.0));
   const auto noise = [&] { return Vector3(normal(random), normal(random), normal(random)); };
@@ -93,18 +93,18 @@ TEST_CASE("an idling vehicle is stationary until it departs, and its gravity-and
   while (start.observe(imu(kSupport + Vector3(acceleration, 0.0, 0.0) + noise()), true)) acceleration += 0.01;
   CHECK(acceleration < 0.1);
   CHECK((start.mean_force() - kSupport).norm() < 0.02);
-  CHECK_FALSE(start.is_standing());
+  CHECK_FALSE(start.is_stationary());
 }
 
-TEST_CASE("a constant acceleration after the departure is not stationary", "[standstill]") {
-  Standstill start;
+TEST_CASE("a constant acceleration after the departure is not stationary", "[stationary_detector]") {
+  StationaryDetector start;
   CHECK(start.observe(imu(kSupport), true));
   for (int scan = 0; scan < 50; ++scan)
     CHECK_FALSE(start.observe(imu(kSupport + Vector3(1.2, 0.0, 0.0)), true));
 }
 
 TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or without gravity",
-          "[standstill]") {
+          "[stationary_detector]") {
   ImuStatistics shaking = imu(kSupport);
   shaking.acceleration_deviation = 0.5;
   ImuStatistics swaying = imu(kSupport);
@@ -114,38 +114,40 @@ TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or w
   const ImuStatistics sideways = imu(Vector3(9.8, 0.1, -0.2));
   const ImuStatistics in_units_of_g = imu(kSupport / 9.81);
   for (const ImuStatistics& statistics : {shaking, swaying, stuck, ImuStatistics{}, sideways, in_units_of_g})
-    CHECK_FALSE(Standstill().observe(statistics, true));
+    CHECK_FALSE(StationaryDetector().observe(statistics, true));
 }
 
-TEST_CASE("later a vehicle stands where it is as quiet as at the start and may stand", "[standstill]") {
-  Standstill standstill;
-  for (int scan = 0; scan < 10; ++scan) CHECK(standstill.observe(imu(kSupport), true));
-  CHECK(standstill.is_first());
+TEST_CASE("later a vehicle is stationary where it is as quiet as at the start and may be stationary",
+          "[stationary_detector]") {
+  StationaryDetector stationary_detector;
+  for (int scan = 0; scan < 10; ++scan) CHECK(stationary_detector.observe(imu(kSupport), true));
+  CHECK(stationary_detector.is_first());
   ImuStatistics rolling = imu(kSupport);
   rolling.acceleration_deviation *= 1.3;
-  CHECK_FALSE(standstill.observe(imu(kSupport + Vector3(0.5, 0.0, 0.0)), true));
-  CHECK_FALSE(standstill.is_first());
-  for (int scan = 0; scan < 10; ++scan) CHECK_FALSE(standstill.observe(rolling, true));
-  CHECK_FALSE(standstill.observe(imu(kSupport), false));
+  CHECK_FALSE(stationary_detector.observe(imu(kSupport + Vector3(0.5, 0.0, 0.0)), true));
+  CHECK_FALSE(stationary_detector.is_first());
+  for (int scan = 0; scan < 10; ++scan) CHECK_FALSE(stationary_detector.observe(rolling, true));
+  CHECK_FALSE(stationary_detector.observe(imu(kSupport), false));
   // Another slope of the road.
   const Vector3 on_slope(0.8, 0.1, 9.75);
-  CHECK(standstill.observe(imu(on_slope), true));
-  CHECK(standstill.has_begun());
-  CHECK(standstill.observe(imu(on_slope), false));
-  CHECK_FALSE(standstill.observe(rolling, true));
-  standstill.contradict();
-  CHECK_FALSE(standstill.observe(imu(kSupport), true));
+  CHECK(stationary_detector.observe(imu(on_slope), true));
+  CHECK(stationary_detector.has_begun());
+  CHECK(stationary_detector.observe(imu(on_slope), false));
+  CHECK_FALSE(stationary_detector.observe(rolling, true));
+  stationary_detector.contradict();
+  CHECK_FALSE(stationary_detector.observe(imu(kSupport), true));
 }
 
-TEST_CASE("a vehicle that did not stand at the start is never taken to stand", "[standstill]") {
-  Standstill standstill;
+TEST_CASE("a vehicle that was not stationary at the start is never taken to be", "[stationary_detector]") {
+  StationaryDetector stationary_detector;
   ImuStatistics driving = imu(kSupport);
   driving.acceleration_deviation = 0.5;
-  CHECK_FALSE(standstill.observe(driving, true));
-  for (int scan = 0; scan < 50; ++scan) CHECK_FALSE(standstill.observe(imu(kSupport), true));
+  CHECK_FALSE(stationary_detector.observe(driving, true));
+  for (int scan = 0; scan < 50; ++scan) CHECK_FALSE(stationary_detector.observe(imu(kSupport), true));
 }
 
-TEST_CASE("a truck that departs with the vehicle does not hold the pose, with an IMU", "[standstill]") {
+TEST_CASE("a truck that departs with the vehicle does not hold the pose, with an IMU",
+          "[stationary_detector]") {
   const double truth = travelled(6.0);
   REQUIRE(truth > 7.0);
   CHECK(std::abs(position_behind_truck(6.0) - truth) < 0.05 * truth);

@@ -14,24 +14,24 @@ inline constexpr double kGravity = 9.81;
 /// axes are wrong.
 bool is_gravity_plausible(const Vector3& force);
 
-/// Detects from the IMU alone that the vehicle stands, which scans cannot where most of the scene moves. At
-/// the start the mean specific force initialises gravity and accelerometer bias, and the deviations show how
-/// quiet this vehicle stands: later it stands where it is as quiet. Not thread-safe.
-class Standstill {
+/// Detects from the IMU alone that the vehicle is stationary, which scans cannot where most of the scene
+/// moves. At the start the mean specific force initialises gravity and accelerometer bias, and the deviations
+/// show how quiet this vehicle is then: later it is stationary where it is as quiet. Not thread-safe.
+class StationaryDetector {
  public:
-  /// Call once a scan with the samples of the last `kWindow`. `may_stand`: the velocity is not known to
-  /// differ from zero. Returns whether the vehicle stands.
-  bool observe(const ImuStatistics& imu, bool may_stand);
+  /// Call once a scan with the samples of the last `kWindow`. `may_be_stationary`: the velocity is not known
+  /// to differ from zero. Returns whether the vehicle is stationary.
+  bool observe(const ImuStatistics& imu, bool may_be_stationary);
   /// The vehicle moves, as seen elsewhere.
   void end();
-  /// The scans showed that a vehicle as quiet as this one moves: it is never again taken to stand.
+  /// The scans showed that a vehicle as quiet as this one moves: it is never again taken to be stationary.
   void contradict();
-  [[nodiscard]] bool is_standing() const { return scans_ > 0; }
-  /// Standing since the start.
+  [[nodiscard]] bool is_stationary() const { return scans_ > 0; }
+  /// Stationary since the start.
   [[nodiscard]] bool is_first() const { return is_first_; }
-  /// The scan is the first of this standstill.
+  /// The scan is the first of this stationary_detector.
   [[nodiscard]] bool has_begun() const { return scans_ == 1; }
-  /// Mean specific force while standing, m/s^2, in axes of base_link.
+  /// Mean specific force while stationary, m/s^2, in axes of base_link.
   [[nodiscard]] const Vector3& mean_force() const { return mean_force_; }
 
   static constexpr Duration kWindow = Duration::from_milliseconds(200.0);
@@ -40,7 +40,7 @@ class Standstill {
   [[nodiscard]] bool is_quiet(const ImuStatistics& imu) const;
 
   bool is_first_ = true;
-  int scans_ = 0;        ///< of this standstill
+  int scans_ = 0;        ///< of this phase
   int first_scans_ = 0;  ///< of that since the start
   Vector3 mean_force_ = Vector3::Zero();
   double force_deviation_ = 0.0;  ///< means of that since the start, m/s^2 and rad/s
