@@ -135,7 +135,9 @@ void Odometry::State::accept(OdometryResult& result) {
     T_stationary = motion_filter.state().T_map_base;
   follow(motion_filter.state());
   if (!motion_compensated) result.deskew_rate = motion_filter.state().angular_velocity;
-  doubtful = !is_in_family() || relocalized || (failures > 0 && !has_converged());
+  // A hidden view does not move a stationary vehicle.
+  doubtful =
+      (!is_in_family() && !motion_prior.is_stationary) || relocalized || (failures > 0 && !has_converged());
   const double memory = mean_agreement == 0.0 ? 0.0 : kAgreementMemory;
   if (!doubtful) {
     mean_agreement = memory * mean_agreement + (1.0 - memory) * agreement();
@@ -152,7 +154,7 @@ void Odometry::State::accept(OdometryResult& result) {
   T_accepted = T_map_base;
   result.stop_reason = registration.stop_reason;
   result.degenerate_axes = registration.degenerate_axes;
-  const bool is_degraded = registration.degenerate_axes != 0 || doubtful;
+  const bool is_degraded = (registration.degenerate_axes != 0 && !motion_prior.is_stationary) || doubtful;
   result.state = scans < kInitialScans        ? TrackingState::kInitialising
                  : doubts >= kLostAfterDoubts ? TrackingState::kLost
                  : is_degraded                ? TrackingState::kDegraded
