@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -37,6 +38,23 @@ class Spread {
   double minimum_ = 0.0;
   double maximum_ = 0.0;
 };
+
+/// The value that a share, 0 to 1, of the others does not exceed. Needs values.
+template <class Value>
+Value order_statistic(std::vector<Value> values, double share) {
+  const auto at =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+/// The upper one of two. Needs values.
+template <class Value>
+Value median(std::vector<Value> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 /// Order statistics; each is one of the values.
 struct Percentiles {

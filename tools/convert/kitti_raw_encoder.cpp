@@ -1,5 +1,7 @@
 #include "tools/convert/kitti_raw_encoder.hpp"
 
+#include "tools/common/statistics.hpp"
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -55,13 +57,6 @@ LaserReturn invert(const KittiPoint& point, std::uint16_t laser, const drivers::
   return result;
 }
 
-double median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 double ring_error(std::span<const KittiPoint> ring, std::uint16_t laser,
                   const drivers::VelodyneSensor& sensor) {
   std::vector<double> errors;
@@ -69,7 +64,7 @@ double ring_error(std::span<const KittiPoint> ring, std::uint16_t laser,
   for (std::size_t i = 0; i < ring.size(); i += stride) {
     errors.push_back(invert(ring[i], laser, sensor).height_error_m);
   }
-  return median(std::move(errors));
+  return errors.empty() ? 0.0 : median(std::move(errors));
 }
 
 /// Laser of each ring of the file. A ring without returns is missing in the file, so that rings are

@@ -2,6 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
+#include "tools/common/statistics.hpp"
 #include "tools/common/text.hpp"
 
 #include <algorithm>
@@ -25,12 +26,6 @@ constexpr double kMedianLength = 1.1774;
 // A path whose extent is smaller shows no heading, whatever the receiver states.
 constexpr double kSmallestExtentM = 2.0;
 constexpr double kExtentDeviations = 3.0;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Rotation about z and translation in the plane.
 struct Planar {

@@ -3,9 +3,9 @@
 #include "nilio/drivers/bag/sources.hpp"
 #include "nilio/drivers/capture/file_kind.hpp"
 
+#include "tools/common/statistics.hpp"
 #include "tools/common/text.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
@@ -76,9 +76,7 @@ std::optional<double> median_deviation_m(const Track& track) {
     if (const auto deviation = fix.horizontal_deviation_m()) deviations.push_back(*deviation);
   }
   if (deviations.empty()) return std::nullopt;
-  const auto middle = deviations.begin() + static_cast<std::ptrdiff_t>(deviations.size() / 2);
-  std::nth_element(deviations.begin(), middle, deviations.end());
-  return *middle;
+  return median(std::move(deviations));
 }
 
 double track_length_m(const Track& track) {

@@ -5,6 +5,7 @@
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
 
+#include "tools/common/statistics.hpp"
 #include "tools/common/text.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/gnss/track.hpp"
@@ -113,9 +114,7 @@ class SentenceTrack {
       if (const auto measured = sentence.measured()) delays.push_back(sentence.received - *measured);
     }
     if (delays.empty()) return std::nullopt;
-    const auto middle = delays.begin() + static_cast<std::ptrdiff_t>(delays.size() / 2);
-    std::nth_element(delays.begin(), middle, delays.end());
-    return *middle;
+    return median(std::move(delays));
   }
 
   std::vector<Sentence> sentences_;

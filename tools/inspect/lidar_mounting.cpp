@@ -47,12 +47,6 @@ constexpr double kStraightAngle = 1.0 * kRadiansPerDegree;
 /// z = height + along * x + across * y + bend * x^2, in a frame with z up.
 using Surface = Eigen::Vector4d;
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Mean of the middle half: as robust as is needed, and more precise than the median.
 double middle_mean(std::vector<double> values) {
   std::sort(values.begin(), values.end());

@@ -1,9 +1,12 @@
 #include "tools/map/render.hpp"
 
+#include "nilio/core/units.hpp"
+
+#include "tools/common/statistics.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "mapping/submap.hpp"
 
@@ -17,8 +20,8 @@ using core::Vector3;
 
 constexpr int kMaxHeightPixels = 8000;
 constexpr double kMarginShare = 0.02;
-constexpr double kObliqueElevation = 35.0 * std::numbers::pi / 180.0;
-constexpr double kObliqueAzimuth = 45.0 * std::numbers::pi / 180.0;
+constexpr double kObliqueElevation = 35.0 * kRadiansPerDegree;
+constexpr double kObliqueAzimuth = 45.0 * kRadiansPerDegree;
 constexpr std::uint32_t kBackground = 0xFF101418;
 
 /// Rows: to the right, upwards in the picture, towards the viewer.
@@ -33,13 +36,6 @@ Matrix3 axes_of(View view) {
   axes.row(1) = towards.cross(right);
   axes.row(2) = towards;
   return axes;
-}
-
-double quantile(std::vector<double> values, double share) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
 }
 
 /// Colour scale from blue over green to yellow.
@@ -114,8 +110,8 @@ plot::Raster render(const std::vector<CloudPoint>& cloud, const RenderOptions& o
   for (const CloudPoint& point : cloud)
     values.push_back(options.shading == Shading::kHeight ? point.position.z()
                                                          : static_cast<double>(point.intensity));
-  const double low = quantile(values, 0.02);
-  const double high = std::max(quantile(values, 0.98), low + 0.1);
+  const double low = order_statistic(values, 0.02);
+  const double high = std::max(order_statistic(values, 0.98), low + 0.1);
   constexpr double kRadiusMetres = 0.5 * mapping::kPlaneVoxelMetres;
   for (std::size_t k = 0; k < cloud.size(); ++k) {
     const CloudPoint& point = cloud[k];

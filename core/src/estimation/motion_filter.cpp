@@ -67,7 +67,8 @@ constexpr double kStationaryMetres = 0.005;
 constexpr double kStationaryRadians = 0.05 * kRadiansPerDegree;
 constexpr double kStationarySpeed = 0.02;
 constexpr double kStationaryRate = 0.1 * kRadiansPerDegree;
-constexpr double kStationary999 = 16.27;  // 3 degrees of freedom
+// Squared Mahalanobis distance, 99.9 % of 3 degrees of freedom.
+constexpr double kStationary999 = 16.27;
 constexpr double kRelocatedMetres = 0.05;
 constexpr double kRelocatedRadians = 0.2 * kRadiansPerDegree;
 // Directions of the scan with less information, 1/m^2, say nothing.

@@ -96,7 +96,7 @@ class MotionFilter {
   void zero_motion_update(const SE3& T_map_base);
   /// Updates with a velocity, and a rate, of zero: those of a stationary vehicle.
   void zero_velocity_update();
-  /// Whether the velocity is as far from zero as its covariance allows, by 99.9 %.
+  /// Whether the velocity differs from zero by no more than its covariance allows (99.9 %).
   [[nodiscard]] bool may_be_stationary() const;
 
   [[nodiscard]] const MotionState& state() const { return state_; }

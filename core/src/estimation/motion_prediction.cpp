@@ -1,5 +1,3 @@
-#include "nilio/core/units.hpp"
-
 #include "core/src/odometry_impl.hpp"
 
 #include <algorithm>

@@ -4,6 +4,7 @@
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include "tools/bench/bench.hpp"
+#include "tools/common/statistics.hpp"
 
 #include <algorithm>
 #include <cstdint>
@@ -128,12 +129,6 @@ DecodeTime run(const VelodyneSensor& sensor, const std::vector<drivers::Packet>&
   result.ns_per_packet = elapsed_ns / measured;
   result.points_per_packet = static_cast<double>(assembler.stats().points - points) / measured;
   return result;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 /// The same packets without a return.

@@ -1,10 +1,13 @@
 #include "tools/bench/realism/scan_statistics.hpp"
 
+#include "tools/common/statistics.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <numeric>
 #include <unordered_map>
+#include <utility>
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
@@ -28,10 +31,7 @@ std::int64_t cell_key(double x, double y, double z, double cell) {
 }
 
 double quantile(std::vector<double> values, double share) {
-  if (values.empty()) return std::nan("");
-  const auto at = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + at, values.end());
-  return values[static_cast<std::size_t>(at)];
+  return values.empty() ? std::nan("") : order_statistic(std::move(values), share);
 }
 
 double robust_sigma(std::vector<double> values) {
