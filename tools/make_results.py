@@ -3,7 +3,7 @@
 
   tools/make_results.py [--build build/release] [--work FOLDER] [--seeds 1,2,3] [--scenes town,...] [--check]
 
-Simulates every scene with every seed, replays it with and without IMU, evaluates, and writes the tables. Real rows need recordings (NILIO_DATA).
+Simulates every scene with every seed, with a real sensor's errors (typical) and an ideal one, replays it with and without IMU, evaluates, and writes the tables. Real rows need recordings (NILIO_DATA).
 With --check nothing is simulated: fails if README.md does not hold the table of docs/results/scenes.md.
 """
 import argparse
@@ -66,7 +66,7 @@ def row(data, drive, sensors, results):
             f"| {median('long')} | {median('drift')} | {worst['drift']} | {states} |")
 
 
-def simulated_rows(build, work, seeds, scenes):
+def simulated_rows(build, work, seeds, scenes, realism):
     names = {"vlp16": "VLP-16", "hdl64e": "HDL-64E"}
     for scene, sensors, options in SCENES:
         if scene not in scenes:
@@ -74,15 +74,15 @@ def simulated_rows(build, work, seeds, scenes):
         for sensor in sensors:
             results = {"IMU": [], "": []}
             for seed in seeds:
-                drive = work / f"{scene}_{sensor}_{seed}"
+                drive = work / f"{scene}_{sensor}_{seed}_{realism}"
                 if not (drive / "truth.tum").exists():
-                    run(build / "bin/nilio", "simulate", drive, "--scene", scene, "--sensor", sensor, "--seed", seed, "--realism", "ideal", *options)
+                    run(build / "bin/nilio", "simulate", drive, "--scene", scene, "--sensor", sensor, "--seed", seed, "--realism", realism, *options)
                 for imu, no_imu in (("IMU", []), ("", ["--set", "imu.enabled=false"])):
                     results[imu].append(replay(build, drive, drive / "truth.tum", work / f"run_{drive.name}_{imu}", no_imu))
                 subprocess.run(["rm", "-rf", drive], check=True)
             for imu, list_of_results in results.items():
-                yield row("simulated", scene, names[sensor] + (", IMU" if imu else ""), list_of_results)
-            print(f"{scene}, {sensor}: done", file=sys.stderr)
+                yield row(f"simulated, {realism}", scene, names[sensor] + (", IMU" if imu else ""), list_of_results)
+            print(f"{scene}, {sensor}, {realism}: done", file=sys.stderr)
 
 
 def real_rows(build, work):
@@ -136,7 +136,9 @@ def main():
             sys.exit("README.md: the results table differs from docs/results/scenes.md - run tools/make_results.py")
         return
     arguments.work.mkdir(parents=True, exist_ok=True)
-    rows = [*real_rows(arguments.build, arguments.work), *simulated_rows(arguments.build, arguments.work, arguments.seeds.split(","), arguments.scenes.split(","))]
+    rows = [*real_rows(arguments.build, arguments.work)]
+    for realism in ("typical", "ideal"):
+        rows += simulated_rows(arguments.build, arguments.work, arguments.seeds.split(","), arguments.scenes.split(","), realism)
     version = subprocess.run([arguments.build / "bin/niliod", "--version"], capture_output=True, text=True).stdout.strip()
     introduction = re.sub(r"(?s)\n\| data \|.*", "\n", PAGE.read_text()) if PAGE.exists() else "# Scenes\n"
     introduction = re.sub(r"(?m)^Made by .*$", f"Made by `tools/make_results.py --seeds {arguments.seeds} --scenes {arguments.scenes}` with nilio {version}.", introduction)
