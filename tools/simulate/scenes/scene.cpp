@@ -80,7 +80,8 @@ core::Result<Scene> build_scene(SceneKind kind, const SceneConfig& given) {
 }
 
 double SceneConfig::sway_speed() const {
-  return steady_body ? std::numeric_limits<double>::infinity() : *speed_m_s;
+  const bool stationary = *speed_m_s == 0.0;
+  return steady_body || stationary ? std::numeric_limits<double>::infinity() : *speed_m_s;
 }
 
 RoadSurface town_road(double length_m, std::uint64_t seed) {

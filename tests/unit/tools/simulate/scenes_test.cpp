@@ -1,5 +1,7 @@
 #include "tools/simulate/scenes/scene.hpp"
 
+#include <algorithm>
+
 #include <catch2/catch.hpp>
 
 using namespace nilio::tools::simulate;
@@ -23,6 +25,8 @@ TEST_CASE("every scene is equal for the same seed, different for another, and no
     CHECK(one->mesh.materials.size() == one->mesh.triangles.size());
     CHECK(one->mesh.vertices != other->mesh.vertices);
     CHECK(one->poses.size() >= 80);
+    CHECK(std::all_of(one->poses.begin(), one->poses.end(),
+                      [](const core::SE3& pose) { return pose.matrix().allFinite(); }));
   }
 }
 
