@@ -112,6 +112,10 @@ class Page:
     def open(self, url):
         self.call("Page.navigate", {"url": url})
 
+    def before(self, script):
+        """Runs the script at the start of every page opened from now on."""
+        self.call("Page.addScriptToEvaluateOnNewDocument", {"source": script})
+
     def run(self, expression):
         """Value of a JavaScript expression; promises are waited for."""
         result = self.call("Runtime.evaluate", {"expression": expression, "returnByValue": True, "awaitPromise": True})

@@ -2,11 +2,14 @@
 """The view of a live drive in a headless Chromium, its metrics, and the report, against what others received.
 
 view_test.py PROGRAMS RULES [--screenshots FOLDER]     exit status: 77 = skipped
+view_test.py PROGRAMS RULES --soak MINUTES             heap of the page and memory of the view beside an HDL-64E
+view_test.py PROGRAMS RULES --latency PAIRS            latency of niliod with and without a page
 """
 
 import argparse
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -48,9 +51,19 @@ class Drive:
         self.children.append(child)
         return child
 
-    def niliod(self, output):
-        return self.start("niliod", "--replay", f"{self.folder}/drive", "--speed", "real", "--output", f"{self.folder}/{output}",
+    def simulate(self, *options):
+        subprocess.run([f"{self.programs}/nilio", "simulate", f"{self.folder}/drive", *options], check=True, capture_output=True)
+
+    def niliod(self, output, *options):
+        return self.start("niliod", *(options or ("--replay", f"{self.folder}/drive", "--speed", "real")), "--output", f"{self.folder}/{output}",
                           "--set", f"publisher.domain={self.domain}", "--set", 'publisher.interfaces=["127.0.0.1"]', log=f"{output}.log")
+
+    def watch(self, name):
+        return self.start("nilio", "watch", "--domain", str(self.domain), "--interface", "127.0.0.1", "--tum", f"{self.folder}/{name}.tum", "--json",
+                          f"{self.folder}/{name}.json", log=f"{name}.log")
+
+    def live_view(self):
+        return self.view("--domain", str(self.domain), "--interface", "127.0.0.1")
 
     def view(self, *arguments):
         child = self.start("nilio", "view", "--no-browser", "--port", "0", *arguments, log="view.log")
@@ -83,17 +96,20 @@ def check_requests(url):
         check(error.code == 403, f"another Host: {error.code}")
     host, port = url[7:].split(":")
     slow = []
-    for _ in range(400):
+    # 10,000 clients that never finish their request, 400 at a time.
+    for _ in range(10_000):
+        connection = socket.create_connection((host, int(port)), timeout=1)
+        slow.append(connection)
         try:
-            connection = socket.create_connection((host, int(port)), timeout=1)
             connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-")
-            slow.append(connection)
         except OSError:
-            break
+            pass
+        if len(slow) > 400:
+            slow.pop(0).close()
     begin = time.monotonic()
     status = get(url + "/metrics")[0]
     took = time.monotonic() - begin
-    check(status == 200 and took < 3, f"an honest client beside {len(slow)} unfinished requests: {status} after {took:.2f} s")
+    check(status == 200 and took < 3, f"an honest client beside 10,000 unfinished requests: {status} after {took:.2f} s")
     for connection in slow:
         connection.close()
     for garbage in (b"\0" * 200, b"BLAH / HTTP/1.1\r\n\r\n", b"GET " + b"A" * 20000, b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 5000, b"\x16\x03\x01\x02\x00\x01"):
@@ -154,11 +170,128 @@ scrape_configs:
     child.wait()
 
 
+# The page keeps what it showed for each number of poses.
+KEEP_REPORTS = """window.reports = {};
+setInterval(() => {
+  const s = nilio.summary?.stages?.find((stage) => stage.name === 'received_to_written');
+  if (!s) return;
+  const figures = document.querySelectorAll('.card')[1].querySelectorAll('.figure');
+  reports[s.count] = {stage: s, counts: nilio.summary.counts, published: nilio.summary.published, lost: nilio.state.lost, shown: [...figures].map((f) => f.textContent)};
+}, 50)"""
+
+
+def check_against_subscriber(page, drive):
+    # The page is told once a second, so it may skip a report: the next subscriber then ends with another one.
+    for attempt in range(6):
+        watch = drive.watch("reports")
+        time.sleep(3.3)
+        watch.send_signal(signal.SIGINT)
+        watch.wait(10)
+        received = json.load(open(f"{drive.folder}/reports.json"))
+        stage = received.get("publisher", {}).get("stages", {}).get("received_to_written", {"count": 0})
+        time.sleep(1.2)
+        report = page.run(f"reports[{stage['count']}]")
+        if report:
+            break
+    check(bool(report), f"the page has shown a latency report that a subscriber received ({attempt + 1} tried)")
+    if not report:
+        return
+    for key in ("p50_us", "p90_us", "p99_us", "p99_9_us", "max_us"):
+        check(report["stage"][key] == stage[key], f"{key}: {report['stage'][key]} on the page, {stage[key]} received")
+    for figure, key in zip(report["shown"], ("p50_us", "p99_us", "max_us")):
+        value, unit = re.match(r"([\d.]+) (µs|ms)", figure).groups()
+        shown_us = float(value) * (1000 if unit == "ms" else 1)
+        rounding_us = 0.5 * 10 ** -len(value.partition(".")[2]) * (1000 if unit == "ms" else 1)
+        check(abs(shown_us - stage[key]) <= 1.001 * rounding_us, f"shown: {figure}, received {stage[key]} us")
+    publisher = received["publisher"]
+    check(report["published"]["ring_dropped"] == publisher["ring_dropped"] and report["lost"] == received["lost"] == 0,
+          f"drops: {report['published']['ring_dropped']} in the ring and {report['lost']} poses on the page; {publisher['ring_dropped']} and "
+          f"{received['lost']} at the subscriber")
+
+
+def check_first_picture(page, url):
+    with urllib.request.urlopen(urllib.request.Request(url + "/", headers={"Accept-Encoding": "gzip, br"})) as answer:
+        size, coding = len(answer.read()), answer.headers["Content-Encoding"]
+    check(size <= 400 * 1024, f"page: {size / 1024:.0f} KiB ({coding})")
+    page.before("(function look() { if (window.nilio?.stage?.drawn > 0) window.firstPicture = performance.now(); else requestAnimationFrame(look); })()")
+    page.open(url)
+    page.wait("window.firstPicture", 20)
+    first = page.run("firstPicture")
+    check(first <= 1000, f"first picture with points after {first:.0f} ms")
+
+
+def resident_mb(child):
+    with open(f"/proc/{child.pid}/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6
+
+
+def soak(drive, minutes):
+    """An HDL-64E at its pace, a minute's drive again and again: neither the page nor the view may grow."""
+    drive.simulate("--sensor", "hdl64e", "--realism", "ideal", "--duration", "60")
+    view, url = drive.live_view()
+    drive.niliod("run", "--set", "lidar.bind_address=127.0.0.1")
+    player = drive.start("nilio", "play", f"{drive.folder}/drive", "--restamp", "--loop", "0", log="play.log")
+    figures = []
+    with Page() as page:
+        page.open(url)
+        page.wait("window.nilio && nilio.ready && nilio.state.alive", 60)
+        for minute in range(minutes + 1):
+            heap, nodes = page.heap_bytes()
+            figures.append((heap / 1e6, nodes, resident_mb(view)))
+            print(f"      {minute:3d} min: heap {figures[-1][0]:.1f} MB, {nodes} nodes, view {figures[-1][2]:.1f} MB, "
+                  f"{page.run('nilio.state.received')} poses, {page.run('nilio.stage.drawn')} points", flush=True)
+            if minute < minutes:
+                time.sleep(60)
+        check(player.poll() is None, "packets were sent to the end")
+        received = page.run("nilio.state.received")
+        check(received > 0.95 * 600 * minutes, f"{received} poses in {minutes} minutes")
+        check(not page.errors, f"exceptions on the page: {page.errors}")
+    # The map grows for the first laps; the second half is the state that lasts.
+    half = figures[len(figures) // 2:]
+    middle = len(half) // 2
+    for index, name, allowed in ((0, "heap of the page, MB", 3.0), (1, "nodes of the page", 50), (2, "memory of the view, MB", 3.0)):
+        early, late = (max(figure[index] for figure in part) for part in (half[:middle], half[middle:]))
+        check(late - early <= allowed, f"{name}: at most {early:.1f}, later {late:.1f}")
+
+
+def compare_latency(drive, pairs):
+    """Runs at the pace of the sensor, alternately without a view and with a page that draws the map."""
+    drive.simulate("--sensor", "vlp16", "--realism", "ideal", "--duration", "30")
+    quantiles = {False: [], True: []}
+    for run in range(2 * pairs):
+        watched = run % 2 == 1
+        view, page = None, None
+        if watched:
+            view, url = drive.live_view()
+            page = Page()
+            page.open(url)
+            page.wait("window.nilio", 20)
+        assert drive.niliod(f"run{run}").wait(120) == 0
+        if watched:
+            check(page.run("nilio.stage.drawn") > 1000, f"the page drew {page.run('nilio.stage.drawn')} points")
+            page.__exit__()
+            view.terminate()
+            view.wait()
+        report = json.load(open(f"{drive.folder}/run{run}/latency.json"))
+        end, written = report["stages"]["end_to_end"], report["published"]["received_to_written"]
+        write = report["published"]["write"]
+        quantiles[watched].append([end["p50_us"], end["p99_us"], written["p50_us"], written["p99_us"], write["p99_us"]])
+    for index, name in enumerate(("pose p50", "pose p99", "DDS written p50", "DDS written p99", "DDS write p99")):
+        without, beside = (sorted(run[index] / 1000 for run in quantiles[watched]) for watched in (False, True))
+        median = [values[len(values) // 2] for values in (without, beside)]
+        spread = without[-1] - without[0]
+        # Noise: the spread of the runs without a view, half a millisecond at least.
+        check(median[1] <= median[0] + max(spread, 0.5), f"{name}: median {median[0]:.2f} ms alone ({without[0]:.2f} to {without[-1]:.2f}), "
+              f"{median[1]:.2f} ms beside a page ({beside[0]:.2f} to {beside[-1]:.2f})")
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("programs")
     parser.add_argument("rules")
     parser.add_argument("--screenshots")
+    parser.add_argument("--soak", type=int, metavar="MINUTES")
+    parser.add_argument("--latency", type=int, metavar="PAIRS")
     options = parser.parse_args()
     if not find_chromium():
         print("skipped: chromium is not installed")
@@ -166,19 +299,24 @@ def main():
     folder = tempfile.mkdtemp(prefix="nilio-view-")
     drive = Drive(options.programs, folder)
     try:
-        subprocess.run([f"{options.programs}/nilio", "simulate", f"{folder}/drive", "--sensor", "vlp16", "--realism", "ideal", "--duration", "70"], check=True,
-                       capture_output=True)
-        view, url = drive.view("--domain", str(drive.domain), "--interface", "127.0.0.1")
+        if options.soak or options.latency:
+            soak(drive, options.soak) if options.soak else compare_latency(drive, options.latency)
+            return 1 if failures else 0
+        drive.simulate("--sensor", "vlp16", "--realism", "ideal", "--duration", "70")
+        view, url = drive.live_view()
         if "left out" in open(f"{folder}/view.log").read() or "no page" in open(f"{folder}/view.log").read():
             print("skipped: this build has no page")
             return 77
-        watch = drive.start("nilio", "watch", "--domain", str(drive.domain), "--interface", "127.0.0.1", "--tum", f"{folder}/watch.tum", "--json",
-                            f"{folder}/watch.json", log="watch.log")
+        watch = drive.watch("watch")
         niliod = drive.niliod("run")
         with Page() as page:
             page.open(url)
             page.wait("window.nilio && nilio.ready && nilio.state.alive", 30)
+            page.run(KEEP_REPORTS)
             page.wait("nilio.summary && nilio.summary.stages && nilio.state.received > 150", 60)
+            check_against_subscriber(page, drive)
+            check_first_picture(page, url)
+            page.wait("window.nilio && nilio.ready && nilio.state.alive", 30)
             check_requests(url)
             check_metrics(url, folder, options.rules)
             page.wait("nilio.stage.drives[0].tiles.size > 0", 20)
@@ -219,7 +357,7 @@ def main():
             while "nilio-publisher started" not in open(f"{folder}/second.log").read() and time.monotonic() < deadline:
                 time.sleep(0.02)
             back = page.wait("nilio.state.alive", 30)
-            print(f"      poses again {back:.1f} s after the publisher's start")
+            check(back < 3, f"poses again {back:.1f} s after the publisher's start")
             view.send_signal(signal.SIGTERM)
             begin = time.monotonic()
             check(view.wait(5) == 0 and time.monotonic() - begin < 1.5, "SIGTERM ends the view with status 0 within a second")
