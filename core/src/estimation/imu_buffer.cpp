@@ -46,6 +46,10 @@ bool ImuBuffer::add(const ImuSample& sample, const Eigen::Quaterniond& R_base_im
   return true;
 }
 
+void ImuBuffer::move_stamps(Duration by) {
+  for (BaseImuSample& sample : samples_) sample.stamp = sample.stamp + by;
+}
+
 std::optional<Time> ImuBuffer::latest() const {
   if (size_ == 0) return std::nullopt;
   return (*this)[size_ - 1].stamp;

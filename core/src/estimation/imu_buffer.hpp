@@ -25,6 +25,8 @@ class ImuBuffer {
   /// Returns false and stores nothing for a stamp that does not advance or a value that is not finite.
   bool add(const ImuSample& sample, const Eigen::Quaterniond& R_base_imu);
   void clear() { size_ = 0; }
+  /// Moves the stamps of all samples, where the offset between two clocks is known better.
+  void move_stamps(Duration by);
 
   [[nodiscard]] std::size_t size() const { return size_; }
   /// 0 = oldest.

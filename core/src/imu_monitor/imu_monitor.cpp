@@ -74,8 +74,8 @@ void ImuMonitor::skip() {
   gyro_consistency_.interrupt();
 }
 
-bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
-  if (!imu.latest()) return false;
+void ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
+  if (!imu.latest()) return;
   const bool covered = motion.from < motion.to && motion.seconds() < kLongestMotion &&
                        imu.covers(motion.from, motion.to, config_.max_gap);
   if (!covered) {
@@ -90,7 +90,7 @@ bool ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const R
     }
   }
   process_pending(imu);
-  return fill_table(motion.to);
+  fill_table(motion.to);
 }
 
 void ImuMonitor::compare_with_registration(const ImuBuffer& imu, const Vector3& gyro_bias,
@@ -132,10 +132,9 @@ void ImuMonitor::fit_time_shifts(const ImuBuffer& imu, const RegisteredMotion& m
   rotation_.add(motion.mean_rate(), rates);
 }
 
-/// Returns true if the time shift_ changed.
-bool ImuMonitor::fill_table(Time now) {
+void ImuMonitor::fill_table(Time now) {
   fill_signals(now);
-  const bool shifted = fill_rotation();
+  fill_rotation();
   fill_force();
   const ImuCheck obstacle = find_obstacle(health_);
   const bool was_trusted = health_.trusted;
@@ -150,7 +149,6 @@ bool ImuMonitor::fill_table(Time now) {
   if (was_trusted && !health_.trusted) gyro_consistency_.reject();
   // Scans deskewed with the gyro_ reveal its errors more exactly, so the fit starts again.
   if (!was_trusted && health_.trusted) rotation_ = GyroAlignment();
-  return shifted;
 }
 
 void ImuMonitor::fill_signals(Time now) {
@@ -167,7 +165,7 @@ void ImuMonitor::fill_signals(Time now) {
   set_flag_row(health_, ImuCheck::kAccelSaturation, accel_.full_scale());
 }
 
-bool ImuMonitor::fill_rotation() {
+void ImuMonitor::fill_rotation() {
   const GyroAlignmentEstimate estimate = rotation_.estimate();
   // After a restart of the fit the earlier estimates stay until better ones exist.
   if (estimate.observed > 0) {
@@ -182,7 +180,7 @@ bool ImuMonitor::fill_rotation() {
       gyro_consistency_.rejected() && disagreement > health_[ImuCheck::kGyroAgreement].value;
   if (gyro_consistency_.compared() && (health_.trusted || is_worse))
     set_row(health_, ImuCheck::kGyroAgreement, disagreement);
-  return follow_offset(estimate);
+  follow_offset(estimate);
 }
 
 void ImuMonitor::fill_offset(const GyroAlignmentEstimate& estimate) {
@@ -208,20 +206,19 @@ void ImuMonitor::fill_bias() {
 }
 
 /// Applies a significant time offset to the stamps unless another check of the gyro_ is bad.
-bool ImuMonitor::follow_offset(const GyroAlignmentEstimate& estimate) {
+void ImuMonitor::follow_offset(const GyroAlignmentEstimate& estimate) {
   const double rest_s = estimate.time_offset_s;
   const double total_s = shift_.seconds() + rest_s;
   const bool is_large =
       std::abs(rest_s) > std::max(kMinShiftSeconds, kShiftSigmas * estimate.time_offset_sigma_s);
-  if (!estimate.time_offset_known || !is_large || std::abs(total_s) > kLargestTotalShiftSeconds) return false;
+  if (!estimate.time_offset_known || !is_large || std::abs(total_s) > kLargestTotalShiftSeconds) return;
   const ImuCheck obstacle = find_obstacle(health_);
-  if (obstacle != ImuCheck::kCount && obstacle != ImuCheck::kTimeOffset) return false;
+  if (obstacle != ImuCheck::kCount && obstacle != ImuCheck::kTimeOffset) return;
   shift_ = Duration::from_seconds(total_s);
   health_.time_shift_ms = 1e3 * shift_.seconds();
   rotation_ = GyroAlignment();
   gyro_consistency_.reset_evidence();
   pending_count_ = 0;
-  return true;
 }
 
 void ImuMonitor::fill_force() {

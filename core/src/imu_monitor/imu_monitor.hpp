@@ -67,9 +67,9 @@ class ImuMonitor {
   /// Angular rate of the last registered motion, rad/s; the constant-rate prediction starts from it.
   [[nodiscard]] const Vector3& registered_rate() const { return gyro_consistency_.registered_rate(); }
 
-  /// Evaluates a scan whose registration was accepted; `gyro_bias` is the bias in use. Returns true if
-  /// time_shift() changed: the samples in `imu` then carry outdated stamps and should be cleared.
-  bool observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
+  /// Evaluates a scan whose registration was accepted; `gyro_bias` is the bias in use. Where time_shift()
+  /// changes, the stamps of the samples in `imu` have to be moved by the change.
+  void observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion);
   /// Skips a scan whose pose is no measurement.
   void skip();
 
@@ -92,12 +92,12 @@ class ImuMonitor {
   [[nodiscard]] bool force_is_sound(Time since) const {
     return accel_.unchanged() < kStuckAfter && !accel_.clipped_since(since);
   }
-  bool fill_table(Time now);
+  void fill_table(Time now);
   void fill_signals(Time now);
-  bool fill_rotation();
+  void fill_rotation();
   void fill_offset(const GyroAlignmentEstimate& estimate);
   void fill_bias();
-  bool follow_offset(const GyroAlignmentEstimate& estimate);
+  void follow_offset(const GyroAlignmentEstimate& estimate);
   void fill_force();
   void reject(ImuCheck reason);
 

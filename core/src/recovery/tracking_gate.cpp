@@ -106,7 +106,9 @@ void Odometry::State::update_motion() {
   weigh_accelerometer(
       motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information));
   motion_filter.update(registration.T_map_moving, registration.information);
-  if (monitor.observe(imu, motion_filter.state().gyro_bias, registered_motion())) imu.clear();
+  const Duration shift = monitor.time_shift();
+  monitor.observe(imu, motion_filter.state().gyro_bias, registered_motion());
+  imu.move_stamps(shift - monitor.time_shift());
 }
 
 /// A pose that recovery found: a measurement as any other where it is as expected.

@@ -69,7 +69,9 @@ ImuHealth watch(const Drive& drive) {
     motion.to = Time::from_seconds(end);
     motion.T_odom_from = previous;
     motion.T_odom_to = registered;
-    if (monitor.observe(buffer, Vector3::Zero(), motion)) buffer.clear();
+    const Duration shift = monitor.time_shift();
+    monitor.observe(buffer, Vector3::Zero(), motion);
+    buffer.move_stamps(shift - monitor.time_shift());
     previous = registered;
   }
   return monitor.health();
