@@ -5,6 +5,7 @@
 #include "daemon/config/config.hpp"
 #include "daemon/input/input.hpp"
 #include "tools/common/files.hpp"
+#include "tools/common/trajectory.hpp"
 #include "tools/mangle/mangle.hpp"
 #include "tools/mangle/revolution.hpp"
 
@@ -225,6 +226,22 @@ Result<std::monostate> copy_others(const Recording& recording, const Options& op
   return std::monostate{};
 }
 
+/// Stamps of poses follow a clock that is set forward, and continue when it is set back: so do the truth's.
+Result<std::monostate> step_truth(const Faults& faults, core::Time begin, const fs::path& path) {
+  Faults forward;
+  for (const TimedFault& step : faults.clock_steps) {
+    if (step.amount_s > 0.0) forward.clock_steps.push_back(step);
+  }
+  std::error_code ignored;
+  if (forward.clock_steps.empty() || !fs::exists(path, ignored)) return std::monostate{};
+  auto truth = read_trajectory(path.string());
+  if (!truth) return truth.error();
+  for (core::Time& stamp : truth->stamps) stamp = stamp + clock_error(forward, begin, stamp);
+  const auto written = write_trajectory(*truth, path.string());
+  if (!written) return written.error();
+  return std::monostate{};
+}
+
 }  // namespace
 
 Result<Summary> mangle_packets(const Options& options) {
@@ -237,6 +254,8 @@ Result<Summary> mangle_packets(const Options& options) {
   if (!begin) return begin.error();
   if (auto written = write_can_log(*recording, options, *begin); !written) return written.error();
   if (auto copied = copy_others(*recording, options); !copied) return copied.error();
+  const fs::path truth = fs::path(options.output) / "truth.tum";
+  if (auto stepped = step_truth(options.faults, *begin, truth); !stepped) return stepped.error();
   return summary;
 }
 

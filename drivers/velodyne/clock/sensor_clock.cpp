@@ -1,6 +1,5 @@
 #include "drivers/velodyne/clock/sensor_clock.hpp"
 
-
 #include <algorithm>
 #include <cstdlib>
 
@@ -242,6 +241,8 @@ bool SensorClock::observe(const Seen& packet, std::int64_t early_ns) {
   } else if (step_ns > 0) {
     fit_.restart();
     fit_.observe(line_ns_, offset_ns);
+    // The IMU's samples carry the host's time, from which the sensor's now differs.
+    if (source_ == TimeSource::kAuto) in_step_ = false;
   } else if (delay > -early_ns) {
     fit_.observe(line_ns_, offset_ns);
   }

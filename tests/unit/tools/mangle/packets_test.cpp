@@ -4,6 +4,7 @@
 #include "tests/support/room_drive.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "tests/support/tools/run_command.hpp"
+#include "tools/common/trajectory.hpp"
 #include "tools/mangle/mangle.hpp"
 
 #include <algorithm>
@@ -210,6 +211,29 @@ TEST_CASE("a step of the host's clock shifts the later times of packets and CAN 
   }
   CHECK(shifted > 100);
   CHECK_FALSE(std::getline(old_log, line));
+}
+
+TEST_CASE("the truth follows a clock that is set forward and continues when it is set back", "[packets]") {
+  const Drive drive;
+  const core::Time begin = packets_of(drive.path()).front().stamp;
+  Trajectory truth;
+  for (int i = 0; i < 200; ++i) {
+    truth.stamps.push_back(begin + core::Duration::from_seconds(0.01 * i));
+    truth.poses.emplace_back(Eigen::Isometry3d::Identity());
+  }
+  REQUIRE(write_trajectory(truth, (drive.path() / "truth.tum").string()));
+  Faults faults;
+  faults.clock_steps = {{0.5, 0.6}, {-0.25, 1.0}};
+  REQUIRE(drive.mangled("truth", faults));
+  const auto before = read_trajectory((drive.path() / "truth.tum").string());
+  const auto after = read_trajectory((drive.out("truth") / "truth.tum").string());
+  REQUIRE((before && after));
+  REQUIRE(before->poses.size() == 200);
+  REQUIRE(after->poses.size() == 200);
+  for (std::size_t i = 0; i < 200; ++i) {
+    const double moved_s = (after->stamps[i] - before->stamps[i]).seconds();
+    if (i != 60) CHECK(moved_s == Approx(i < 60 ? 0.0 : 0.5).margin(1e-6));
+  }
 }
 
 TEST_CASE("every third revolution is dropped", "[packets]") {
