@@ -26,7 +26,7 @@ TEST_CASE("every scene is equal for the same seed, different for another, and no
     CHECK(one->mesh.vertices != other->mesh.vertices);
     CHECK(one->poses.size() >= 80);
     CHECK(std::all_of(one->poses.begin(), one->poses.end(),
-                      [](const core::SE3& pose) { return pose.matrix().allFinite(); }));
+                      [](const nilio::core::SE3& pose) { return pose.matrix().allFinite(); }));
   }
 }
 
