@@ -1,4 +1,4 @@
-#include "daemon/config/config_changes.hpp"
+#include "daemon/config/schema.hpp"
 
 #include <cinttypes>
 #include <cstdint>

@@ -1,6 +1,6 @@
 #include "daemon/config/schema.hpp"
 
-#include "nilio/core/registration_method.hpp"
+#include "nilio/core/odometry_config.hpp"
 #include "nilio/drivers/bag/point_cloud.hpp"
 #include "nilio/drivers/imu/mapping.hpp"
 #include "nilio/drivers/velodyne/model.hpp"

@@ -1,6 +1,6 @@
 #include "daemon/output/run_result.hpp"
 
-#include "daemon/config/config_changes.hpp"
+#include "daemon/config/schema.hpp"
 #include "daemon/output/run_output.hpp"
 #include "daemon/realtime/memory_plan.hpp"
 

@@ -1,6 +1,5 @@
 #include "daemon/service/config_reload.hpp"
 
-#include "daemon/config/config_changes.hpp"
 #include "daemon/config/schema.hpp"
 
 #include <chrono>

@@ -1,12 +1,14 @@
 #include "daemon/supervision/supervisor.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "daemon/config/convert.hpp"
 #include "daemon/config/schema.hpp"
 #include "daemon/odometry/decision_log.hpp"
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/file_writer.hpp"
 #include "daemon/output/run_log.hpp"
-#include "daemon/realtime/startup_priority.hpp"
+#include "daemon/realtime/thread_plan.hpp"
 #include "daemon/realtime/watchdog.hpp"
 #include "daemon/service/service_report.hpp"
 #include "daemon/supervision/publisher_starts.hpp"
@@ -414,7 +416,7 @@ void Supervisor::report_to_service() {
   health.makes_progress = threads_run && (!is_silent || next_silence_report_ns_ != 0);
   if (publisher_ && !publisher_->running()) health.problems.emplace_back("nilio-publisher does not run");
   if (is_silent)
-    health.problems.push_back("no scan for " + std::to_string((now - last_pose_ns_) / 1'000'000'000) +
+    health.problems.push_back("no scan for " + std::to_string((now - last_pose_ns_) / kNanosecondsPerSecond) +
                               " s: " + pipeline_->input().packets->status());
   if (!can_problem_.empty()) health.problems.push_back(can_problem_);
   if (files_ && files_->is_slow()) health.problems.emplace_back("the disk takes no data");

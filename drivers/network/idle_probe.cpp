@@ -5,7 +5,7 @@
 #include "drivers/common/byte_order.hpp"
 #include "drivers/common/socket.hpp"
 #include "drivers/network/interfaces.hpp"
-#include "drivers/network/packet_socket.hpp"
+#include "drivers/network/sockets.hpp"
 
 #include <cerrno>
 #include <cstring>

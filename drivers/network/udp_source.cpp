@@ -5,7 +5,7 @@
 #include "drivers/common/socket.hpp"
 #include "drivers/network/idle_probe.hpp"
 #include "drivers/network/interfaces.hpp"
-#include "drivers/network/udp_socket.hpp"
+#include "drivers/network/sockets.hpp"
 #include "drivers/network/udp_traffic.hpp"
 
 #include <algorithm>

@@ -5,7 +5,7 @@
 #include "drivers/common/counters.hpp"
 #include "drivers/common/socket.hpp"
 #include "drivers/network/interfaces.hpp"
-#include "drivers/network/packet_socket.hpp"
+#include "drivers/network/sockets.hpp"
 
 #include <algorithm>
 #include <array>

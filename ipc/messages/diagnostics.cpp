@@ -1,7 +1,6 @@
 #include "ipc/messages/diagnostics.hpp"
 
 #include "nilio/core/compute_budget.hpp"
-#include "nilio/core/imu_check_limits.hpp"
 #include "nilio/core/imu_health.hpp"
 #include "nilio/core/tracking.hpp"
 

@@ -8,8 +8,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <regex>
 #include <string>
 #include <sys/types.h>
@@ -19,11 +17,6 @@
 #include <vector>
 
 namespace nilio::tests {
-
-inline std::string read_file(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 inline std::size_t count_lines(const std::filesystem::path& path) {
   const std::string text = read_file(path);

@@ -1,7 +1,9 @@
-// Folders of the build that runs. Their names are compiled into one file, so that builds in different folders
-// share the objects of all others in a compiler cache.
+// Folders of the build that runs, and the real recordings. Their names are compiled into one file, so that
+// builds in different folders share the objects of all others in a compiler cache.
 #pragma once
 
+#include <filesystem>
+#include <optional>
 #include <string>
 
 namespace nilio::tests {
@@ -12,4 +14,17 @@ std::string source_folder();
 /// Folder of the programs that were built, without a slash at the end.
 std::string program_folder();
 
+/// A file or folder of the real recordings (NILIO_DATA, default ../shared/data beside the repository), if it
+/// is there.
+std::optional<std::filesystem::path> find_data(const std::string& relative);
+
 }  // namespace nilio::tests
+
+/// Leaves the test case, saying so, where the recordings are not there.
+#define NILIO_REQUIRE_DATA(variable, relative)                       \
+  const auto variable##_found = nilio::tests::find_data((relative)); \
+  if (!variable##_found) {                                           \
+    WARN("skipped: no data (" << (relative) << ")");                 \
+    return;                                                          \
+  }                                                                  \
+  const std::filesystem::path variable = *variable##_found

@@ -1,4 +1,4 @@
-#include "nilio/core/registration_method.hpp"
+#include "nilio/core/odometry_config.hpp"
 
 #include "daemon/exit_status.hpp"
 #include "tools/bench/bench.hpp"

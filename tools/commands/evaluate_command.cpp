@@ -4,7 +4,6 @@
 #include "tools/common/trajectory.hpp"
 #include "tools/evaluate/gnss.hpp"
 #include "tools/evaluate/metrics.hpp"
-#include "tools/evaluate/metrics_report.hpp"
 
 #include <cmath>
 #include <fstream>

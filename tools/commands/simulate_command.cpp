@@ -6,7 +6,7 @@
 #include "tools/simulate/faults/imu_faults.hpp"
 #include "tools/simulate/sensors/hdl64e_stream.hpp"
 #include "tools/simulate/simulate.hpp"
-#include "tools/simulate/town/town_scripts.hpp"
+#include "tools/simulate/town/town_drive.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,6 +1,5 @@
-#include "tools/evaluate/metrics_report.hpp"
-
 #include "tools/common/text.hpp"
+#include "tools/evaluate/metrics.hpp"
 
 #include <nlohmann/json.hpp>
 

@@ -14,7 +14,6 @@
 #include "tools/simulate/sensors/recording.hpp"
 #include "tools/simulate/town/town.hpp"
 #include "tools/simulate/town/town_drive.hpp"
-#include "tools/simulate/town/town_scripts.hpp"
 #include "tools/simulate/vehicle/recorded_drive.hpp"
 
 #include <cmath>

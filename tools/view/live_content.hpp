@@ -2,6 +2,8 @@
 
 #include "ipc/dds/cloud_subscriber.hpp"
 #include "ipc/dds/odometry_subscriber.hpp"
+#include "ipc/messages/messages.hpp"
+#include "tools/view/frames.hpp"
 #include "tools/view/live_state.hpp"
 #include "tools/view/point_tiles.hpp"
 #include "tools/view/server.hpp"
@@ -12,6 +14,10 @@
 #include <vector>
 
 namespace nilio::tools::view {
+
+/// Points of a received cloud: float32 fields x, y, z, and intensity if there is one. Empty where the message
+/// contradicts itself, points that are not finite are left out.
+std::vector<ViewPoint> points_of(const dds::PointCloud2& cloud);
 
 /// Serves what a DDS subscriber receives: state ten times a second, summaries once a second, and the clouds
 /// as fast as a client takes them. Also `/metrics`.

@@ -4,7 +4,6 @@
 #include "tools/common/trajectory.hpp"
 #include "tools/evaluate/error_series.hpp"
 #include "tools/evaluate/metrics.hpp"
-#include "tools/evaluate/metrics_report.hpp"
 #include "tools/plot/map.hpp"
 #include "tools/view/point_tiles.hpp"
 

@@ -1,6 +1,6 @@
 #include "core/src/imu_monitor/check_table.hpp"
 
-#include "nilio/core/imu_check_limits.hpp"
+#include "nilio/core/imu_health.hpp"
 #include "nilio/core/portable_math.hpp"
 #include "nilio/core/units.hpp"
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nilio/core/registration_method.hpp"
+#include "nilio/core/odometry_config.hpp"
 
 #include "core/src/map/gaussian_voxel_map.hpp"
 #include "core/src/map/point_voxel_map.hpp"

@@ -12,8 +12,7 @@
 
 #include "ipc/dds/participant.hpp"
 #include "tests/fuzz/rtps/mutations.hpp"
-#include "tests/fuzz/rtps/recording_participant.hpp"
-#include "tests/fuzz/rtps/victim.hpp"
+#include "tests/fuzz/rtps/participants.hpp"
 
 #include <arpa/inet.h>
 #include <array>

@@ -6,7 +6,8 @@
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include "tests/support/drivers_support.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/paths.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 #include <numbers>
 #include <sstream>

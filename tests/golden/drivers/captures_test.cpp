@@ -2,8 +2,8 @@
 #include "nilio/drivers/velodyne/detect.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/read_all.hpp"
-#include "tests/support/test_data.hpp"
 
 #include <cmath>
 

@@ -3,8 +3,8 @@
 
 #include "tests/support/disturbed_packets.hpp"
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/read_all.hpp"
-#include "tests/support/test_data.hpp"
 
 #include <set>
 #include <tuple>

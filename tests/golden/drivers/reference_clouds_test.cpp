@@ -3,8 +3,8 @@
 #include "nilio/drivers/velodyne/detect.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/reference_cloud.hpp"
-#include "tests/support/test_data.hpp"
 
 #include <catch2/catch.hpp>
 

@@ -5,7 +5,6 @@
 #include "tests/support/paths.hpp"
 #include "tests/support/reference_cloud.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "tests/support/test_data.hpp"
 #include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 

@@ -1,5 +1,5 @@
 #include "daemon/config/schema.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/tools/inspect_support.hpp"
 #include "tools/common/text.hpp"
 #include "tools/inspect/config.hpp"

@@ -2,9 +2,9 @@
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/hdl32e_imu.hpp"
 
+#include "tests/support/paths.hpp"
 #include "tests/support/replay_run.hpp"
 #include "tests/support/room_drive.hpp"
-#include "tests/support/test_data.hpp"
 
 #include <algorithm>
 #include <array>

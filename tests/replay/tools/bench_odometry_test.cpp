@@ -12,7 +12,7 @@
 using namespace nilio;
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
-using tests::read_text;
+using tests::read_file;
 using tests::run_command;
 using tests::TemporaryFolder;
 using tests::town_drive;
@@ -154,16 +154,16 @@ TEST_CASE("one command writes a page with its command, tables and pictures", "[b
   const std::string output = folder.file("results");
   REQUIRE(run_command(add_bench, {"bench", "odometry", town_drive(), "--registration", "ndt_icp,icp_point",
                                   "--threads", "1,2", "--output", output}) == 0);
-  const std::string page = read_text(output + "/results.md");
+  const std::string page = read_file(output + "/results.md");
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
   for (const char* part : {"| ndt_icp, 2 threads |", "| icp_point |", "### Cost", "### Trajectories"})
     CHECK(page.find(part) != std::string::npos);
   for (const char* name : {"trajectory-town.svg", "latency-town.svg"}) {
     CHECK(page.find(name) != std::string::npos);
-    CHECK(read_text(output + "/" + name).find("<svg") != std::string::npos);
+    CHECK(read_file(output + "/" + name).find("<svg") != std::string::npos);
   }
   CHECK(run_command(add_bench, {"bench", "odometry", folder.file("nowhere")}) == -1);
   CHECK(run_command(add_bench, {"bench", "odometry", town_drive(), "--registration", "loam"}) == -1);
   CHECK(run_command(add_bench, {"bench", "basin", town_drive(), "--pairs", "2", "--output", output}) == 0);
-  CHECK(read_text(output + "/basin-town.svg").find("<svg") != std::string::npos);
+  CHECK(read_file(output + "/basin-town.svg").find("<svg") != std::string::npos);
 }

@@ -10,7 +10,7 @@ using namespace nilio;
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
 using tests::read_all;
-using tests::read_text;
+using tests::read_file;
 using tests::run_command;
 using tests::TemporaryFolder;
 using tests::town_drive;
@@ -79,7 +79,7 @@ TEST_CASE("one command runs niliod under a budget and loads, checks the identity
   REQUIRE(run_command(add_bench, {"bench", "realtime", town_drive(), "--seconds", "2", "--budgets", "20",
                                   "--conditions", "cpu,memory,subscriber", "--memory-mib", "64", "--page",
                                   folder.file("page.md"), "--domain", "232"}) == 0);
-  const std::string page = read_text(folder.file("page.md"));
+  const std::string page = read_file(folder.file("page.md"));
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
   for (const char* part : {"| 20 | idle |", "| cpu |", "| memory |", "| subscriber |", "(default)"})
     CHECK(page.find(part) != std::string::npos);
@@ -91,5 +91,5 @@ TEST_CASE("one command runs niliod under a budget and loads, checks the identity
   CHECK(count_of(page, "| PASS |") + count_of(page, "| not comparable |") == 6);
   // The checks of threads and load need no network.
   CHECK(count_of(page, "| PASS |") >= 3);
-  CHECK(read_text(folder.file("realtime-latency-town.svg")).find("<svg") != std::string::npos);
+  CHECK(read_file(folder.file("realtime-latency-town.svg")).find("<svg") != std::string::npos);
 }

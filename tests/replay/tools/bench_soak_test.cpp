@@ -11,7 +11,7 @@ using namespace nilio;
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
 using tests::read_all;
-using tests::read_text;
+using tests::read_file;
 using tests::run_command;
 using tests::TemporaryFolder;
 
@@ -99,11 +99,11 @@ TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, 
   run_command(add_bench,
               {"bench", "soak", std::filesystem::path(short_drive().files.captures.front()).parent_path(),
                "--minutes", "0.2", "--page", folder.file("soak.md"), "--domain", "231"});
-  const std::string page = read_text(folder.file("soak.md"));
+  const std::string page = read_file(folder.file("soak.md"));
   CHECK(page.find("| moving | 0.2 | 6 |") != std::string::npos);
   CHECK(page.find("scans gave") == std::string::npos);
   CHECK(page.find("histograms have") == std::string::npos);
-  CHECK(read_text(folder.file("memory.svg")).find("<svg") != std::string::npos);
+  CHECK(read_file(folder.file("memory.svg")).find("<svg") != std::string::npos);
   CHECK(run_command(add_bench, {"bench", "soak"}) == -1);
   CHECK(run_command(add_bench, {"bench", "soak", folder.file("nowhere")}) == -1);
   CHECK(run_command(add_bench, {"bench", "soak", "--minutes", "nan"}) == -1);

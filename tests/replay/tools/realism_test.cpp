@@ -2,7 +2,6 @@
 
 #include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "tests/support/test_data.hpp"
 #include "tools/bench/matrix/drive.hpp"
 
 #include <atomic>

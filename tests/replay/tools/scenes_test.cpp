@@ -1,4 +1,5 @@
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/bench/odometry/measure.hpp"
 #include "tools/bench/odometry/run.hpp"
 #include "tools/commands/commands.hpp"

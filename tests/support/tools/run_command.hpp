@@ -2,8 +2,13 @@
 
 #include "tools/commands/commands.hpp"
 
+#include <array>
+#include <cstdio>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include <catch2/catch.hpp>
 
 namespace nilio::tests {
 
@@ -27,5 +32,16 @@ CommandResult capture_command(AddCommand add_command, const std::string& line);
 
 /// Only the status of the command.
 int run_command(AddCommand add_command, std::vector<std::string> arguments);
+
+/// Standard output of a program, and whether it succeeded.
+inline std::pair<std::string, bool> run_program(const std::string& command) {
+  std::string output;
+  FILE* pipe = popen(command.c_str(), "r");
+  REQUIRE(pipe != nullptr);
+  std::array<char, 4096> buffer{};
+  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), pipe))
+    output.append(buffer.data(), n);
+  return {output, pclose(pipe) == 0};
+}
 
 }  // namespace nilio::tests

@@ -1,50 +1,19 @@
 #pragma once
 
+#include "tests/support/temporary_folder.hpp"
 #include "tools/simulate/geometry/ray_scene.hpp"
 #include "tools/simulate/scenes/traffic.hpp"
 #include "tools/simulate/town/town.hpp"
 #include "tools/simulate/town/town_drive.hpp"
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
-#include <filesystem>
-#include <fstream>
 #include <memory>
-#include <random>
-#include <sstream>
-#include <string>
 #include <utility>
 #include <vector>
 
 #include <catch2/catch.hpp>
 
 namespace nilio::tests {
-
-/// Temporary folder, removed at the end of the test.
-class SimulationFolder {
- public:
-  SimulationFolder()
-      : path_(std::filesystem::temp_directory_path() /
-              ("nilio_simulate_" + std::to_string(std::random_device{}()))) {
-    std::filesystem::create_directories(path_);
-  }
-  SimulationFolder(const SimulationFolder&) = delete;
-  SimulationFolder& operator=(const SimulationFolder&) = delete;
-  ~SimulationFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
-inline std::string read_whole(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream content;
-  content << file.rdbuf();
-  return content.str();
-}
 
 /// A drive, the town around it and the moving cars, ready for casting.
 struct SimulatedWorld {

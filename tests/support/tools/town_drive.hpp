@@ -1,6 +1,7 @@
 #pragma once
 
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 
 #include <string>

@@ -1,4 +1,3 @@
-#include "daemon/config/config_changes.hpp"
 #include "daemon/config/schema.hpp"
 #include "tests/support/niliod_process.hpp"
 #include "tests/support/paths.hpp"

@@ -1,12 +1,21 @@
 #include "daemon/realtime/thread_plan.hpp"
 
+#include <sched.h>
 #include <string>
+#include <thread>
 
 #include <catch2/catch.hpp>
 
 using nilio::daemon::cpu_list_text;
 using nilio::daemon::CpuList;
 using nilio::daemon::parse_cpu_list;
+using nilio::daemon::StartupPriority;
+
+namespace {
+
+int policy() { return sched_getscheduler(0) & ~SCHED_RESET_ON_FORK; }
+
+}  // namespace
 
 TEST_CASE("CPU lists have the format of taskset; an empty list means any", "[thread_plan]") {
   CHECK(parse_cpu_list("").value().empty());
@@ -28,4 +37,21 @@ TEST_CASE("an invalid CPU list is rejected with the wrong item", "[thread_plan]"
     CHECK(cpus.error().message.find("expected numbers and ranges") != std::string::npos);
   }
   CHECK(parse_cpu_list("0,7-x").error().message.find("'7-x'") != std::string::npos);
+}
+
+TEST_CASE("the start has FIFO priority, threads started meanwhile have not", "[thread_plan]") {
+  // The flag stays with the thread, hence one of its own.
+  std::thread([] {
+    REQUIRE(policy() == SCHED_OTHER);
+    {
+      const StartupPriority priority;
+      if (policy() == SCHED_OTHER) {
+        WARN("skipped: no permission for FIFO threads");
+        return;
+      }
+      CHECK(policy() == SCHED_FIFO);
+      std::thread([] { CHECK(policy() == SCHED_OTHER); }).join();
+    }
+    CHECK(policy() == SCHED_OTHER);
+  }).join();
 }

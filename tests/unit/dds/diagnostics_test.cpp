@@ -1,6 +1,6 @@
 #include "ipc/messages/diagnostics.hpp"
 
-#include "nilio/core/imu_check_limits.hpp"
+#include "nilio/core/imu_health.hpp"
 
 #include "core/src/imu_monitor/check_table.hpp"
 #include "tests/support/paths.hpp"

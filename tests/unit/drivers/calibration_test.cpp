@@ -3,7 +3,6 @@
 
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/paths.hpp"
-#include "tests/support/test_data.hpp"
 
 #include <algorithm>
 

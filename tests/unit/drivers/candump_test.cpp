@@ -1,7 +1,7 @@
 #include "nilio/drivers/can/can_files.hpp"
 
 #include "tests/support/drivers_support.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/paths.hpp"
 
 #include <catch2/catch.hpp>
 

@@ -2,7 +2,7 @@
 
 #include "tests/support/drivers_support.hpp"
 #include "tests/support/paths.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 #include <catch2/catch.hpp>
 

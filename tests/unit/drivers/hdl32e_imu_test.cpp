@@ -3,7 +3,7 @@
 #include "nilio/core/units.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 
-#include "tests/support/test_data.hpp"
+#include "tests/support/paths.hpp"
 
 #include <array>
 #include <cmath>

@@ -2,7 +2,7 @@
 #include "nilio/drivers/velodyne/model.hpp"
 
 #include "tests/support/hdl64e_support.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/paths.hpp"
 
 #include <array>
 #include <string>

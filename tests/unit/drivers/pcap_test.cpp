@@ -1,6 +1,7 @@
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "tests/support/pcap_support.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 #include <catch2/catch.hpp>
 

@@ -4,7 +4,7 @@
 #include "nilio/drivers/velodyne/clock/position_packet.hpp"
 
 #include "tests/support/drivers_support.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/paths.hpp"
 
 #include <algorithm>
 #include <array>

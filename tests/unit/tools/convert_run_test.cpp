@@ -1,4 +1,5 @@
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/convert/run.hpp"
@@ -15,7 +16,7 @@
 using namespace nilio::tools;
 using namespace nilio::tools::convert;
 using Catch::Matchers::Contains;
-using nilio::tests::read_text;
+using nilio::tests::read_file;
 using nilio::tests::run_command;
 using nilio::tests::TemporaryFolder;
 
@@ -58,7 +59,7 @@ TEST_CASE("a run is converted to one table of its poses and scans", "[run]") {
   const std::string output = folder.file("run.csv");
   REQUIRE(run_command(add_convert_command,
                       {"convert", "run", folder.text(), "--to", "csv", "--output", output}) == 0);
-  const std::string text = read_text(output);
+  const std::string text = read_file(output);
   CHECK_THAT(text, Catch::StartsWith(
                        "stamp_s,x_m,y_m,z_m,qx,qy,qz,qw,roll_deg,pitch_deg,yaw_deg,path_m,state,speed\n"));
   CHECK_THAT(text, Contains("\n1700000000.000000001,0.000000000,0.000000000,1.500000000,") &&
@@ -83,7 +84,7 @@ TEST_CASE("poses survive the way through an MCAP file", "[run]") {
     CHECK((poses->poses[i].matrix() - expected->poses[i].matrix()).cwiseAbs().maxCoeff() < 1e-9);
   const std::string back = folder.file("back.tum");
   REQUIRE(convert_run(conversion(mcap, RunFormat::kTum, back, "/pose")).ok());
-  CHECK_THAT(read_text(back), Contains("1700000000.900000001 900.000000000 0.000000000 1.500000000 "));
+  CHECK_THAT(read_file(back), Contains("1700000000.900000001 900.000000000 0.000000000 1.500000000 "));
 }
 
 TEST_CASE("a trajectory is a line on the map where its origin is given", "[run]") {
@@ -92,7 +93,7 @@ TEST_CASE("a trajectory is a line on the map where its origin is given", "[run]"
   const std::string output = folder.file("line.geojson");
   REQUIRE(run_command(add_convert_command, {"convert", "run", tum, "--to", "geojson", "--origin",
                                             "49.0,8.4,115,90", "--output", output}) == 0);
-  const auto collection = nlohmann::json::parse(read_text(output));
+  const auto collection = nlohmann::json::parse(read_file(output));
   CHECK(collection["type"] == "FeatureCollection");
   const auto& feature = collection["features"][0];
   const auto& line = feature["geometry"]["coordinates"];

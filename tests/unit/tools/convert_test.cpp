@@ -3,8 +3,9 @@
 #include "nilio/drivers/can/can_files.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
-#include "tests/support/test_data.hpp"
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/paths.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/convert/kitti_raw.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"

@@ -3,8 +3,9 @@
 #include "nilio/core/units.hpp"
 #include "nilio/drivers/bag/mcap_writer.hpp"
 
-#include "tests/support/test_data.hpp"
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/paths.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/common/text.hpp"
 #include "tools/convert/kitti_raw.hpp"
@@ -28,7 +29,7 @@ using Catch::Matchers::Contains;
 using gnss::Fix;
 using gnss::Track;
 using tests::capture_command;
-using tests::read_text;
+using tests::read_file;
 using tests::TemporaryFolder;
 
 namespace {
@@ -363,7 +364,7 @@ TEST_CASE("nilio evaluate takes a GNSS track as truth", "[gnss]") {
                           "convert run " + tum + " --to geojson --origin 49,8.4,115,30 --output " + by_hand)
               .status == 0);
   const auto last = [](const std::string& path) {
-    return nlohmann::json::parse(read_text(path))["features"][0]["geometry"]["coordinates"][599];
+    return nlohmann::json::parse(read_file(path))["features"][0]["geometry"]["coordinates"][599];
   };
   for (std::size_t i = 0; i < 2; ++i)
     CHECK(last(by_gnss)[i].get<double>() == Approx(last(by_hand)[i].get<double>()).margin(1e-6));

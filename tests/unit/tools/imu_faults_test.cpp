@@ -105,12 +105,12 @@ TEST_CASE("a misspelt fault or a value out of range is rejected with the list of
 
 TEST_CASE("nilio simulate applies several faults, and rejects them without an IMU or when misspelt",
           "[imu_faults]") {
-  const tests::SimulationFolder folder;
+  const tests::TemporaryFolder folder;
   const std::string options = folder.path().string() + " --duration 1 --moving-start --moving-cars 0";
   REQUIRE(simulate(options).status == 0);
-  const std::string sound = tests::read_whole(folder.path() / "imu.candump.log");
+  const std::string sound = tests::read_file(folder.path() / "imu.candump.log");
   REQUIRE(simulate(options + " --imu-fault dropout=0.5 --imu-fault gyro_bias=2").status == 0);
-  const std::string faulty = tests::read_whole(folder.path() / "imu.candump.log");
+  const std::string faulty = tests::read_file(folder.path() / "imu.candump.log");
   CHECK(std::count(faulty.begin(), faulty.end(), '\n') <
         std::count(sound.begin(), sound.end(), '\n') * 3 / 5);
   CHECK(faulty.substr(0, 60) != sound.substr(0, 60));

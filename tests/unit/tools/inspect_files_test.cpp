@@ -136,7 +136,7 @@ TEST_CASE("broken lines, error frames and overlong lines of a CAN log are counte
 
 TEST_CASE("a CAN log without overlap with the capture is reported with the time between them",
           "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing(), kEpochNs + 100'000'000'000));
   const RecordingFindings apart = inspect_recording({folder.path().string()});
@@ -157,7 +157,7 @@ TEST_CASE("a CAN log without overlap with the capture is reported with the time 
 
 TEST_CASE("the configuration contains differing ports, sender and IMU, and a replay accepts it",
           "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   const auto capture = folder.path() / "lidar.pcap";
   const auto yaml = folder.path() / "nilio.yaml";
   std::string both = vlp16_capture(kFirstSensor, 3000);
@@ -175,7 +175,7 @@ TEST_CASE("the configuration contains differing ports, sender and IMU, and a rep
   CHECK(config.imu.preset == "oxts_rt3003");
   CHECK(config.imu.interface_name == "can1");
   CHECK(config.imu.enabled);
-  CHECK_THAT(read_whole(yaml), Contains("# other sensors send to the same port: 192.168.1.202"));
+  CHECK_THAT(read_file(yaml), Contains("# other sensors send to the same port: 192.168.1.202"));
   const auto files = daemon::find_replay_files({folder.path().string()});
   REQUIRE(files.ok());
   CHECK(daemon::open_replay(*files, config).ok());
@@ -190,7 +190,7 @@ TEST_CASE("the configuration contains differing ports, sender and IMU, and a rep
 }
 
 TEST_CASE("a CAN log without a known IMU disables the IMU in the configuration", "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "car.log", "(1700000000.000000) can0 123#00\n");
   const std::string yaml = (folder.path() / "nilio.yaml").string();
@@ -200,7 +200,7 @@ TEST_CASE("a CAN log without a known IMU disables the IMU in the configuration",
 
 TEST_CASE("an HDL-64E's own calibration is found, saved and referenced in the configuration",
           "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   write(folder.path() / "lidar.pcap", hdl64e_capture());
   const std::string yaml = (folder.path() / "nilio.yaml").string();
   const std::string calibration = (folder.path() / "unit.yaml").string();
@@ -247,7 +247,7 @@ TEST_CASE("with JSON on standard output there is only JSON, with the contents of
 }
 
 TEST_CASE("a configuration that cannot be read is an error", "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
   write(folder.path() / "bad.yaml", "odometry:\n  thread: 2\n");
   const std::string config = (folder.path() / "bad.yaml").string();
@@ -257,7 +257,7 @@ TEST_CASE("a configuration that cannot be read is an error", "[inspect_files]") 
 }
 
 TEST_CASE("an unfinished file in a folder is named, not inspected", "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   write(folder.path() / "lidar.pcap.partial", vlp16_capture(kFirstSensor, 2368));
   const CommandResult result = run_inspect(folder.path().string());
   CHECK(result.status == 1);
@@ -265,7 +265,7 @@ TEST_CASE("an unfinished file in a folder is named, not inspected", "[inspect_fi
 }
 
 TEST_CASE("missing files and folders without recordings are errors with a message", "[inspect_files]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   write(folder.path() / "notes.txt", "hello\n");
   const CommandResult empty = run_inspect(folder.path().string());
   CHECK(empty.status == 1);

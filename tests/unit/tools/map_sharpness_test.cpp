@@ -1,7 +1,7 @@
 #include "tools/bench/sharpness/map_sharpness.hpp"
 
+#include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "tests/support/test_data.hpp"
 #include "tools/common/trajectory.hpp"
 #include "tools/convert/kitti_raw.hpp"
 

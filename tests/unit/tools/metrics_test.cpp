@@ -1,7 +1,8 @@
 #include "tools/evaluate/metrics.hpp"
 
-#include "tests/support/test_data.hpp"
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/paths.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 
 #include <cmath>
@@ -233,7 +234,7 @@ TEST_CASE("the exit status of evaluate distinguishes bad input from exceeded thr
   CHECK(run_command(add_evaluate_command, {"evaluate", folder.file("missing"), folder.file("truth.tum")}) ==
         1);
   CHECK(run({"--align", "se3", "--segments", "50,60"}) == 0);
-  const auto json = nlohmann::json::parse(nilio::tests::read_text(folder.file("result.json")));
+  const auto json = nlohmann::json::parse(nilio::tests::read_file(folder.file("result.json")));
   CHECK(json["end_drift"]["alignment"] == "se3");
   CHECK(json["segments"]["per_length"].size() == 2);
   CHECK(json["path"]["ratio"].get<double>() == Approx(1.02));
@@ -257,7 +258,7 @@ TEST_CASE("all numbers agree with the reference script on real poses with synthe
     REQUIRE(run_command(add_evaluate_command,
                         {"evaluate", folder.file(sequence + ".txt"), folder.file("estimate.txt"), "--json",
                          folder.file("result.json")}) == 0);
-    const auto ours = nlohmann::json::parse(nilio::tests::read_text(folder.file("result.json")));
+    const auto ours = nlohmann::json::parse(nilio::tests::read_file(folder.file("result.json")));
     const auto [text, succeeded] = nilio::tests::run_program(
         "/usr/bin/python3 '" + script.string() + "' --json --gt '" + folder.file(sequence + ".txt") +
         "' --est '" + folder.file("estimate.txt") + "'");

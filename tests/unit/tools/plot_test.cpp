@@ -1,4 +1,5 @@
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/support/tools/run_command.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/plot/figure.hpp"
 #include "tools/plot/map.hpp"
@@ -81,9 +82,9 @@ TEST_CASE("plot writes a picture, and fails for files that cannot be read or wri
     return run_command(add_plot_command, arguments);
   };
   CHECK(run({path, "--truth", path, "-o", folder.file("a.png")}) == 0);
-  CHECK(nilio::tests::read_text(folder.file("a.png")).starts_with("\x89PNG"));
+  CHECK(nilio::tests::read_file(folder.file("a.png")).starts_with("\x89PNG"));
   CHECK(run({path, path, "-o", folder.file("a.svg")}) == 0);
-  CHECK(nilio::tests::read_text(folder.file("a.svg")).find("<svg") != std::string::npos);
+  CHECK(nilio::tests::read_file(folder.file("a.svg")).find("<svg") != std::string::npos);
   CHECK(run({still, "-o", folder.file("still.png")}) == 0);
   CHECK(run({path, "-o", folder.file("a.gif")}) == 1);
   CHECK(run({path, "-o", folder.file("no/such/folder.png")}) == 1);
@@ -97,7 +98,7 @@ TEST_CASE("SVG text remains text, and names stand beside their curves", "[plot]"
   figure.panels[0].x.label = "time & place";
   figure.panels[0].curves = {{"first", {{0.0, 1.0}, {1.0, 2.0}}}, {"second", {{0.0, 1.0}, {1.0, 2.0}}}};
   REQUIRE(save_figure(figure, folder.file("a.svg"), 400, 300));
-  const std::string svg = nilio::tests::read_text(folder.file("a.svg"));
+  const std::string svg = nilio::tests::read_file(folder.file("a.svg"));
   for (const char* text : {">first</text>", ">second</text>", ">time &amp; place</text>"})
     CHECK(svg.find(text) != std::string::npos);
   CHECK(figure_csv(figure) ==

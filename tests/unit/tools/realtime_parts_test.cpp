@@ -3,7 +3,7 @@
 
 #include "daemon/output/sha256.hpp"
 #include "tests/support/eventually.hpp"
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tools/bench/common/memory_use.hpp"
 #include "tools/bench/common/niliod_run.hpp"
 #include "tools/bench/realtime/identity_checks.hpp"

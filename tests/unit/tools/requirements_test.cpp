@@ -1,6 +1,6 @@
 #include "tools/bench/realtime/requirements.hpp"
 
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tools/bench/realtime/thread_watch.hpp"
 #include "tools/common/child_process.hpp"
 #include "tools/common/files.hpp"

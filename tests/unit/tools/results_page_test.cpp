@@ -1,25 +1,14 @@
 #include "tools/bench/report/results_page.hpp"
 
-#include "tools/common/statistics.hpp"
+#include "tools/bench/odometry/report.hpp"
 
 #include <limits>
-#include <string>
+#include <span>
 
 #include <catch2/catch.hpp>
 
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
-
-TEST_CASE("percentiles are values of the set", "[results_page]") {
-  CHECK(percentiles_of({}).maximum == 0.0);
-  CHECK(percentiles_of({3.0}).p99 == 3.0);
-  std::vector<double> values;
-  for (int i = 200; i > 0; --i) values.push_back(i);
-  const Percentiles percentiles = percentiles_of(values);
-  CHECK(percentiles.median == 100.0);
-  CHECK(percentiles.p99 == 198.0);
-  CHECK(percentiles.maximum == 200.0);
-}
 
 TEST_CASE("tables are aligned for a terminal and Markdown on a page", "[results_page]") {
   const Table table{{"name", "ms"}, {{"a", "1.25"}, {"longer", "10.00"}}};
@@ -27,4 +16,14 @@ TEST_CASE("tables are aligned for a terminal and Markdown on a page", "[results_
   CHECK(to_markdown(table) == "| name | ms |\n|---|---:|\n| a | 1.25 |\n| longer | 10.00 |\n");
   CHECK(fixed(1.2345, 2) == "1.23");
   CHECK(fixed(std::numeric_limits<double>::quiet_NaN(), 2) == "-");
+}
+
+TEST_CASE("the share of the true path is stated only where the truth moves", "[results_page]") {
+  Measurement measurement;
+  measurement.name = "default";
+  measurement.accuracy.estimate_length_m = 3.0;
+  const auto share = [&] { return accuracy_table(std::span(&measurement, 1)).rows.at(0).back(); };
+  CHECK(share() == "-");
+  measurement.accuracy.truth_length_m = 4.0;
+  CHECK(share() == "75.00 %");
 }

@@ -1,6 +1,6 @@
 #include "tools/common/trajectory.hpp"
 
-#include "tests/support/tools/trajectory_support.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 #include <cmath>
 

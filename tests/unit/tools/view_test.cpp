@@ -1,6 +1,6 @@
 #include "tools/evaluate/error_series.hpp"
-#include "tools/view/cloud.hpp"
 #include "tools/view/http_request.hpp"
+#include "tools/view/live_content.hpp"
 #include "tools/view/live_path.hpp"
 #include "tools/view/live_state.hpp"
 #include "tools/view/metrics.hpp"

@@ -1,5 +1,3 @@
-#include "tools/bench/matrix/effects.hpp"
-
 #include "tools/bench/matrix/statistics.hpp"
 #include "tools/bench/matrix/summary.hpp"
 #include "tools/simulate/realism.hpp"

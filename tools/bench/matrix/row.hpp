@@ -45,6 +45,9 @@ struct Matrix {
 Matrix full_matrix();
 /// A part of it with short drives, for every change.
 Matrix quick_matrix();
+/// The town ideal, with each effect of realism alone, and with all of them: the same seeds, so that runs are
+/// paired. With and without an IMU, for two sensors.
+Matrix effects_matrix();
 
 /// The rows whose name matches a pattern of a shell (*, ?; several with | between them), and their drives.
 Matrix select_rows(Matrix matrix, const std::string& patterns);

@@ -34,6 +34,8 @@ Table matrix_table(const MatrixResult& result, bool simulated);
 Table peer_table(const MatrixResult& result);
 /// Failed runs with the command that repeats them; `options` are those of the matrix, such as "--quick ".
 Table failure_table(const MatrixResult& result, const std::string& options);
+/// Drift and success in effects_matrix() by effect for one sensor, with the paired ratio to the ideal drives.
+Table effects_table(const MatrixResult& result, const std::string& sensor);
 /// Whether a row's drive is simulated, by its name.
 bool is_simulated_row(const std::string& row);
 

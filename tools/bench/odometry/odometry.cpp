@@ -1,4 +1,4 @@
-#include "nilio/core/registration_method.hpp"
+#include "nilio/core/odometry_config.hpp"
 
 #include "tools/bench/bench.hpp"
 #include "tools/bench/odometry/measure.hpp"

@@ -6,7 +6,7 @@
 
 #include "tools/bench/common/niliod_run.hpp"
 #include "tools/bench/common/sensor_drive.hpp"
-#include "tools/common/line_fit.hpp"
+#include "tools/common/statistics.hpp"
 #include "tools/common/system.hpp"
 
 #include <array>

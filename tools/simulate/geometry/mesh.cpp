@@ -8,27 +8,6 @@ namespace nilio::tools::simulate {
 using core::SE3;
 using core::Vector3;
 
-double reflectivity(Material material) {
-  // In the order of the enumeration.
-  static constexpr std::array<double, 14> values{
-      0.2,   // asphalt
-      0.35,  // pavement
-      0.4,   // grass
-      0.65,  // plaster
-      0.35,  // brick
-      0.08,  // glass
-      0.3,   // roof tile
-      0.45,  // metal
-      0.3,   // bark
-      0.5,   // foliage
-      0.5,   // car paint
-      0.06,  // tyre
-      1.8,   // retroreflector
-      0.3,   // wire
-  };
-  return values[static_cast<std::size_t>(material)];
-}
-
 std::uint32_t TriangleMesh::add_vertex(const Vector3& p) {
   vertices.emplace_back(p.cast<float>());
   return static_cast<std::uint32_t>(vertices.size() - 1);

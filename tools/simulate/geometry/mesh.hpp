@@ -2,8 +2,8 @@
 
 #include "nilio/core/se3.hpp"
 
-#include "tools/simulate/geometry/material.hpp"
 #include "tools/simulate/geometry/porous_volume.hpp"
+#include "tools/simulate/geometry/surface.hpp"
 
 #include <array>
 #include <cstdint>

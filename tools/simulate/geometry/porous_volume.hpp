@@ -2,7 +2,7 @@
 
 #include "nilio/core/se3.hpp"
 
-#include "tools/simulate/geometry/material.hpp"
+#include "tools/simulate/geometry/surface.hpp"
 
 #include <cstdint>
 #include <optional>

@@ -1,6 +1,6 @@
 #include "tools/simulate/geometry/ray_scene.hpp"
 
-#include "tools/simulate/geometry/surface_detail.hpp"
+#include "tools/simulate/geometry/surface.hpp"
 #include "tools/simulate/random.hpp"
 #include "tools/simulate/town/street_objects.hpp"
 

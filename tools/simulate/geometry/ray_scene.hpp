@@ -3,7 +3,7 @@
 #include "nilio/core/result.hpp"
 
 #include "tools/simulate/geometry/mesh.hpp"
-#include "tools/simulate/geometry/surface_detail.hpp"
+#include "tools/simulate/geometry/surface.hpp"
 #include "tools/simulate/scenes/traffic.hpp"
 
 #include <array>

@@ -4,7 +4,7 @@
 #include "nilio/drivers/velodyne/model.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
 
-#include "tools/simulate/geometry/surface_detail.hpp"
+#include "tools/simulate/geometry/surface.hpp"
 #include "tools/simulate/sensors/echo.hpp"
 #include "tools/simulate/sensors/lidar_beam.hpp"
 #include "tools/simulate/sensors/lidar_errors.hpp"

@@ -74,4 +74,11 @@ const char* name_of(ImuCheckState state);
 /// Probable cause of the value and remedy; empty while the row is ok or unknown.
 std::string hint_for(ImuCheck check, const ImuHealth& health);
 
+/// Distances from normal_of() above which a check warns and is bad; 0 for one that is bad at once.
+struct ImuCheckLimits {
+  double warn = 0.0;
+  double bad = 0.0;
+};
+ImuCheckLimits limits_of(ImuCheck check);
+
 }  // namespace nilio::core

@@ -1,6 +1,5 @@
-#include "tools/bench/matrix/effects.hpp"
-
 #include "tools/bench/matrix/jobs.hpp"
+#include "tools/bench/matrix/summary.hpp"
 #include "tools/simulate/realism.hpp"
 
 #include <map>

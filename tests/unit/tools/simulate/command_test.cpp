@@ -14,7 +14,7 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio;
-using tests::SimulationFolder;
+using tests::TemporaryFolder;
 
 namespace {
 
@@ -30,31 +30,31 @@ const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
 }  // namespace
 
 TEST_CASE("the same seed gives the same bytes in every file, another seed does not", "[simulate_command]") {
-  const SimulationFolder a;
-  const SimulationFolder b;
-  const SimulationFolder c;
+  const TemporaryFolder a;
+  const TemporaryFolder b;
+  const TemporaryFolder c;
   REQUIRE(simulate(a.path().string() + kShort) == 0);
   REQUIRE(simulate(b.path().string() + kShort) == 0);
   REQUIRE(simulate(c.path().string() + kShort + " --seed 2") == 0);
   for (const char* name : {"lidar.pcap", "imu.candump.log", "truth.tum"}) {
-    const std::string content = tests::read_whole(a.path() / name);
+    const std::string content = tests::read_file(a.path() / name);
     CHECK(content.size() > 10'000);
-    CHECK(content == tests::read_whole(b.path() / name));
-    CHECK(content != tests::read_whole(c.path() / name));
+    CHECK(content == tests::read_file(b.path() / name));
+    CHECK(content != tests::read_file(c.path() / name));
   }
-  CHECK(tests::read_whole(a.path() / "nilio.yaml") == tests::read_whole(b.path() / "nilio.yaml"));
+  CHECK(tests::read_file(a.path() / "nilio.yaml") == tests::read_file(b.path() / "nilio.yaml"));
 }
 
 TEST_CASE("a drive that is over before the vehicle has left its place is simulated", "[simulate_command]") {
   for (const char* seconds : {"0.5", "2.5"}) {
-    const SimulationFolder folder;
+    const TemporaryFolder folder;
     CHECK(simulate(folder.path().string() + " --moving-cars 2 --duration " + seconds) == 0);
   }
 }
 
 TEST_CASE("the truth begins at the identity and its times are those of the IMU frames",
           "[simulate_command]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort + " --realism ideal --imu oxts_rt3003 --imu-rate 100") ==
           0);
   const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
@@ -85,12 +85,12 @@ TEST_CASE("the truth begins at the identity and its times are those of the IMU f
 }
 
 TEST_CASE("without an IMU neither its file nor its configuration is written", "[simulate_command]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort) == 0);
-  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
+  CHECK_THAT(tests::read_file(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
   REQUIRE(simulate(folder.path().string() + kShort + " --imu none --sensor hdl64e") == 0);
   CHECK_FALSE(std::filesystem::exists(folder.path() / "imu.candump.log"));
-  const std::string configuration = tests::read_whole(folder.path() / "nilio.yaml");
+  const std::string configuration = tests::read_file(folder.path() / "nilio.yaml");
   CHECK_THAT(configuration, Catch::Contains("model: HDL-64E-S2") && !Catch::Contains("imu:"));
 }
 
@@ -105,7 +105,7 @@ TEST_CASE("options out of range, not a number and unknown names are refused whil
 }
 
 TEST_CASE("errors name the place and the remedy", "[simulate_command]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   tests::CommandResult result;
   SECTION("a folder that cannot be made") {
     std::ofstream(folder.path() / "file") << "x";
@@ -128,14 +128,14 @@ TEST_CASE("errors name the place and the remedy", "[simulate_command]") {
 }
 
 TEST_CASE("an option that the trajectory does not use is wrong usage", "[simulate_command]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   const tests::CommandResult result = capture_simulate(folder.path().string() + " --calib x");
   CHECK_THAT(result.errors, Catch::Contains("--calib"));
   CHECK(result.status == 2);
 }
 
 TEST_CASE("every model is available by name, and unsupported options are rejected", "[simulate_command]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   tests::CommandResult result;
   const auto errors = [&](const std::string& options) {
     result = capture_simulate(folder.path().string() + kShort + options);
@@ -150,16 +150,16 @@ TEST_CASE("every model is available by name, and unsupported options are rejecte
   CHECK(result.status == 2);
   CHECK(errors(" --sensor puckhires --return-mode dual --gps nmea --rpm 1200").empty());
   CHECK(result.status == 0);
-  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"), Catch::Contains("model: Puck-Hi-Res"));
+  CHECK_THAT(tests::read_file(folder.path() / "nilio.yaml"), Catch::Contains("model: Puck-Hi-Res"));
 }
 
 TEST_CASE("the calibration that an HDL-64E sends is also written beside the recording",
           "[simulate_command]") {
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   REQUIRE(simulate(folder.path().string() + kShort + " --realism ideal --sensor HDL-64E-S3") == 0);
   const auto path = folder.path() / "calibration.yaml";
   // By its file name only, so that the recording can be moved.
-  CHECK_THAT(tests::read_whole(folder.path() / "nilio.yaml"),
+  CHECK_THAT(tests::read_file(folder.path() / "nilio.yaml"),
              Catch::Contains("calibration: calibration.yaml"));
   const auto built_in = drivers::make_velodyne_sensor(drivers::VelodyneModel::kHdl64eS3);
   const auto read = drivers::with_calibration_file(built_in, path.string());

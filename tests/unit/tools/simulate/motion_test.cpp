@@ -192,7 +192,7 @@ TEST_CASE("a stationary IMU measures gravity and no rotation, with the configure
 }
 
 TEST_CASE("a recorded drive follows the recorded poses, as base_link under the LiDAR", "[simulate_motion]") {
-  const tests::SimulationFolder folder;
+  const tests::TemporaryFolder folder;
   const auto path = folder.path() / "poses.txt";
   const std::vector<SE3> lidar_poses = write_bend(path, 120);
   RecordedDriveConfig config = recorded_config(path);
@@ -237,7 +237,7 @@ TEST_CASE("drifting recorded heights are made consistent at revisited places", "
 }
 
 TEST_CASE("a bad pose file is rejected with file, place and remedy", "[simulate_motion]") {
-  const tests::SimulationFolder folder;
+  const tests::TemporaryFolder folder;
   const auto path = folder.path() / "poses.txt";
   write_bend(path, 20);
   const RecordedDriveConfig config = recorded_config(path);

@@ -19,7 +19,7 @@ using namespace nilio::tools::simulate;
 using drivers::ReturnMode;
 using drivers::VelodyneModel;
 using tests::RoomWorld;
-using tests::SimulationFolder;
+using tests::TemporaryFolder;
 
 namespace {
 
@@ -68,7 +68,7 @@ core::ClockSource clock_of(const std::vector<drivers::Packet>& packets, Velodyne
 TEST_CASE("one position packet follows every fourteenth data packet, in order of both clocks",
           "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.3));
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   for (const VelodyneModel kind : {VelodyneModel::kVlp16, VelodyneModel::kHdl32e, VelodyneModel::kVls128}) {
     LidarModelConfig config = tests::room_config();
     config.network_jitter = core::Duration{300'000};
@@ -94,7 +94,7 @@ TEST_CASE("one position packet follows every fourteenth data packet, in order of
 
 TEST_CASE("the telemetry reports the sensor's GPS state, and the decoder uses it", "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.3));
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   const std::string path = (folder.path() / "lidar.pcap").string();
   LidarModelConfig config = tests::room_config();
   const auto first_position = [](const std::vector<drivers::Packet>& packets) {
@@ -178,7 +178,7 @@ TEST_CASE("an HDL-32E's boards measure the motion at the sensor", "[simulate_tel
 
 TEST_CASE("a recording has the same bytes with one or several threads", "[simulate_telemetry]") {
   const RoomWorld world = tests::make_room_world(tests::room_drive(0.1));
-  const SimulationFolder folder;
+  const TemporaryFolder folder;
   const std::pair<VelodyneModel, ReturnMode> kinds[] = {
       {VelodyneModel::kHdl32e, ReturnMode::kDual},
       {VelodyneModel::kVls128, ReturnMode::kDualConfidence},
@@ -194,14 +194,14 @@ TEST_CASE("a recording has the same bytes with one or several threads", "[simula
       const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
       const auto path = folder.path() / std::to_string(threads);
       record(world, kind, config, path.string());
-      bytes.push_back(tests::read_whole(path));
+      bytes.push_back(tests::read_file(path));
     }
     CHECK(bytes[0].size() > 300'000);
     CHECK(bytes[0] == bytes[1]);
     CHECK(bytes[0] == bytes[2]);
     config.seed = 2;
     record(world, kind, config, (folder.path() / "other").string());
-    CHECK(bytes[0] != tests::read_whole(folder.path() / "other"));
+    CHECK(bytes[0] != tests::read_file(folder.path() / "other"));
   }
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "nilio/core/time.hpp"
+
 #include "tests/fuzz/rtps/mutations.hpp"
 
 #include <cstdint>
@@ -28,5 +30,12 @@ class RecordingParticipant {
   struct Entities;
   std::unique_ptr<Entities> entities_;
 };
+
+/// Publishes and subscribes as nilio-publisher and `nilio watch` do, on loopback, until the parent process
+/// ends. Writes one byte to standard output when it is ready.
+[[noreturn]] void run_victim(std::uint32_t domain);
+
+/// True if a new subscriber on loopback receives a pose within `patience`.
+bool receives_pose(std::uint32_t domain, core::Duration patience);
 
 }  // namespace nilio::fuzz

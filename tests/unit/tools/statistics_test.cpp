@@ -1,4 +1,4 @@
-#include "tools/common/line_fit.hpp"
+#include "tools/common/statistics.hpp"
 
 #include "tools/bench/soak/soak.hpp"
 
@@ -45,7 +45,7 @@ MemorySeries series_of(const std::vector<double>& kib) {
 
 }  // namespace
 
-TEST_CASE("samples on a line give its slope with error zero", "[line_fit]") {
+TEST_CASE("samples on a line give its slope with error zero", "[statistics]") {
   const std::vector<double> x = seconds(50);
   std::vector<double> y;
   for (const double t : x) y.push_back(7.0 + 0.25 * t);
@@ -57,7 +57,7 @@ TEST_CASE("samples on a line give its slope with error zero", "[line_fit]") {
   CHECK_FALSE(fit.is_level());
 }
 
-TEST_CASE("slope and standard error are those of the textbook for independent samples", "[line_fit]") {
+TEST_CASE("slope and standard error are those of the textbook for independent samples", "[statistics]") {
   // Residuals +1 -1 -1 +1 ...: without slope, and their lag-1 products cancel.
   const std::vector<double> x = seconds(8);
   const std::vector<double> y{1, -1, -1, 1, 1, -1, -1, 1};
@@ -68,7 +68,7 @@ TEST_CASE("slope and standard error are those of the textbook for independent sa
   CHECK(fit.is_level());
 }
 
-TEST_CASE("twice the standard error covers a true slope in about 95 % of cases", "[line_fit]") {
+TEST_CASE("twice the standard error covers a true slope in about 95 % of cases", "[statistics]") {
   Noise noise;
   int covered = 0;
   const int trials = 1000;
@@ -83,7 +83,7 @@ TEST_CASE("twice the standard error covers a true slope in about 95 % of cases",
   CHECK(covered < 990);
 }
 
-TEST_CASE("a random walk is no trend, although it would be one for independent samples", "[line_fit]") {
+TEST_CASE("a random walk is no trend, although it would be one for independent samples", "[statistics]") {
   Noise noise;
   int trends = 0;
   const std::vector<double> x = seconds(300);
@@ -97,7 +97,7 @@ TEST_CASE("a random walk is no trend, although it would be one for independent s
   CHECK(trends < 40);
 }
 
-TEST_CASE("a single step of any height is no trend; ten steps are one", "[line_fit]") {
+TEST_CASE("a single step of any height is no trend; ten steps are one", "[statistics]") {
   const std::vector<double> x = seconds(600);
   std::vector<double> once(600, 0.0);
   std::fill(once.begin() + 250, once.end(), 1000.0);
@@ -108,7 +108,7 @@ TEST_CASE("a single step of any height is no trend; ten steps are one", "[line_f
   CHECK_FALSE(fit_line(x, often).is_level());
 }
 
-TEST_CASE("too few samples, or all at one x, give no line", "[line_fit]") {
+TEST_CASE("too few samples, or all at one x, give no line", "[statistics]") {
   CHECK(fit_line(seconds(2), seconds(2)).slope == 0.0);
   const std::vector<double> same(5, 1.0);
   CHECK(fit_line(same, seconds(5)).slope == 0.0);
@@ -118,7 +118,7 @@ TEST_CASE("too few samples, or all at one x, give no line", "[line_fit]") {
 TEST_CASE(
     "memory that is constant, or takes one page, is level; a leak of two KiB a minute or a larger step is "
     "not",
-    "[line_fit]") {
+    "[statistics]") {
   std::vector<double> kib(600, 40000.0);
   CHECK(is_level(series_of(kib)));
   for (std::size_t i = 300; i < kib.size(); ++i) kib[i] += 4.0;
@@ -133,7 +133,7 @@ TEST_CASE(
   CHECK(is_level(series_of({kib.begin() + 600, kib.begin() + 1200})));
 }
 
-TEST_CASE("the faults of a soak run are listed, and a good run has none", "[line_fit]") {
+TEST_CASE("the faults of a soak run are listed, and a good run has none", "[statistics]") {
   SoakResult result;
   result.pipeline = series_of(std::vector<double>(100, 5.0));
   result.scans = result.poses = 900;
@@ -153,4 +153,15 @@ TEST_CASE("the faults of a soak run are listed, and a good run has none", "[line
   result.pipeline = series_of(leaking);
   REQUIRE(find_faults(result).size() == 5);
   CHECK(find_faults(result).front().find("memory changes by 180.000") != std::string::npos);
+}
+
+TEST_CASE("percentiles are values of the set", "[statistics]") {
+  CHECK(percentiles_of({}).maximum == 0.0);
+  CHECK(percentiles_of({3.0}).p99 == 3.0);
+  std::vector<double> values;
+  for (int i = 200; i > 0; --i) values.push_back(i);
+  const Percentiles percentiles = percentiles_of(values);
+  CHECK(percentiles.median == 100.0);
+  CHECK(percentiles.p99 == 198.0);
+  CHECK(percentiles.maximum == 200.0);
 }

@@ -1,4 +1,4 @@
-#include "tools/simulate/geometry/surface_detail.hpp"
+#include "tools/simulate/geometry/surface.hpp"
 
 #include "tools/simulate/geometry/porous_volume.hpp"
 #include "tools/simulate/random.hpp"
@@ -81,6 +81,27 @@ void add_detail(const SurfaceDetail& detail, const Eigen::Vector3f& origin, cons
   const Eigen::Vector3f p = origin + hit.distance_m * direction;
   hit.distance_m +=
       amplitude * lattice_noise(p, kRoughCellM, 0x526F756768U) / std::max(hit.incidence_cosine, kLeastCosine);
+}
+
+double reflectivity(Material material) {
+  // In the order of the enumeration.
+  static constexpr std::array<double, 14> values{
+      0.2,   // asphalt
+      0.35,  // pavement
+      0.4,   // grass
+      0.65,  // plaster
+      0.35,  // brick
+      0.08,  // glass
+      0.3,   // roof tile
+      0.45,  // metal
+      0.3,   // bark
+      0.5,   // foliage
+      0.5,   // car paint
+      0.06,  // tyre
+      1.8,   // retroreflector
+      0.3,   // wire
+  };
+  return values[static_cast<std::size_t>(material)];
 }
 
 }  // namespace nilio::tools::simulate

@@ -1,4 +1,4 @@
-#include "tools/common/line_fit.hpp"
+#include "tools/common/statistics.hpp"
 
 #include <algorithm>
 #include <cmath>
