@@ -1,5 +1,7 @@
 #include "ipc/mapper_process.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "ipc/child_process.hpp"
 
 #include <algorithm>
@@ -105,13 +107,15 @@ std::optional<ProcessEvent> MapperProcess::poll() {
   if (running() && now - progress_at_ > std::chrono::nanoseconds(config_.hang_timeout.ns)) {
     progress_at_ = now;
     return process_.kill_hung("has read no waiting keyframe for " +
-                              std::to_string(config_.hang_timeout.ns / 1'000'000'000) + " s");
+                              std::to_string(config_.hang_timeout.ns / kNanosecondsPerSecond) + " s");
   }
   return process_.poll();
 }
 
 std::vector<ProcessEvent> MapperProcess::stop(core::Duration timeout) {
-  const auto seconds = [](core::Duration duration) { return std::to_string(duration.ns / 1'000'000'000); };
+  const auto seconds = [](core::Duration duration) {
+    return std::to_string(duration.ns / kNanosecondsPerSecond);
+  };
   const auto deadline = Clock::now() + std::chrono::nanoseconds(timeout.ns);
   std::vector<ProcessEvent> events;
   // No time for DDS to start.

@@ -1,5 +1,7 @@
 #include "ipc/wake_event.hpp"
 
+#include "nilio/core/clock.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -54,8 +56,7 @@ void WakeEvent::notify() noexcept {
 }
 
 bool WakeEvent::wait(core::Duration timeout) noexcept {
-  const std::int64_t ns = std::max<std::int64_t>(timeout.ns, 0);
-  const timespec limit{ns / 1'000'000'000, ns % 1'000'000'000};
+  const timespec limit = to_timespec(timeout);
   pollfd waited{file_descriptor_, POLLIN, 0};
   if (ppoll(&waited, 1, &limit, nullptr) <= 0) return false;
   clear();

@@ -1,5 +1,6 @@
 #include "daemon/input/receive.hpp"
 
+#include "nilio/core/clock.hpp"
 #include "nilio/drivers/velodyne/packet.hpp"
 
 #include <algorithm>
@@ -18,7 +19,7 @@ constexpr std::int64_t kRoomPollNs = 200'000;
 constexpr std::int64_t kLongestSleepNs = 50'000'000;
 
 void sleep_ns(std::int64_t ns) {
-  const timespec wanted{ns / 1'000'000'000, ns % 1'000'000'000};
+  const timespec wanted = to_timespec({ns});
   nanosleep(&wanted, nullptr);
 }
 

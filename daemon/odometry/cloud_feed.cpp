@@ -24,8 +24,7 @@ bool is_step(const std::optional<core::SE3>& T_odom_last, const core::SE3& T_odo
 
 template <class Record>
 void set_pose(const core::SE3& T_odom_base, Record& record) {
-  const Eigen::Quaterniond& q = T_odom_base.rotation;
-  record.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
+  record.orientation_xyzw = core::xyzw(T_odom_base.rotation);
   for (Eigen::Index i = 0; i < 3; ++i)
     record.position[static_cast<std::size_t>(i)] = T_odom_base.translation[i];
 }

@@ -28,7 +28,7 @@ void DeadlineGuard::set_timer(std::int64_t at_ns) const {
   // Zero would disarm the timer.
   const std::int64_t at = at_ns > 0 ? at_ns : 1;
   // The repetition shows that the thread is alive.
-  const itimerspec wanted{{0, kLongestWait.ns}, {at / 1'000'000'000, at % 1'000'000'000}};
+  const itimerspec wanted{{0, kLongestWait.ns}, to_timespec({at})};
   timerfd_settime(timer_, TFD_TIMER_ABSTIME, &wanted, nullptr);
 }
 

@@ -35,8 +35,6 @@ std::int64_t arrival_ns(const core::Scan& scan) {
   return scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
 }
 
-std::array<double, 4> xyzw(const Eigen::Quaterniond& q) { return {q.x(), q.y(), q.z(), q.w()}; }
-
 bool has_same_states(const core::ImuHealth& a, const core::ImuHealth& b) {
   const auto same_state = [](const core::ImuDiagnosis& x, const core::ImuDiagnosis& y) {
     return x.state == y.state;
@@ -61,8 +59,8 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
     record.deskew_rate[k] = result.deskew_rate[i];
     record.gyro_bias[k] = result.gyro_bias[i];
   }
-  record.orientation_xyzw = xyzw(result.T_odom_base.rotation);
-  record.middle_orientation_xyzw = xyzw(result.T_odom_base_middle.rotation);
+  record.orientation_xyzw = core::xyzw(result.T_odom_base.rotation);
+  record.middle_orientation_xyzw = core::xyzw(result.T_odom_base_middle.rotation);
   copy_row_major(result.pose_covariance, record.pose_covariance);
   copy_row_major(result.twist_covariance, record.twist_covariance);
   record.state = result.state;

@@ -1,5 +1,7 @@
 #include "daemon/output/run_messages.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -13,7 +15,6 @@ namespace nilio::daemon {
 namespace {
 
 constexpr std::uint8_t kFloat32 = 7;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 struct Definition {
   std::string_view name;
@@ -84,8 +85,9 @@ class CdrWriter {
   }
   CdrWriter& length(std::size_t count) { return number(static_cast<std::uint32_t>(count)); }
   CdrWriter& header(std::int64_t stamp_ns, std::string_view frame) {
-    const std::int64_t nanoseconds = ((stamp_ns % kNsPerSecond) + kNsPerSecond) % kNsPerSecond;
-    number(static_cast<std::int32_t>((stamp_ns - nanoseconds) / kNsPerSecond));
+    const std::int64_t nanoseconds =
+        ((stamp_ns % kNanosecondsPerSecond) + kNanosecondsPerSecond) % kNanosecondsPerSecond;
+    number(static_cast<std::int32_t>((stamp_ns - nanoseconds) / kNanosecondsPerSecond));
     number(static_cast<std::uint32_t>(nanoseconds));
     return text(frame);
   }

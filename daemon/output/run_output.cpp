@@ -2,6 +2,7 @@
 
 #include "nilio/core/compute_budget.hpp"
 #include "nilio/core/tracking.hpp"
+#include "nilio/core/units.hpp"
 
 #include "ipc/histogram.hpp"
 
@@ -48,8 +49,9 @@ std::string kitti_line(const core::SE3& pose) {
 std::string tum_line(std::int64_t stamp_ns, const std::array<double, 3>& p, const std::array<double, 4>& q) {
   char line[256];
   std::snprintf(line, sizeof line, "%lld.%09lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
-                static_cast<long long>(stamp_ns / 1'000'000'000),
-                static_cast<long long>(stamp_ns % 1'000'000'000), p[0], p[1], p[2], q[0], q[1], q[2], q[3]);
+                static_cast<long long>(stamp_ns / kNanosecondsPerSecond),
+                static_cast<long long>(stamp_ns % kNanosecondsPerSecond), p[0], p[1], p[2], q[0], q[1], q[2],
+                q[3]);
   return line;
 }
 
@@ -81,8 +83,8 @@ std::string scan_table_line(const ipc::PoseRecord& r) {
   std::snprintf(cells.data(), cells.size(),
                 "%llu,%lld.%09lld,%s,%s,%s,%u,%s,%d,%d,%d,%.4f,%u,%u,%u,%u,%u,%u,%u,%u,%llu",
                 static_cast<unsigned long long>(r.sequence),
-                static_cast<long long>(r.stamp_ns / 1'000'000'000),
-                static_cast<long long>(r.stamp_ns % 1'000'000'000), core::name_of(r.state),
+                static_cast<long long>(r.stamp_ns / kNanosecondsPerSecond),
+                static_cast<long long>(r.stamp_ns % kNanosecondsPerSecond), core::name_of(r.state),
                 core::name_of(r.stop_reason), core::name_of(r.degradation_level), unsigned{r.degenerate_axes},
                 core::name_of(r.clock_source), r.imu_used ? 1 : 0, r.predicted ? 1 : 0, r.guarded ? 1 : 0,
                 std::hypot(v[0], v[1], v[2]), r.points, r.points_used, r.correspondences,

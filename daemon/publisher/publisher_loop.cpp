@@ -155,8 +155,7 @@ void PublisherLoop::fill_report() {
 
 void PublisherLoop::sleep_until(Time time) {
   pollfd waited{signals_, POLLIN, 0};
-  const Duration left = std::max(time - monotonic_now(), Duration{0});
-  const timespec timeout{left.ns / 1'000'000'000, left.ns % 1'000'000'000};
+  const timespec timeout = to_timespec(time - monotonic_now());
   ppoll(&waited, 1, &timeout, nullptr);
   signalfd_siginfo signal{};
   while (read(signals_, &signal, sizeof signal) == sizeof signal) stopping_ = true;

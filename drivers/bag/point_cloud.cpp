@@ -2,6 +2,7 @@
 
 #include "nilio/core/clock.hpp"
 #include "nilio/core/portable_math.hpp"
+#include "nilio/core/units.hpp"
 
 #include "drivers/bag/beams.hpp"
 #include "drivers/bag/columns.hpp"
@@ -364,7 +365,7 @@ bool CloudDecoder::Impl::add_with_times(const CloudView& cloud, core::Scan& scan
       const double seconds = std::floor(span->min * form.unit_s);
       if (seconds < 0.0 || seconds >= kLatestSecond) return false;
       const double fraction = (span->min - seconds / form.unit_s) * form.unit_s;
-      base = core::Time{static_cast<std::int64_t>(seconds) * 1'000'000'000} +
+      base = core::Time{static_cast<std::int64_t>(seconds) * kNanosecondsPerSecond} +
              core::Duration::from_seconds(fraction);
       break;
     }

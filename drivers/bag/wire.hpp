@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nilio/core/time.hpp"
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/bag/bag.hpp"
 
 #include <algorithm>
@@ -84,7 +85,7 @@ class WireReader {
     const auto seconds = number<std::uint32_t>();
     const auto nanoseconds = number<std::uint32_t>();
     if (nanoseconds >= 1'000'000'000U) ok_ = false;
-    return {static_cast<std::int64_t>(seconds) * 1'000'000'000 + nanoseconds};
+    return {static_cast<std::int64_t>(seconds) * kNanosecondsPerSecond + nanoseconds};
   }
   [[nodiscard]] bool ok() const { return ok_; }
   [[nodiscard]] bool is_swapped() const { return swap_; }

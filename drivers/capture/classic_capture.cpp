@@ -1,3 +1,4 @@
+#include "nilio/core/units.hpp"
 #include "nilio/drivers/capture/capture_reader.hpp"
 
 #include <array>
@@ -30,7 +31,8 @@ class ClassicCapture final : public CaptureReader {
     }
     frame.link_type = link_type_;
     // The capture was opened with nanosecond precision: tv_usec holds nanoseconds.
-    frame.stamp_ns = static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 + header->ts.tv_usec;
+    frame.stamp_ns =
+        static_cast<std::int64_t>(header->ts.tv_sec) * kNanosecondsPerSecond + header->ts.tv_usec;
     frame.bytes = {bytes, header->caplen};
     frame.is_cut = header->caplen < header->len;
     return CaptureRead::kFrame;

@@ -34,7 +34,7 @@ ReceivedControl read_control(msghdr& header) {
     if (control->cmsg_type == SCM_TIMESTAMPNS) {
       timespec stamp{};
       std::memcpy(&stamp, CMSG_DATA(control), sizeof(stamp));
-      received.stamp.ns = static_cast<std::int64_t>(stamp.tv_sec) * 1'000'000'000 + stamp.tv_nsec;
+      received.stamp.ns = ns_of(stamp);
     } else if (control->cmsg_type == SO_RXQ_OVFL) {
       std::uint32_t drops = 0;
       std::memcpy(&drops, CMSG_DATA(control), sizeof(drops));
@@ -43,11 +43,6 @@ ReceivedControl read_control(msghdr& header) {
   }
   if (received.stamp.ns == 0) received.stamp.ns = clock_ns(CLOCK_REALTIME);
   return received;
-}
-
-timespec to_timespec(core::Duration timeout) {
-  const std::int64_t ns = std::max<std::int64_t>(timeout.ns, 0);
-  return {.tv_sec = ns / 1'000'000'000, .tv_nsec = ns % 1'000'000'000};
 }
 
 }  // namespace nilio::drivers

@@ -68,7 +68,4 @@ struct ReceivedControl {
 };
 ReceivedControl read_control(msghdr& header);
 
-/// `timeout` as ppoll() takes it; negative = 0.
-timespec to_timespec(core::Duration timeout);
-
 }  // namespace nilio::drivers

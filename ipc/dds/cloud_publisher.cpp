@@ -63,28 +63,24 @@ CloudPublisher::~CloudPublisher() = default;
 Participant& CloudPublisher::participant() { return *entities_->participant; }
 
 core::Result<std::unique_ptr<CloudPublisher>> CloudPublisher::create(const CloudPublisherConfig& config) {
-  auto names = topic_names(config.topic_prefix);
-  if (!names) return names.error();
-  auto participant = Participant::create(config.participant);
-  if (!participant) return participant.error();
+  auto group = create_writer_group(config.participant, config.topic_prefix);
+  if (!group) return group.error();
+  const TopicNames& names = group->names;
+  fastdds::DomainParticipant& participant = group->participant->get();
+  fastdds::Publisher& publisher = *group->publisher;
   auto entities = std::make_unique<Entities>();
-  entities->participant = std::move(participant).value();
-  fastdds::DomainParticipant& domain_participant = entities->participant->get();
-  fastdds::Publisher* const publisher = domain_participant.create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
-  if (publisher == nullptr)
-    return core::Error{"Fast DDS cannot create a publisher of clouds (out of memory?)"};
   entities->scan_writer =
-      create_writer<PointCloud2>(domain_participant, *publisher, names->registered_scan,
+      create_writer<PointCloud2>(participant, publisher, names.registered_scan,
                                  {.depth = kScanDepth, .deadline = kNoDeadline, .user_data = ""});
-  entities->path_writer =
-      create_writer<Path>(domain_participant, *publisher, names->path,
-                          {.depth = kPathDepth, .deadline = kNoDeadline, .user_data = ""});
+  entities->path_writer = create_writer<Path>(
+      participant, publisher, names.path, {.depth = kPathDepth, .deadline = kNoDeadline, .user_data = ""});
   if (entities->scan_writer == nullptr || entities->path_writer == nullptr)
-    return core::Error{"Fast DDS cannot create the writers for " + names->registered_scan + ", " +
-                       names->path + " (out of memory or sockets?)"};
+    return core::Error{"Fast DDS cannot create the writers for " + names.registered_scan + ", " + names.path +
+                       " (out of memory or sockets?)"};
   entities->odom_frame = config.odom_frame;
   entities->cloud.frame_id = config.odom_frame;
   set_fields(entities->cloud, {"x", "y", "z", "intensity"});
+  entities->participant = std::move(group->participant);
   return std::unique_ptr<CloudPublisher>(new CloudPublisher(std::move(entities)));
 }
 

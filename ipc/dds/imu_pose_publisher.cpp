@@ -15,10 +15,9 @@ std::array<double, 3> array_of(const core::Vector3& v) { return {v.x(), v.y(), v
 }  // namespace
 
 void fill_odometry(const ipc::ImuPose& pose, Odometry& odometry) {
-  const Eigen::Quaterniond& q = pose.T_odom_base.rotation;
   odometry.stamp = pose.stamp;
   odometry.position = array_of(pose.T_odom_base.translation);
-  odometry.orientation_xyzw = {q.x(), q.y(), q.z(), q.w()};
+  odometry.orientation_xyzw = core::xyzw(pose.T_odom_base.rotation);
   odometry.pose_covariance = pose.pose_covariance;
   odometry.linear_velocity = array_of(pose.linear_velocity);
   odometry.angular_velocity = array_of(pose.angular_velocity);

@@ -34,26 +34,21 @@ MapPublisher::~MapPublisher() = default;
 Participant& MapPublisher::participant() { return *entities_->participant; }
 
 core::Result<std::unique_ptr<MapPublisher>> MapPublisher::create(const MapPublisherConfig& config) {
-  auto names = topic_names(config.topic_prefix);
-  if (!names) return names.error();
-  auto participant = Participant::create(config.participant);
-  if (!participant) return participant.error();
+  auto group = create_writer_group(config.participant, config.topic_prefix);
+  if (!group) return group.error();
+  const TopicNames& names = group->names;
+  fastdds::DomainParticipant& participant = group->participant->get();
+  fastdds::Publisher& publisher = *group->publisher;
   auto entities = std::make_unique<Entities>();
-  entities->participant = std::move(participant).value();
-  fastdds::DomainParticipant& domain_participant = entities->participant->get();
-  fastdds::Publisher* const publisher = domain_participant.create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
-  if (publisher == nullptr)
-    return core::Error{"Fast DDS cannot create a publisher of the map (out of memory?)"};
   const WriterOptions kept{
       .depth = config.kept_submaps, .deadline = kNoDeadline, .transient_local = true, .user_data = ""};
   const WriterOptions latest{.depth = 1, .deadline = kNoDeadline, .transient_local = true, .user_data = ""};
-  entities->submap_writer = create_writer<PointCloud2>(domain_participant, *publisher, names->submaps, kept);
-  entities->pose_writer = create_writer<Path>(domain_participant, *publisher, names->submap_poses, latest);
-  entities->local_map_writer =
-      create_writer<PointCloud2>(domain_participant, *publisher, names->local_map,
-                                 {.depth = 1, .deadline = kNoDeadline, .user_data = ""});
+  entities->submap_writer = create_writer<PointCloud2>(participant, publisher, names.submaps, kept);
+  entities->pose_writer = create_writer<Path>(participant, publisher, names.submap_poses, latest);
+  entities->local_map_writer = create_writer<PointCloud2>(
+      participant, publisher, names.local_map, {.depth = 1, .deadline = kNoDeadline, .user_data = ""});
   entities->transform_writer =
-      create_writer<TransformMessage>(domain_participant, *publisher, names->static_transform, latest);
+      create_writer<TransformMessage>(participant, publisher, names.static_transform, latest);
   if (entities->submap_writer == nullptr || entities->pose_writer == nullptr ||
       entities->local_map_writer == nullptr || entities->transform_writer == nullptr)
     return core::Error{"Fast DDS cannot create the writers of the map (out of memory or sockets?)"};
@@ -65,6 +60,7 @@ core::Result<std::unique_ptr<MapPublisher>> MapPublisher::create(const MapPublis
   if (!entities->transform_writer->write(&transform))
     return core::Error{"Fast DDS cannot write the transform from " + config.map_frame + " to " +
                        config.odom_frame};
+  entities->participant = std::move(group->participant);
   return std::unique_ptr<MapPublisher>(new MapPublisher(std::move(entities)));
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "nilio/core/units.hpp"
+
 #include "ipc/dds/types.hpp"
 
 #include <algorithm>
@@ -26,7 +28,6 @@ using eprosima::fastcdr::Cdr;
 inline constexpr std::size_t kEncapsulationBytes = 4;
 /// Typical length of a name, for the preallocation of payloads; longer ones cost one reallocation.
 inline constexpr std::size_t kTypicalName = 64;
-inline constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 // Counts the bytes that the same calls on a Cdr would write, including alignment.
 class SizeCounter {
@@ -57,8 +58,9 @@ class SizeCounter {
 
 template <class Out>
 void put(Out& out, core::Time time) {
-  const std::int64_t nanoseconds = ((time.ns % kNsPerSecond) + kNsPerSecond) % kNsPerSecond;
-  out << static_cast<std::int32_t>((time.ns - nanoseconds) / kNsPerSecond)
+  const std::int64_t nanoseconds =
+      ((time.ns % kNanosecondsPerSecond) + kNanosecondsPerSecond) % kNanosecondsPerSecond;
+  out << static_cast<std::int32_t>((time.ns - nanoseconds) / kNanosecondsPerSecond)
       << static_cast<std::uint32_t>(nanoseconds);
 }
 
@@ -72,7 +74,7 @@ inline void get(Input& in, core::Time& time) {
   std::int32_t seconds = 0;
   std::uint32_t nanoseconds = 0;
   in.cdr >> seconds >> nanoseconds;
-  time.ns = static_cast<std::int64_t>(seconds) * kNsPerSecond + nanoseconds;
+  time.ns = static_cast<std::int64_t>(seconds) * kNanosecondsPerSecond + nanoseconds;
 }
 
 // Reads a sequence length; throws if the elements cannot fit into the rest of the payload.

@@ -1,7 +1,10 @@
 #include "ipc/dds/writers.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 
 #include <fastdds/dds/topic/TypeSupport.hpp>
 
@@ -36,9 +39,22 @@ fastdds::DataWriterQos writer_qos(std::string_view type_hash, const WriterOption
 
 }  // namespace
 
+core::Result<WriterGroup> create_writer_group(const ParticipantConfig& config,
+                                              const std::string& topic_prefix) {
+  auto names = topic_names(topic_prefix);
+  if (!names) return names.error();
+  auto participant = Participant::create(config);
+  if (!participant) return participant.error();
+  WriterGroup group{std::move(names).value(), std::move(participant).value()};
+  group.publisher = group.participant->get().create_publisher(fastdds::PUBLISHER_QOS_DEFAULT);
+  if (group.publisher == nullptr) return core::Error{"Fast DDS cannot create a publisher (out of memory?)"};
+  return group;
+}
+
 eprosima::fastrtps::Duration_t dds_duration(core::Duration duration) {
   const std::int64_t ns = std::max<std::int64_t>(duration.ns, 0);
-  return {static_cast<std::int32_t>(ns / 1'000'000'000), static_cast<std::uint32_t>(ns % 1'000'000'000)};
+  return {static_cast<std::int32_t>(ns / kNanosecondsPerSecond),
+          static_cast<std::uint32_t>(ns % kNanosecondsPerSecond)};
 }
 
 fastdds::DataWriter* create_writer(fastdds::DomainParticipant& participant, fastdds::Publisher& publisher,

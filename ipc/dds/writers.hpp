@@ -1,9 +1,12 @@
 #pragma once
 
+#include "nilio/core/result.hpp"
 #include "nilio/core/time.hpp"
 
+#include "ipc/dds/participant.hpp"
 #include "ipc/dds/types.hpp"
 
+#include <memory>
 #include <string>
 #include <string_view>
 
@@ -24,6 +27,15 @@ struct WriterOptions {
   /// `key=value;` pairs of the writer's user data, beside the type hash.
   std::string user_data;
 };
+
+/// Writers that share a participant and its publisher; the names of all topics.
+struct WriterGroup {
+  TopicNames names;
+  std::unique_ptr<Participant> participant;
+  eprosima::fastdds::dds::Publisher* publisher = nullptr;
+};
+core::Result<WriterGroup> create_writer_group(const ParticipantConfig& config,
+                                              const std::string& topic_prefix);
 
 /// Time after which readers are told that a writer's process has ended or hangs.
 inline constexpr core::Duration kLivelinessLease{2'000'000'000};

@@ -1,5 +1,7 @@
 #include "tools/common/system.hpp"
 
+#include "nilio/core/clock.hpp"
+
 #include <algorithm>
 #include <arpa/inet.h>
 #include <cerrno>
@@ -64,8 +66,7 @@ StopSignals::~StopSignals() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
 
 bool StopSignals::wait(core::Duration timeout) {
   if (stopped_) return true;
-  const std::int64_t ns = std::max<std::int64_t>(timeout.ns, 0);
-  const timespec limit{ns / 1'000'000'000, ns % 1'000'000'000};
+  const timespec limit = to_timespec(timeout);
   stopped_ = sigtimedwait(&signals_, nullptr, &limit) > 0;
   return stopped_;
 }
@@ -77,7 +78,7 @@ bool make_this_thread_fifo(int priority) {
 }
 
 void sleep_until(std::int64_t until_ns) {
-  const timespec until{until_ns / 1'000'000'000, until_ns % 1'000'000'000};
+  const timespec until = to_timespec({until_ns});
   clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
 }
 

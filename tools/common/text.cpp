@@ -1,5 +1,7 @@
 #include "tools/common/text.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <array>
 #include <cmath>
 #include <cstdarg>
@@ -23,8 +25,8 @@ std::string format(const char* pattern, ...) {
 }
 
 std::string stamp_text(core::Time stamp) {
-  return format("%lld.%09lld", static_cast<long long>(stamp.ns / 1'000'000'000),
-                static_cast<long long>(stamp.ns % 1'000'000'000));
+  return format("%lld.%09lld", static_cast<long long>(stamp.ns / kNanosecondsPerSecond),
+                static_cast<long long>(stamp.ns % kNanosecondsPerSecond));
 }
 
 std::string iso_text(core::Time stamp) {
@@ -34,9 +36,9 @@ std::string iso_text(core::Time stamp) {
 }
 
 std::string utc_text(core::Time time) {
-  constexpr std::int64_t kSecondNs = 1'000'000'000;
-  const std::int64_t fraction_ns = (time.ns % kSecondNs + kSecondNs) % kSecondNs;
-  const auto seconds = static_cast<std::time_t>((time.ns - fraction_ns) / kSecondNs);
+  const std::int64_t fraction_ns =
+      (time.ns % kNanosecondsPerSecond + kNanosecondsPerSecond) % kNanosecondsPerSecond;
+  const auto seconds = static_cast<std::time_t>((time.ns - fraction_ns) / kNanosecondsPerSecond);
   std::tm fields{};
   gmtime_r(&seconds, &fields);
   std::array<char, 32> text{};

@@ -1,5 +1,7 @@
 #include "tools/convert/kitti_raw.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <charconv>
 #include <chrono>
@@ -192,7 +194,7 @@ std::optional<core::Time> parse_kitti_stamp(std::string_view text) {
   }
   const std::int64_t days = std::chrono::sys_days(date).time_since_epoch().count();
   const std::int64_t seconds = ((days * 24 + *hour) * 60 + *minute) * 60 + *second;
-  return core::Time{seconds * 1'000'000'000 + fraction_ns};
+  return core::Time{seconds * kNanosecondsPerSecond + fraction_ns};
 }
 
 core::Result<std::vector<std::optional<core::Time>>> read_kitti_stamps(const fs::path& path) {

@@ -1,5 +1,7 @@
 #include "tools/convert/kitti_raw_encoder.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "tools/common/statistics.hpp"
 
 #include <algorithm>
@@ -229,7 +231,7 @@ void HdlPacketStream::set_status_bytes(drivers::VelodyneDataPacket& packet) cons
   // The HDL-64E has no factory bytes there but a status stream of 16 types in turn: GPS time, GPS state,
   // temperature, firmware, calibration. Only the time is available here.
   constexpr std::string_view status_types = "HMSDNYGTV1234567";
-  const std::int64_t seconds = pending_.front().stamp.ns / 1'000'000'000;
+  const std::int64_t seconds = pending_.front().stamp.ns / kNanosecondsPerSecond;
   const std::chrono::sys_seconds time{std::chrono::seconds(seconds)};
   const std::chrono::year_month_day date{std::chrono::floor<std::chrono::days>(time)};
   const std::array<std::int64_t, 6> values{seconds / 3600 % 24,

@@ -52,8 +52,7 @@ Result<std::string> choose_topic(const std::vector<std::string>& files, const st
 daemon::StampedPose stamped_pose(const Trajectory& trajectory, std::size_t i) {
   const core::SE3 pose = se3_of(trajectory.poses[i]);
   const Eigen::Vector3d& t = pose.translation;
-  const Eigen::Quaterniond& q = pose.rotation;
-  return {trajectory.stamps[i].ns, {t.x(), t.y(), t.z()}, {q.x(), q.y(), q.z(), q.w()}};
+  return {trajectory.stamps[i].ns, {t.x(), t.y(), t.z()}, core::xyzw(pose.rotation)};
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include "nilio/core/compute_budget.hpp"
 #include "nilio/core/imu_health.hpp"
 #include "nilio/core/tracking.hpp"
+#include "nilio/core/units.hpp"
 
 #include <algorithm>
 #include <charconv>
@@ -239,7 +240,7 @@ void add_percentiles(Exposition& out, const LiveState& state, std::int64_t now_n
   for (const char* name : {"received_to_written", "end_to_end", "queue", "filter", "coarse", "fine"}) {
     for (const int seconds : {10, 60}) {
       const Percentiles p = state.window().percentiles(StageWindow::index_of(name), now_ns,
-                                                       std::int64_t{seconds} * 1'000'000'000);
+                                                       std::int64_t{seconds} * kNanosecondsPerSecond);
       for (const auto& [quantile, value] :
            {std::pair{"0.5", p.median}, std::pair{"0.99", p.p99}, std::pair{"1", p.maximum}})
         out.add(value * 1e-3,

@@ -1,6 +1,7 @@
 #include "tools/view/server.hpp"
 
 #include "nilio/core/clock.hpp"
+#include "nilio/core/units.hpp"
 
 #include "tools/view/http_request.hpp"
 
@@ -289,7 +290,7 @@ int Server::Implementation::continue_response(lws* wsi, HttpSession& session) {
   const bool last = transfer.sent == transfer.body->size();
   counts_.bytes_sent += size;
   // The client has to take every part within this time.
-  lws_set_timeout(wsi, PENDING_TIMEOUT_HTTP_CONTENT, static_cast<int>(kSlowNs / 1'000'000'000));
+  lws_set_timeout(wsi, PENDING_TIMEOUT_HTTP_CONTENT, static_cast<int>(kSlowNs / kNanosecondsPerSecond));
   if (lws_write(wsi, chunk.data() + LWS_PRE, size, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < 0)
     return -1;
   if (!last) {

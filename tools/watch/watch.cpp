@@ -71,9 +71,9 @@ class TumFile {
     const auto& p = message.position;
     const auto& q = message.orientation_xyzw;
     std::fprintf(file_, "%lld.%09lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-                 static_cast<long long>(ns / 1'000'000'000),
-                 static_cast<long long>(std::abs(ns % 1'000'000'000)), p[0], p[1], p[2], q[0], q[1], q[2],
-                 q[3]);
+                 static_cast<long long>(ns / kNanosecondsPerSecond),
+                 static_cast<long long>(std::abs(ns % kNanosecondsPerSecond)), p[0], p[1], p[2], q[0], q[1],
+                 q[2], q[3]);
   }
 
   // False on a write error.

@@ -1,5 +1,7 @@
 #include "drivers/velodyne/clock/sensor_clock.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include <algorithm>
 #include <cstdlib>
 
@@ -7,7 +9,6 @@ namespace nilio::drivers {
 namespace {
 
 constexpr std::int64_t kHourNs = kHourUs * 1000;
-constexpr std::int64_t kSecondNs = 1'000'000'000;
 /// A packet cannot arrive before it was sent. The earliest arrival so far may itself have been this late.
 constexpr std::int64_t kEarlyNs = 10'000'000;
 /// An earlier arrival after a gap may be a damaged stamp and does not enter the fit.
@@ -16,13 +17,13 @@ constexpr std::int64_t kFittedEarlyNs = 500'000;
 constexpr std::int64_t kLateNs = 500'000'000;
 /// Of a sensor without a clock: a larger step of receive times is a host's clock that was set.
 constexpr std::int64_t kHostStepBackNs = 500'000'000;
-constexpr std::int64_t kHostStepForwardNs = 2 * kSecondNs;
+constexpr std::int64_t kHostStepForwardNs = 2 * kNanosecondsPerSecond;
 /// Within this difference sensor time counts as synchronised with the host's.
 constexpr std::int64_t kSynchronisedNs = 200'000'000;
 /// Largest rate at which the shift follows the fit.
 constexpr double kSlew = 200e-6;
 /// Validity of a GPS report; position packets arrive many times a second.
-constexpr std::int64_t kReportLifetimeNs = 5 * kSecondNs;
+constexpr std::int64_t kReportLifetimeNs = 5 * kNanosecondsPerSecond;
 
 std::int64_t floor_divide(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0 ? 1 : 0); }
 

@@ -1,6 +1,7 @@
 #include "tools/bench/common/niliod_run.hpp"
 
 #include "nilio/core/clock.hpp"
+#include "nilio/core/units.hpp"
 
 #include "daemon/exit_status.hpp"
 #include "daemon/output/sha256.hpp"
@@ -175,7 +176,7 @@ Result<std::monostate> await_end(ChildProcess& program, Duration limit, StopSign
     }
     if (monotonic_ns() > deadline) {
       program.stop(kPatience);
-      return Error{"niliod had not ended after " + std::to_string(limit.ns / 1'000'000'000) +
+      return Error{"niliod had not ended after " + std::to_string(limit.ns / kNanosecondsPerSecond) +
                    " s: " + program.last_line()};
     }
   }

@@ -1,3 +1,4 @@
+#include "nilio/core/clock.hpp"
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/velodyne/decoder.hpp"
 #include "nilio/drivers/velodyne/detect.hpp"
@@ -33,7 +34,7 @@ constexpr double kStrongestOnly = 0.001;
 std::int64_t cpu_ns() {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return now.tv_sec * 1'000'000'000 + now.tv_nsec;
+  return ns_of(now);
 }
 
 /// The other return of a firing: nearly always the same one.

@@ -16,7 +16,6 @@ using nlohmann::json;
 
 constexpr const char* kLibrary = "libnilio-watch.so";
 constexpr const char* kReport = "watch.json";
-constexpr double kSecondNs = 1e9;
 
 NamedCounts counts_in(const json& counts) {
   NamedCounts result;
@@ -26,7 +25,7 @@ NamedCounts counts_in(const json& counts) {
 
 ThreadWatch parse(const json& report) {
   ThreadWatch watch;
-  watch.watched_s = report.at("watched_ns").get<double>() / kSecondNs;
+  watch.watched_s = report.at("watched_ns").get<double>() * 1e-9;
   watch.workers = report.at("workers").get<std::uint64_t>();
   watch.of_tbb = counts_in(report.at("tbb"));
   watch.calls = report.at("calls").get<std::string>();

@@ -17,7 +17,6 @@ namespace {
 
 constexpr double kMetresPerSecondPerKnot = 0.514444;
 constexpr std::int64_t kHourUs = 3'600'000'000;
-constexpr std::int64_t kSecondNs = 1'000'000'000;
 /// Delay of a receiver's sentence after its pulse.
 constexpr core::Duration kSentenceDelay{300'000'000};
 /// Origin of the world; x is east and y is north.
@@ -97,7 +96,7 @@ std::string PositionModel::sentence(core::Duration time) const {
   const MotionState motion = trajectory_.state((time - kSentenceDelay).seconds());
   const core::Vector3& place = motion.T_world_base.translation;
   RmcFields fields;
-  fields.utc = core::Time{utc.ns - utc.ns % kSecondNs};
+  fields.utc = core::Time{utc.ns - utc.ns % kNanosecondsPerSecond};
   fields.latitude_deg = kLatitudeDeg + place.y() / kEarthRadiusM * kDegreesPerRadian;
   fields.longitude_deg = kLongitudeDeg + place.x() /
                                              (kEarthRadiusM * std::cos(kLatitudeDeg / kDegreesPerRadian)) *

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
@@ -26,6 +28,9 @@ struct SE3 {
   }
   friend Vector3 operator*(const SE3& a, const Vector3& p) { return a.rotation * p + a.translation; }
 };
+
+/// Order of a quaternion in messages and files; Eigen's constructor begins with w.
+inline std::array<double, 4> xyzw(const Eigen::Quaterniond& q) { return {q.x(), q.y(), q.z(), q.w()}; }
 
 /// Skew-symmetric matrix: skew(a) * b = a x b.
 Matrix3 skew(const Vector3& a);
