@@ -182,8 +182,9 @@ Result<bool> run_realism_bench(const RealismOptions& given) {
       "Real: KITTI raw drive 0009, HDL-64E, as recorded. Simulated: HDL-64E in the town, `--realism " +
       options.realism + "`, mean of the seeds " + list_of(options.seeds) +
       (given.seeds.empty() ? " (drawn by commit " + commit.substr(0, 12) + "), " : ", ") +
-      fixed(options.seconds, 0) + " s each from a moving start. Every " + std::to_string(options.every) +
-      "th scan. Bounds: the interval of two real drives of one sensor in one city, widened by 10 to 25 %.");
+      fixed(options.seconds, 0) + " s each from a moving start. One scan in " +
+      std::to_string(options.every) +
+      ". Bounds: the interval of two real drives of one sensor in one city, widened by 10 to 25 %.");
   page->table("Scans", table);
   page->paragraph(std::to_string(rows->size() - outside) + " of " + std::to_string(rows->size()) +
                   " rows are within their bounds.");
