@@ -12,6 +12,13 @@ namespace {
 /// Sensor clock in step with the host's, and far ahead of it.
 constexpr std::array<std::int64_t, 2> kAhead{0, 1'234'000'000'000};
 
+#if defined(__SANITIZE_ADDRESS__)
+/// AddressSanitizer takes ten times as long: it sees every fifth bit, the release build all.
+constexpr std::size_t kBitStep = 5;
+#else
+constexpr std::size_t kBitStep = 1;
+#endif
+
 struct Stream {
   VelodyneModel model;
   ReturnMode mode;
@@ -81,7 +88,7 @@ TEST_CASE("one flipped bit of a time stamp costs its packet at most", "[flipped_
       const std::uint64_t per_packet = source.layout().firings_per_packet();
       for (const double place : {0.06, 0.13, 0.2201, 0.31}) {
         const auto damaged = static_cast<std::size_t>(place / 0.35 * static_cast<double>(packets.size()));
-        for (std::size_t bit = 0; bit < 32; ++bit) {
+        for (std::size_t bit = 0; bit < 32; bit += kBitStep) {
           const Packet original = packets[damaged];
           packets[damaged].data[1200 + bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
           INFO(source.sensor.name << " " << return_mode_name(stream.mode) << ", ahead " << ahead_ns
@@ -120,7 +127,7 @@ TEST_CASE("one flipped bit of an azimuth costs its step at most", "[flipped_bits
         const auto damaged = static_cast<std::size_t>(turns / 2.1 * static_cast<double>(packets.size()));
         for (std::size_t block = 0; block < kBlocksPerPacket; block += 5) {
           if (source.layout().contents[block] == BlockContent::kPadding) continue;
-          for (std::size_t bit = 0; bit < 16; ++bit) {
+          for (std::size_t bit = 0; bit < 16; bit += kBitStep) {
             const Packet original = packets[damaged];
             packets[damaged].data[100 * block + 2 + bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
             INFO(source.sensor.name << " " << return_mode_name(stream.mode) << ", " << revolutions_per_second
