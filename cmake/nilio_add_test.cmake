@@ -28,14 +28,29 @@ function(nilio_add_test area)
   if(area STREQUAL "daemon" AND NILIO_SANITIZE STREQUAL "thread")
     set(selection "[pipeline]")
   endif()
+  # Where most cases check no wall-clock times, these are a test of their own.
+  set(untimed)
+  if(area STREQUAL "drivers")
+    set(selection "[udp],[udp_status]")
+    set(untimed "~[udp]~[udp_status]~[.]")
+  elseif(area STREQUAL "tools" AND NOT NILIO_SANITIZE)
+    set(selection "~[drives]~[.],[bench_realtime]")
+    set(untimed "[drives]~[bench_realtime]")
+  endif()
   if(area MATCHES "^(core|tools)$" AND NILIO_SANITIZE)
     # Whole drives, each several times, take ten minutes, of code that the other tests have run already.
     # Nor the soak, which is hidden: to leave something out alone would take it in.
     set(selection "~[drives]~[.]")
   endif()
   add_test(NAME ${area} COMMAND test_${area} ${selection})
+  set(added ${area})
+  if(untimed)
+    add_test(NAME ${area}_untimed COMMAND test_${area} ${untimed})
+    set_tests_properties(${area}_untimed PROPERTIES LABELS untimed)
+    list(APPEND added ${area}_untimed)
+  endif()
   # Debian's Fast DDS deletes its statistics writers through another type, and fontconfig keeps a cache: not ours to mend.
   set_tests_properties(
-    ${area} PROPERTIES TIMEOUT 1200
+    ${added} PROPERTIES TIMEOUT 1200
     ENVIRONMENT "ASAN_OPTIONS=new_delete_type_mismatch=0;LSAN_OPTIONS=suppressions=${root}/tests/lsan.supp;TSAN_OPTIONS=suppressions=${root}/tests/tsan.supp halt_on_error=1")
 endfunction()

@@ -3,7 +3,8 @@
 #   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), the sanitizer runs of the daemon's
 #                      libraries, and a short run of every fuzz target
 #   test.sh --quick    release build and its tests only
-#   test.sh --full     AddressSanitizer runs the tests of the tools, too, which drive for minutes then
+#   test.sh --full     AddressSanitizer runs the tests of the tools, too, which drive for minutes then; nilio init finds the mountings of
+#                      a second pair of drives
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case ${1:-} in
@@ -14,6 +15,7 @@ mode=${1:-}
 targets=(test_core test_drivers test_ipc test_mapping test_dds test_daemon fuzz_rtps)
 selection=(--exclude-regex '^(tools|map)$')
 if [[ $mode == --full ]]; then
+  export NILIO_FULL_TESTS=1
   targets+=(test_tools test_map)
   selection=()
 fi
@@ -36,8 +38,17 @@ run_release_tests() {
   return $status
 }
 
-run_sanitizer_tests() {
-  ctest --preset tsan --tests-regex '^(ipc|daemon)$' && ctest --preset asan "${selection[@]}" && ctest --preset fuzz
+# Sanitizer builds with what the other tests leave of the processors, and their tests without wall-clock times.
+run_beside_release_tests() {
+  stage "tsan build" nice -n 19 tools/build.sh tsan test_ipc test_daemon &&
+    stage "asan build" nice -n 19 tools/build.sh asan "${targets[@]}" &&
+    stage "untimed asan tests" ctest --preset asan "${selection[@]}" --label-regex untimed &&
+    stage "fuzz build" nice -n 19 tools/build.sh fuzz &&
+    stage "fuzz tests" ctest --preset fuzz
+}
+
+run_timed_sanitizer_tests() {
+  ctest --preset tsan --tests-regex '^(ipc|daemon)$' && ctest --preset asan "${selection[@]}" --label-exclude untimed
 }
 
 stage setup tools/setup.sh --tests
@@ -45,14 +56,16 @@ stage "release build" tools/build.sh release
 # Tests of wall-clock times have the computer to themselves.
 stage "timed tests" run_release_tests --label-exclude untimed
 if [[ $mode != --quick ]]; then
-  # The others, above all guests with one processor, run beside the next builds, which take what is left of the processors.
-  setsid nice -n 19 sh -c 'tools/build.sh tsan test_ipc test_daemon && tools/build.sh fuzz && tools/build.sh asan "$@"' sh "${targets[@]}" \
-    >"$log" 2>&1 &
-  builder=$!
-  trap 'kill -- "-$builder" 2>/dev/null || true' EXIT
+  # The others, above all guests with one processor, run beside the sanitizers. A process group of its own, to end with this script.
+  set -m
+  run_beside_release_tests >"$log" 2>&1 &
+  sanitizers=$!
+  set +m
+  trap 'kill -- "-$sanitizers" 2>/dev/null || true' EXIT
 fi
 stage "untimed tests" run_release_tests --label-regex untimed
 if [[ $mode != --quick ]]; then
-  stage "rest of the sanitizer builds" wait "$builder" || { tail -n 40 "$log"; exit 1; }
-  stage "sanitizer tests" run_sanitizer_tests
+  stage "rest of the sanitizers" wait "$sanitizers" || { tail -n 60 "$log"; exit 1; }
+  grep --extended-regexp '^test.sh:|tests passed' "$log"
+  stage "timed sanitizer tests" run_timed_sanitizer_tests
 fi

@@ -9,6 +9,8 @@ std::string source_folder() { return NILIO_SOURCE_DIR; }
 
 std::string program_folder() { return NILIO_BIN_DIR; }
 
+bool is_full_run() { return std::getenv("NILIO_FULL_TESTS") != nullptr; }
+
 std::optional<std::filesystem::path> find_data(const std::string& relative) {
   const char* configured = std::getenv("NILIO_DATA");
   const std::filesystem::path root = configured != nullptr

@@ -14,6 +14,9 @@ std::string source_folder();
 /// Folder of the programs that were built, without a slash at the end.
 std::string program_folder();
 
+/// True in `tools/test.sh --full` (NILIO_FULL_TESTS), which repeats drives with more seeds.
+bool is_full_run();
+
 /// A file or folder of the real recordings (NILIO_DATA, default ../shared/data beside the repository), if it
 /// is there.
 std::optional<std::filesystem::path> find_data(const std::string& relative);

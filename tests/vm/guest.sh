@@ -3,7 +3,7 @@
 # Exit status that ctest reports as "skipped".
 readonly kSkipped=77
 # Time limit of a guest, s.
-readonly kGuestLimit=${VM_TIMEOUT:-860}
+readonly kGuestLimit=${VM_TIMEOUT:-1500}
 
 # need PROGRAM:PACKAGE...: exits with a line that names the missing packages.
 need() {

@@ -1,4 +1,5 @@
 #include "daemon/config/schema.hpp"
+#include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "tests/support/tools/run_command.hpp"
 
@@ -41,7 +42,7 @@ void check_mounting(const std::string& path) {
 
 TEST_CASE("init finds the mounting of the LiDAR and the IMU of a drive", "[init][drives]") {
   const std::string sensor = GENERATE("vlp16", "hdl64e");
-  const int seed = GENERATE(1, 2);
+  const int seed = GENERATE_COPY(range(1, tests::is_full_run() ? 3 : 2));
   INFO(sensor << ", seed " << seed);
   const TemporaryFolder folder;
   const std::string config = folder.file("vehicle.yaml");
