@@ -1,0 +1,111 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "mapping/place_registration.hpp"
+#include "mapping/pose_graph.hpp"
+
+namespace nilio::mapping {
+
+/// Outcome of a candidate; all but the first are reasons against it, in the order of the checks.
+enum class LoopVerdict : std::uint8_t {
+  kAccepted,
+  kFar,           ///< the paths do not come near each other
+  kDrift,         ///< odometry cannot have drifted that far
+  kOverlap,       ///< the places share too little
+  kSupport,       ///< surfaces do not lie on each other as those of one place do
+  kFreeSpace,     ///< surfaces lie where the other place has seen free space
+  kAmbiguous,     ///< another shift or heading fits nearly as well
+  kUnobserved,    ///< more than one direction is not observed
+  kTilt,          ///< height, roll or pitch contradict gravity and odometry
+  kAlone,         ///< no second loop agrees; may be accepted later
+  kInconsistent,  ///< contradicts odometry and the other loops
+};
+/// Name in reports.
+const char* verdict_name(LoopVerdict verdict);
+inline constexpr std::size_t kLoopVerdicts = 11;
+
+/// Candidate of a loop between two places. Transforms are between places, see place_origin().
+struct Loop {
+  std::uint32_t reference = 0;  ///< id of the earlier submap
+  std::uint32_t moving = 0;     ///< id of the later submap
+  PlaceAlignment alignment;
+  std::uint32_t inliers = 0;   ///< features that agree; 0: the guess is that of the pose graph
+  double drift_square = 0.0;   ///< squared Mahalanobis distance from odometry, 6 degrees of freedom
+  double support_share = 0.0;  ///< alignment.support over what the places support themselves
+  double ambiguity = 0.0;
+  /// Whether both halves of the last place of a drive give this loop: they count as two.
+  bool is_twofold = false;
+  LoopVerdict verdict = LoopVerdict::kAlone;
+
+  /// Whether all checks of the loop alone are passed.
+  [[nodiscard]] bool is_verified() const {
+    return verdict == LoopVerdict::kAccepted || verdict == LoopVerdict::kAlone ||
+           verdict == LoopVerdict::kInconsistent;
+  }
+};
+
+/// Finds places that a drive returns to and keeps the poses of its submaps consistent with them. Submaps are
+/// added in order; the result depends on nothing else. Keeps 25 kB for each submap and loads the others again
+/// to compare with them. One thread.
+class LoopCloser {
+ public:
+  /// Submap with this id, which has been added before; empty if it cannot be read: its place is left out.
+  using Load = std::function<std::optional<Submap>(std::uint32_t)>;
+  explicit LoopCloser(Load load) : load_(std::move(load)) {}
+
+  /// Adds a submap and searches loops for the one before it, whose neighbours are then known. `known`: loops
+  /// of an earlier process; without a search if given.
+  void add(const Submap& submap, const std::vector<Loop>* known = nullptr);
+  /// Searches loops for the last submap. More submaps may follow.
+  void finish();
+
+  /// T_map_submap of all submaps in the order of adding.
+  [[nodiscard]] std::vector<core::SE3> poses() const;
+  /// T_map_odom: correction at the last submap.
+  [[nodiscard]] core::SE3 T_map_odom() const;
+  [[nodiscard]] const std::vector<Loop>& loops() const { return loops_; }
+  [[nodiscard]] std::size_t accepted() const;
+  /// Odometry from the place of each submap to the next.
+  [[nodiscard]] std::span<const OdometryEdge> edges() const { return edges_; }
+
+ private:
+  struct Node {
+    std::uint32_t id = 0;
+    core::SE3 T_odom_submap;
+    core::SE3 T_submap_place;
+    double path_m = 0.0;  ///< along the drive, at the place
+    std::vector<PlaceFeature> features;
+  };
+  struct Candidate {
+    std::size_t node = 0;
+    PlanarAlignment guess;
+  };
+
+  [[nodiscard]] std::optional<Place> load_place(std::size_t node) const;
+  [[nodiscard]] std::vector<Candidate> candidates(std::size_t node) const;
+  [[nodiscard]] Loop verify(const Place& reference, const Candidate& candidate, const Place& moving,
+                            std::size_t moving_node) const;
+  [[nodiscard]] bool halves_agree(const Loop& loop, const Place& moving) const;
+  void search(std::size_t node, const Place& place, bool is_end);
+  void solve();
+  [[nodiscard]] std::size_t index_of(std::uint32_t id) const;
+
+  Load load_;
+  std::vector<Node> nodes_;
+  std::vector<core::SE3> odometry_;  ///< of the places
+  std::vector<core::SE3> poses_;     ///< of the places, corrected
+  std::vector<OdometryEdge> edges_;
+  Eigen::Vector3d biases_ = Eigen::Vector3d::Zero();  ///< of the odometry
+  std::vector<Loop> loops_;
+  std::deque<Submap> recent_;  ///< the last three
+  std::size_t searched_ = 0;   ///< nodes whose loops are known
+};
+
+}  // namespace nilio::mapping

@@ -1,0 +1,330 @@
+#include "mapping/place_registration.hpp"
+
+#include "core/src/registration/gauss_newton.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <unordered_map>
+#include <unordered_set>
+
+#include "mapping/voxel_key.hpp"
+
+namespace nilio::mapping {
+
+namespace {
+
+using core::Matrix3;
+using core::SE3;
+using core::Vector3;
+using Eigen::Vector3f;
+
+constexpr float kMinNormalCosine = 0.8F;
+constexpr float kMinHorizontalNormal = 0.9F;
+constexpr double kPlaneDeviationMetres = 0.05;
+// The means of an irregular voxel depend on where its grid lies.
+constexpr double kIrregularDeviationMetres = 0.3;
+// Structure farther from a path is seen by few beams.
+constexpr float kComparedMetres = 25.0F;
+constexpr float kSupportPlaneMetres = 0.2F;
+constexpr float kSupportMetres = 0.8F;
+constexpr float kOverlapVoxelMetres = 1.0F;
+/// Free space along a ray is taken of its far half, where the height of the sensor above base_link does not
+/// matter, and ends before the surface.
+constexpr float kFreeFrom = 0.5F;
+constexpr float kFreeEndMetres = 1.5F;
+
+bool is_structure(const Surface& surface) {
+  return !surface.is_plane || std::abs(surface.normal.z()) < kMinHorizontalNormal;
+}
+
+/// Surfaces by voxel, for searches within the size of a voxel.
+class SurfaceIndex {
+ public:
+  SurfaceIndex(std::span<const Surface> surfaces, float voxel_m) : voxel_m_(voxel_m) {
+    std::vector<std::pair<VoxelKey, std::uint32_t>> rows;
+    for (std::uint32_t i = 0; i < surfaces.size(); ++i) {
+      if (const auto key = key_of(index_at(surfaces[i].mean, voxel_m))) rows.emplace_back(*key, i);
+    }
+    std::sort(rows.begin(), rows.end());
+    for (std::uint32_t i = 0; i < rows.size(); ++i) {
+      surfaces_.push_back(surfaces[rows[i].second]);
+      ++voxels_.try_emplace(rows[i].first, i, i).first->second.second;
+    }
+  }
+
+  [[nodiscard]] bool has_voxel(const Eigen::Vector3i& index) const {
+    const auto key = key_of(index);
+    return key && voxels_.count(*key) > 0;
+  }
+  [[nodiscard]] std::size_t voxels() const { return voxels_.size(); }
+
+  /// Nearest surface of the same kind with a similar normal; null if there is none within the voxel size.
+  [[nodiscard]] const Surface* nearest(const Vector3f& mean, const Vector3f& normal, bool is_plane) const {
+    const Surface* best = nullptr;
+    float best_square = voxel_m_ * voxel_m_;
+    const Eigen::Vector3i centre = index_at(mean, voxel_m_);
+    for (int i = 0; i < 27; ++i) {
+      const auto key = key_of(centre + Eigen::Vector3i(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
+      const auto found = key ? voxels_.find(*key) : voxels_.end();
+      if (found == voxels_.end()) continue;
+      for (std::uint32_t k = found->second.first; k < found->second.second; ++k) {
+        const Surface& surface = surfaces_[k];
+        const float square = (surface.mean - mean).squaredNorm();
+        if (surface.is_plane != is_plane || square >= best_square) continue;
+        if (is_plane && surface.normal.dot(normal) < kMinNormalCosine) continue;
+        best_square = square;
+        best = &surface;
+      }
+    }
+    return best;
+  }
+
+ private:
+  float voxel_m_;
+  std::vector<Surface> surfaces_;  ///< sorted by voxel
+  std::unordered_map<VoxelKey, std::pair<std::uint32_t, std::uint32_t>> voxels_;
+};
+
+struct FloatTransform {
+  explicit FloatTransform(const SE3& T)
+      : R(T.rotation.toRotationMatrix().cast<float>()), t(T.translation.cast<float>()) {}
+  Eigen::Matrix3f R;
+  Vector3f t;
+};
+
+/// Adds a residual `row . delta + r` with the weight of a Geman-McClure kernel of `scale`.
+void add_row(const core::Vector6& row, double r, double weight, core::NormalEquations& equations) {
+  equations.H.noalias() += weight * row * row.transpose();
+  equations.b.noalias() += weight * r * row;
+  equations.weighted_square_error += weight * r * r;
+  equations.weight_sum += weight;
+}
+
+double geman_mcclure(double r, double scale) {
+  const double ratio = scale * scale / (scale * scale + r * r);
+  return ratio * ratio;
+}
+
+core::NormalEquations linearise(const SurfaceIndex& index, std::span<const Surface> moving, const SE3& T,
+                                double kernel_m) {
+  core::NormalEquations equations;
+  const Matrix3 R = T.rotation.toRotationMatrix();
+  for (const Surface& surface : moving) {
+    const Vector3 p = surface.mean.cast<double>();
+    const Vector3 q = T * p;
+    const Vector3 n = R * surface.normal.cast<double>();
+    const Surface* const other = index.nearest(q.cast<float>(), n.cast<float>(), surface.is_plane);
+    if (other == nullptr) continue;
+    ++equations.correspondences;
+    const Vector3 d = q - other->mean.cast<double>();
+    // Errors on the right: q = T (p + rho + theta x p).
+    if (surface.is_plane) {
+      const Vector3 m = R.transpose() * other->normal.cast<double>();
+      const double r = d.dot(other->normal.cast<double>());
+      core::Vector6 row;
+      row << m, p.cross(m);
+      add_row(row, r, geman_mcclure(r, kernel_m), equations);
+      continue;
+    }
+    constexpr double share = kPlaneDeviationMetres / kIrregularDeviationMetres;
+    const double weight = share * share * geman_mcclure(d.norm(), kernel_m + kIrregularDeviationMetres);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vector3 m = R.row(axis).transpose();
+      core::Vector6 row;
+      row << m, p.cross(m);
+      add_row(row, d[axis], weight, equations);
+    }
+  }
+  return equations;
+}
+
+bool is_near(const std::vector<SE3>& path, const Vector3f& point) {
+  return std::any_of(path.begin(), path.end(), [&](const SE3& pose) {
+    return (pose.translation.cast<float>() - point).squaredNorm() < kComparedMetres * kComparedMetres;
+  });
+}
+
+bool is_supported(const SurfaceIndex& index, const Vector3f& mean, const Vector3f& normal, bool is_plane) {
+  const Surface* const other = index.nearest(mean, normal, is_plane);
+  if (other == nullptr) return false;
+  return !is_plane || std::abs(other->normal.dot(mean - other->mean)) < kSupportPlaneMetres;
+}
+
+/// Voxels of 1 m that rays of the place have crossed and that hold no surface of it, nor do their neighbours.
+std::unordered_set<VoxelKey> free_space(const Place& place, const SurfaceIndex& index) {
+  std::unordered_set<VoxelKey> free;
+  for (std::size_t i = 0; i < place.surfaces.size(); ++i) {
+    const Vector3f end = place.surfaces[i].mean;
+    const Vector3f ray = end - place.path[place.viewers[i]].translation.cast<float>();
+    const float length = ray.norm();
+    const Vector3f step = ray / std::max(length, 1e-3F) * kOverlapVoxelMetres;
+    const int steps = static_cast<int>(((1.0F - kFreeFrom) * length - kFreeEndMetres) / kOverlapVoxelMetres);
+    for (int k = 0; k < steps; ++k) {
+      const Vector3f p = end - kFreeEndMetres * ray / length - static_cast<float>(k) * step;
+      if (const auto key = key_of(index_at(p, kOverlapVoxelMetres))) free.insert(*key);
+    }
+  }
+  std::erase_if(free, [&](VoxelKey key) {
+    const Eigen::Vector3i centre = index_of(key);
+    for (int i = 0; i < 27; ++i) {
+      if (index.has_voxel(centre + Eigen::Vector3i(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1))) return true;
+    }
+    return false;
+  });
+  return free;
+}
+
+struct Comparison {
+  std::uint32_t compared = 0;
+  std::uint32_t supported = 0;
+  std::uint32_t contradicted = 0;
+  [[nodiscard]] double share(std::uint32_t count) const {
+    return compared > 0 ? static_cast<double>(count) / compared : 0.0;
+  }
+};
+
+/// Structure of `moving` in the reference.
+Comparison compare(const Place& reference, const SurfaceIndex& index, const Place& moving, const SE3& T) {
+  const std::unordered_set<VoxelKey> free = free_space(reference, index);
+  const FloatTransform F(T);
+  std::vector<SE3> path;
+  for (const SE3& pose : moving.path) path.push_back(T * pose);
+  Comparison result;
+  for (const Surface& surface : moving.surfaces) {
+    if (!is_structure(surface)) continue;
+    const Vector3f mean = F.R * surface.mean + F.t;
+    if (!is_near(reference.path, mean) || !is_near(path, mean)) continue;
+    ++result.compared;
+    if (is_supported(index, mean, F.R * surface.normal, surface.is_plane)) ++result.supported;
+    const auto key = key_of(index_at(mean, kOverlapVoxelMetres));
+    if (key && free.count(*key) > 0) ++result.contradicted;
+  }
+  return result;
+}
+
+double overlap_of(const SurfaceIndex& reference, const SurfaceIndex& moving_index, const Place& moving,
+                  const SE3& T) {
+  const FloatTransform F(T);
+  std::unordered_set<VoxelKey> seen;
+  std::size_t common = 0;
+  for (const Surface& surface : moving.surfaces) {
+    const auto own = key_of(index_at(surface.mean, kOverlapVoxelMetres));
+    if (!own || !seen.insert(*own).second) continue;
+    const Eigen::Vector3i centre = index_at(F.R * surface.mean + F.t, kOverlapVoxelMetres);
+    bool found = false;
+    for (int i = 0; i < 27 && !found; ++i)
+      found = reference.has_voxel(centre + Eigen::Vector3i(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
+    common += found ? 1 : 0;
+  }
+  const std::size_t smaller = std::min(reference.voxels(), moving_index.voxels());
+  return smaller > 0 ? std::min(1.0, static_cast<double>(common) / static_cast<double>(smaller)) : 0.0;
+}
+
+/// Covariance of the guess: position from features, heading from features, tilt from gravity.
+core::Matrix6 guess_covariance() {
+  core::Vector6 sigma;
+  sigma << 2.0, 2.0, 1.0, 0.02, 0.02, 0.08;
+  return sigma.cwiseAbs2().asDiagonal();
+}
+
+}  // namespace
+
+PlaceAlignment align_places(const Place& reference, const Place& moving, const SE3& guess) {
+  core::RegistrationResult result;
+  result.T_map_moving = guess;
+  core::SolverOptions options;
+  options.max_iterations = 12;
+  options.prior = core::PosePrior{guess, guess_covariance()};
+  // A part of the surfaces is enough to come near.
+  std::vector<Surface> part;
+  const std::size_t stride = std::max<std::size_t>(1, moving.surfaces.size() / 4000);
+  for (std::size_t i = 0; i < moving.surfaces.size(); i += stride) part.push_back(moving.surfaces[i]);
+  const SurfaceIndex wide(reference.surfaces, 2.0F);
+  const SurfaceIndex narrow(reference.surfaces, kSupportMetres);
+  for (const auto& [index, kernel_m] :
+       {std::pair{&wide, 1.0}, std::pair{&narrow, 0.4}, std::pair{&narrow, 0.15}})
+    core::iterate([&](const SE3& T) { return linearise(*index, part, T, kernel_m); },
+                  {core::WorkKind::kIcp, part.size()}, options, result);
+  PlaceAlignment alignment;
+  alignment.T_reference_moving = result.T_map_moving;
+  alignment.information = result.information;
+  const SE3& T = result.T_map_moving;
+  const SurfaceIndex reference_voxels(reference.surfaces, kOverlapVoxelMetres);
+  const SurfaceIndex moving_voxels(moving.surfaces, kOverlapVoxelMetres);
+  alignment.overlap = overlap_of(reference_voxels, moving_voxels, moving, T);
+  const Comparison forward = compare(reference, reference_voxels, moving, T);
+  const Comparison backward = compare(moving, moving_voxels, reference, T.inverse());
+  alignment.compared = std::min(forward.compared, backward.compared);
+  alignment.support = std::min(forward.share(forward.supported), backward.share(backward.supported));
+  alignment.contradiction =
+      std::max(forward.share(forward.contradicted), backward.share(backward.contradicted));
+  return alignment;
+}
+
+double self_support(const Place& place) {
+  std::array<std::vector<Surface>, 2> halves;
+  for (std::size_t i = 0; i < place.surfaces.size(); ++i)
+    halves[place.viewers[i] % 2].push_back(place.surfaces[i]);
+  const SurfaceIndex even(halves[0], kOverlapVoxelMetres);
+  Comparison result;
+  for (const Surface& surface : halves[1]) {
+    if (!is_structure(surface) || !is_near(place.path, surface.mean)) continue;
+    ++result.compared;
+    if (is_supported(even, surface.mean, surface.normal, surface.is_plane)) ++result.supported;
+  }
+  return result.share(result.supported);
+}
+
+double ambiguity(const Place& reference, const Place& moving, const SE3& T) {
+  // Both on a horizontal grid of 1 m, in axes of the reference: structure near both paths.
+  constexpr int kHalf = 128;
+  constexpr int kReach = 40;
+  constexpr int kExcluded = 4;
+  const auto column = [](const Vector3f& p) -> std::optional<std::size_t> {
+    const Eigen::Vector3i index = index_at(p, kOverlapVoxelMetres);
+    if (std::abs(index.x()) >= kHalf - kReach || std::abs(index.y()) >= kHalf - kReach) return std::nullopt;
+    return static_cast<std::size_t>((index.y() + kHalf) * 2 * kHalf + index.x() + kHalf);
+  };
+  std::vector<float> image(4 * kHalf * kHalf, 0.0F);
+  for (const Surface& surface : reference.surfaces) {
+    if (!is_structure(surface) || !is_near(reference.path, surface.mean)) continue;
+    if (const auto i = column(surface.mean)) image[*i] = std::min(image[*i] + 1.0F, 4.0F);
+  }
+  const FloatTransform F(T);
+  std::unordered_map<std::size_t, float> weights;
+  for (const Surface& surface : moving.surfaces) {
+    if (!is_structure(surface) || !is_near(moving.path, surface.mean)) continue;
+    if (const auto i = column(F.R * surface.mean + F.t)) {
+      float& weight = weights[*i];
+      weight = std::min(weight + 1.0F, 4.0F);
+    }
+  }
+  std::vector<std::pair<std::size_t, float>> cells(weights.begin(), weights.end());
+  std::sort(cells.begin(), cells.end());
+  // Cosine of the angle between both, over the cells of the moving place that hold structure.
+  const auto correlation = [&](int dx, int dy) {
+    double product = 0.0;
+    double square = 0.0;
+    for (const auto& [cell, weight] : cells) {
+      const float other = image[static_cast<std::size_t>(static_cast<int>(cell) + dy * 2 * kHalf + dx)];
+      product += static_cast<double>(weight * other);
+      square += static_cast<double>(other * other);
+    }
+    return square > 0.0 ? product / std::sqrt(square) : 0.0;
+  };
+  double at_alignment = 0.0;
+  double elsewhere = 0.0;
+  for (int dy = -kReach; dy <= kReach; ++dy) {
+    for (int dx = -kReach; dx <= kReach; ++dx) {
+      const int square = dx * dx + dy * dy;
+      if (square > kReach * kReach || (square > 2 && square <= kExcluded * kExcluded)) continue;
+      double& best = square <= 2 ? at_alignment : elsewhere;
+      best = std::max(best, correlation(dx, dy));
+    }
+  }
+  return at_alignment > 0.0 ? elsewhere / at_alignment : 1.0;
+}
+
+}  // namespace nilio::mapping

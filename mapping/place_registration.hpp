@@ -1,0 +1,36 @@
+#pragma once
+
+#include "mapping/place.hpp"
+
+namespace nilio::mapping {
+
+/// Relative pose of two places from their surfaces, with what speaks for and against it. Structure: all
+/// surfaces but near-horizontal planes, which are alike everywhere.
+struct PlaceAlignment {
+  core::SE3 T_reference_moving;
+  /// Information of an error on the right, in axes of the moving place: translation, then rotation.
+  core::Matrix6 information = core::Matrix6::Zero();
+  /// Voxels of 1 m that both have, as a share of the smaller set.
+  double overlap = 0.0;
+  /// Structure of the moving place near both paths, and the share of it that lies on surfaces of the
+  /// reference.
+  std::uint32_t compared = 0;
+  double support = 0.0;
+  /// Share of the compared structure of one place that lies where the other one has seen free space; the
+  /// larger of both directions.
+  double contradiction = 0.0;
+};
+
+/// Registers `moving` against `reference` from a guess that is right to about 2 m and 5 degrees: planes to
+/// planes, irregular surfaces to irregular surfaces, wide to narrow.
+PlaceAlignment align_places(const Place& reference, const Place& moving, const core::SE3& guess);
+
+/// Support of a place by itself: the share of structure that one half of its keyframes has seen and that
+/// lies on surfaces seen by the other half. A scale for PlaceAlignment::support.
+double self_support(const Place& place);
+
+/// How much better the alignment fits than others at other places within 40 m: correlation of the
+/// structure's voxels at the best other shift over that at the alignment, 0 to 1 and above.
+double ambiguity(const Place& reference, const Place& moving, const core::SE3& T_reference_moving);
+
+}  // namespace nilio::mapping

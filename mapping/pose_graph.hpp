@@ -1,0 +1,43 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "mapping/drift_model.hpp"
+
+namespace nilio::mapping {
+
+/// Relative pose of two nodes that a loop closure measured.
+struct LoopEdge {
+  std::size_t reference = 0;
+  std::size_t moving = 0;
+  core::SE3 T_reference_moving;
+  /// Information of an error on the right, in axes of `moving`.
+  core::Matrix6 information = core::Matrix6::Identity();
+};
+
+struct GraphSolution {
+  /// In the frame of the first node's pose.
+  std::vector<core::SE3> poses;
+  /// Of the odometry, see bias_jacobian().
+  Eigen::Vector3d biases = Eigen::Vector3d::Zero();
+  /// For each loop: whether it agrees with odometry and the other loops.
+  std::vector<bool> is_inlier;
+};
+
+/// Maximum-likelihood poses of nodes in a chain of odometry edges, with biases of the odometry as common
+/// unknowns, verticals from gravity, and loops of which some may be false: graduated non-convexity (Yang et
+/// al. 2020) with the Geman-McClure kernel takes them out. `odometry`: poses of the nodes, axes aligned with
+/// gravity; `edges[i]` from node i to i + 1. The first node keeps its pose. One thread; the same input gives
+/// the same bits on one processor, and poses are rounded to about 1e-7 m so that they do on others.
+GraphSolution optimise(std::span<const core::SE3> odometry, std::span<const OdometryEdge> edges,
+                       std::span<const LoopEdge> loops);
+
+/// Squared Mahalanobis distance between the chain from loop `a` to loop `b` and both loops; 6 degrees of
+/// freedom. `edges`: of the whole drive.
+double cycle_error(const LoopEdge& a, const LoopEdge& b, std::span<const OdometryEdge> edges);
+
+}  // namespace nilio::mapping

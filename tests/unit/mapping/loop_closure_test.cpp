@@ -1,0 +1,249 @@
+#include "mapping/loop_closure.hpp"
+
+#include "tests/support/scanned_world.hpp"
+
+#include <cstring>
+#include <map>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "mapping/submap_builder.hpp"
+
+namespace {
+
+using namespace nilio;
+using namespace nilio::mapping;
+using namespace nilio::tests;
+
+// Drawn once. The hidden test draws more.
+constexpr std::array<std::uint32_t, 2> kSeeds{3298301173U, 540782916U};
+
+struct Outcome {
+  std::size_t accepted = 0;
+  std::size_t wrong = 0;
+  double end_before_m = 0.0;  ///< error of the last place
+  double end_after_m = 0.0;
+  std::vector<core::SE3> poses;
+  std::map<std::string, int> verdicts;
+};
+
+double angle_of(const core::SE3& T) { return core::so3_log(T.rotation).norm(); }
+
+Outcome close(const ScannedDrive& drive) {
+  std::vector<Submap> submaps;
+  SubmapBuilder builder({}, [&](const Submap& submap) { submaps.push_back(submap); });
+  for (const Keyframe& keyframe : drive.keyframes) builder.add(keyframe);
+  builder.finish();
+  LoopCloser closer([&](std::uint32_t id) { return std::optional(submaps[id]); });
+  for (const Submap& submap : submaps) closer.add(submap);
+  closer.finish();
+  // A place has axes of odom at the middle keyframe.
+  const auto keyframe_of = [&](std::uint32_t id) {
+    const auto& keyframes = submaps[id].keyframes;
+    return static_cast<std::size_t>(
+        (keyframes[keyframes.size() / 2].stamp.ns - drive.keyframes.front().stamp.ns) / 100'000'000LL);
+  };
+  const auto T_place_base = [&](std::uint32_t id) {
+    core::SE3 T;
+    T.rotation = drive.keyframes[keyframe_of(id)].T_odom_base.rotation;
+    return T;
+  };
+  Outcome outcome;
+  outcome.poses = closer.poses();
+  for (const Loop& loop : closer.loops()) {
+    ++outcome.verdicts[verdict_name(loop.verdict)];
+    if (loop.verdict != LoopVerdict::kAccepted) continue;
+    ++outcome.accepted;
+    const core::SE3 measured = T_place_base(loop.reference).inverse() * loop.alignment.T_reference_moving *
+                               T_place_base(loop.moving);
+    const core::SE3 error =
+        (drive.truth[keyframe_of(loop.reference)].inverse() * drive.truth[keyframe_of(loop.moving)])
+            .inverse() *
+        measured;
+    if (error.translation.norm() > 0.5 || angle_of(error) > 0.035) ++outcome.wrong;
+  }
+  const std::uint32_t last = submaps.back().id;
+  const core::Vector3 truth = drive.truth[keyframe_of(last)].translation;
+  const core::SE3 T_base = submaps.back().keyframes[submaps.back().keyframes.size() / 2].T_submap_base;
+  outcome.end_before_m = ((submaps.back().T_odom_submap * T_base).translation - truth).norm();
+  outcome.end_after_m = ((outcome.poses.back() * T_base).translation - truth).norm();
+  return outcome;
+}
+
+std::string text_of(const Outcome& outcome) {
+  std::string text =
+      "end " + std::to_string(outcome.end_before_m) + " to " + std::to_string(outcome.end_after_m) + " m;";
+  for (const auto& [name, count] : outcome.verdicts) text += " " + name + " " + std::to_string(count);
+  return text;
+}
+
+Drift drawn_drift(std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal;
+  Drift drift;
+  drift.heading_rad_per_m = 4e-5 * normal(random);
+  drift.scale = 1.0 + 0.005 * normal(random);
+  drift.height_per_m = 0.0005 * normal(random);
+  return drift;
+}
+
+/// Boxes of random sizes on both sides of a road along x or y.
+void line_road(ScannedWorld& world, const Vector2d& from, const Vector2d& to, std::mt19937& random) {
+  std::uniform_real_distribution<double> share(0.0, 1.0);
+  const Vector2d along = (to - from).normalized();
+  const Vector2d left(-along.y(), along.x());
+  for (const double side : {-1.0, 1.0}) {
+    for (double s = 10.0; s < (to - from).norm() - 14.0; s += 5.0 + 8.0 * share(random)) {
+      const double length = 3.0 + 9.0 * share(random);
+      const double setback = 6.0 + 7.0 * share(random);
+      const Vector2d a = from + s * along + side * setback * left;
+      const Vector2d b = a + length * along + side * (2.0 + 6.0 * share(random)) * left;
+      world.add_box(a.cwiseMin(b), a.cwiseMax(b), 1.0 + 7.0 * share(random));
+      s += length;
+    }
+  }
+}
+
+/// A block of streets, 120 m by 80 m.
+ScannedWorld block(std::uint32_t seed) {
+  std::mt19937 random(seed);
+  ScannedWorld world;
+  const std::array<Vector2d, 4> corners{Vector2d{0, 0}, {120, 0}, {120, 80}, {0, 80}};
+  for (std::size_t i = 0; i < 4; ++i) line_road(world, corners[i], corners[(i + 1) % 4], random);
+  return world;
+}
+
+/// Drives through worlds with places that look alike; none of them may be taken for another.
+void check_lookalikes(std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::map<std::string, ScannedDrive> drives;
+
+  ScannedWorld houses;
+  for (double x = -60.0; x < 500.0; x += 16.0) {
+    houses.add_box({x, 8.0}, {x + 10.0, 18.0}, 6.0);
+    houses.add_box({x + 3.0, -18.0}, {x + 13.0, -8.0}, 6.0);
+  }
+  drives["rows of equal houses"] = drive(houses, {{{0, 0}}, {{440, 0}}}, drawn_drift(seed), seed);
+
+  // Odometry drifts by more than a house before the street is met again.
+  ScannedWorld estate;
+  for (double x = 8.0; x < 390.0; x += 16.0) {
+    for (const double y : {-18.0, 8.0, 78.0, 104.0}) estate.add_box({x, y}, {x + 10.0, y + 10.0}, 6.0);
+  }
+  Drift bias = drawn_drift(seed);
+  bias.heading_rad_per_m += bias.heading_rad_per_m > 0.0 ? 4e-5 : -4e-5;
+  drives["an estate of equal houses"] =
+      drive(estate, {{{0, 0}}, {{400, 0}}, {{400, 96}}, {{0, 96}}, {{0, 0}}, {{200, 0}}}, bias, seed);
+
+  // Corridors of 3 m with equal niches, 12 m apart, connected at their ends.
+  ScannedWorld corridors;
+  corridors.ceiling_m = 2.6;
+  for (double y = 0.0; y < 30.0; y += 12.0) {
+    for (double x = 3.0; x < 117.0; x += 6.0) {
+      for (const double side : {-1.0, 1.0}) {
+        corridors.walls.push_back({{x, y + side * 1.5}, {x + 5.0, y + side * 1.5}, 2.6});
+        corridors.walls.push_back({{x + 5.0, y + side * 1.5}, {x + 5.0, y + side * 2.0}, 2.6});
+        corridors.walls.push_back({{x + 5.0, y + side * 2.0}, {x + 6.0, y + side * 2.0}, 2.6});
+        corridors.walls.push_back({{x + 6.0, y + side * 2.0}, {x + 6.0, y + side * 1.5}, 2.6});
+      }
+    }
+  }
+  corridors.walls.push_back({{-3, -5}, {-3, 30}, 2.6});
+  corridors.walls.push_back({{123, -5}, {123, 30}, 2.6});
+  drives["parallel corridors"] =
+      drive(corridors, {{{0, 0}}, {{120, 0}}, {{120, 12}}, {{0, 12}}, {{0, 24}}, {{120, 24}}},
+            drawn_drift(seed), seed);
+
+  // The same pillars and walls on each storey of 3 m.
+  ScannedWorld garage;
+  garage.ceiling_m = 2.6;
+  garage.add_box({-8, -8}, {58, 38}, 2.6);
+  std::uniform_real_distribution<double> shift(-0.5, 0.5);
+  for (double x = 0.0; x < 55.0; x += 8.0) {
+    for (double y = 6.0; y < 30.0; y += 9.0) {
+      const Vector2d p(x + shift(random), y + shift(random));
+      garage.add_box(p, p + Vector2d(0.6, 0.6), 2.6);
+    }
+  }
+  std::vector<PathPoint> storeys;
+  for (int storey = 0; storey < 3; ++storey) {
+    for (const Vector2d& p : {Vector2d{0, 0}, {50, 0}, {50, 32}, {0, 32}, {0, 10}})
+      storeys.push_back({p, 3.0 * storey});
+  }
+  drives["storeys"] = drive(garage, storeys, drawn_drift(seed), seed);
+
+  ScannedWorld tunnel;
+  tunnel.ceiling_m = 6.0;
+  for (const double y : {-5.0, 5.0}) tunnel.walls.push_back({{-100, y}, {600, y}, 6.0});
+  drives["tunnel"] = drive(tunnel, {{{0, 0}}, {{400, 0}}}, drawn_drift(seed), seed);
+
+  // Equal buildings at two crossings 300 m apart, and little between them.
+  ScannedWorld crossings;
+  for (const double x : {50.0, 350.0}) {
+    std::mt19937 same(seed);
+    for (int i = 0; i < 14; ++i) {
+      std::uniform_real_distribution<double> along(-40.0, 40.0);
+      std::uniform_real_distribution<double> size(2.0, 8.0);
+      const double side = i % 2 == 0 ? 1.0 : -1.0;
+      const Vector2d p(x + along(same), side * (6.0 + size(same)));
+      const Vector2d extent(size(same), size(same));
+      crossings.add_box(p - 0.5 * extent, p + 0.5 * extent, size(same));
+    }
+  }
+  drives["two crossings"] = drive(crossings, {{{0, 0}}, {{420, 0}}}, drawn_drift(seed), seed);
+
+  for (const auto& [name, drive] : drives) {
+    const Outcome outcome = close(drive);
+    INFO(name << ", seed " << seed << ": " << text_of(outcome));
+    CHECK(outcome.wrong == 0);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("a block that is driven around again is closed, in either direction", "[loop_closure]") {
+  const std::vector<PathPoint> once{{{0, 0}}, {{120, 0}}, {{120, 80}}, {{0, 80}}, {{0, 0}}};
+  for (const std::uint32_t seed : kSeeds) {
+    for (const bool is_reverse : {false, true}) {
+      std::vector<PathPoint> path = once;
+      if (is_reverse)
+        path.insert(path.end(), {{{0, 80}}, {{120, 80}}, {{120, 20}}});
+      else
+        path.insert(path.end(), {{{120, 0}}, {{120, 80}}, {{60, 80}}});
+      Drift drift = drawn_drift(seed);
+      drift.heading_rad_per_m += drift.heading_rad_per_m > 0.0 ? 4e-5 : -4e-5;
+      drift.scale = 1.0;  // no loop shows a wrong scale
+      const Outcome outcome = close(drive(block(seed), path, drift, seed));
+      INFO("seed " << seed << (is_reverse ? " reverse: " : ": ") << text_of(outcome));
+      CHECK(outcome.accepted >= 4);
+      CHECK(outcome.wrong == 0);
+      CHECK(outcome.end_after_m < 0.5 * outcome.end_before_m);
+    }
+  }
+}
+
+TEST_CASE("places that look alike are not closed", "[loop_closure]") {
+  for (const std::uint32_t seed : kSeeds) check_lookalikes(seed);
+}
+
+TEST_CASE("places that look alike are not closed, 20 drawn seeds", "[.][loop_closure_seeds]") {
+  std::random_device random;
+  for (int i = 0; i < 20; ++i) check_lookalikes(random());
+}
+
+TEST_CASE("loop closure gives the same bits each time", "[loop_closure]") {
+  const ScannedDrive d =
+      drive(block(kSeeds[0]), {{{0, 0}}, {{120, 0}}, {{120, 80}}, {{0, 80}}, {{0, 0}}, {{70, 0}}},
+            drawn_drift(kSeeds[0]), kSeeds[0]);
+  const Outcome first = close(d);
+  const Outcome second = close(d);
+  CHECK(first.accepted > 0);
+  REQUIRE(first.poses.size() == second.poses.size());
+  for (std::size_t i = 0; i < first.poses.size(); ++i) {
+    CHECK(std::memcmp(first.poses[i].translation.data(), second.poses[i].translation.data(),
+                      3 * sizeof(double)) == 0);
+    CHECK(std::memcmp(first.poses[i].rotation.coeffs().data(), second.poses[i].rotation.coeffs().data(),
+                      4 * sizeof(double)) == 0);
+  }
+}
