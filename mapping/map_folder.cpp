@@ -22,6 +22,7 @@ constexpr std::uint16_t kSubmapRecord = 2;
 constexpr std::uint16_t kKeyframeRecord = 3;
 constexpr std::size_t kMaxSessionBytes = 256;
 constexpr const char* kLogName = "map.log";
+constexpr const char* kPosesName = "poses";
 constexpr const char* kSubmapFolder = "submaps";
 constexpr const char* kOpenFolder = "open";
 
@@ -192,7 +193,30 @@ Result<MapReader> MapReader::open(const fs::path& folder) {
   if (log->valid_bytes != log->bytes.size())
     map.warning_ = path.string() + ": " + std::to_string(log->bytes.size() - log->valid_bytes) +
                    " damaged bytes at the end were left out";
+  const fs::path poses = folder / kPosesName;
+  std::error_code error;
+  if (!fs::exists(poses, error)) return map;
+  const auto bytes = read_bytes(poses);
+  const auto correction = bytes ? decode_correction(*bytes, map.header_.id, poses.string())
+                                : Result<MapCorrection>(bytes.error());
+  if (correction)
+    map.apply(*correction);
+  else
+    map.warning_ = correction.error().message;
   return map;
+}
+
+/// Later submaps follow the last corrected one as odometry has it.
+void MapReader::apply(const MapCorrection& correction) {
+  auto corrected = correction.poses.begin();
+  core::SE3 T_map_odom;
+  for (SubmapEntry& entry : submaps_) {
+    while (corrected != correction.poses.end() && corrected->first < entry.id) ++corrected;
+    if (corrected != correction.poses.end() && corrected->first == entry.id)
+      T_map_odom = corrected->second * entry.T_map_submap.inverse();
+    entry.T_map_submap = T_map_odom * entry.T_map_submap;
+  }
+  loops_ = correction.loops;
 }
 
 Result<Submap> MapReader::load(const SubmapEntry& entry) const {
@@ -233,6 +257,7 @@ Result<MapWriter> MapWriter::open(const fs::path& folder, const std::string& ses
   if (!log) return log.error();
   if (!continues) {
     remove_map_files(folder, [](const fs::path&) { return false; });
+    fs::remove(folder / kPosesName, error);
     content.folder_ = folder;
     content.header_ = {random_id(), now, session.substr(0, kMaxSessionBytes)};
     if (auto written = log->append(kHeaderRecord, encode(content.header_), true); !written)
@@ -271,6 +296,10 @@ Result<std::monostate> MapWriter::write(const Submap& submap, core::Time now) {
   content_.submaps_.push_back(entry);
   bytes_ += bytes.size();
   return std::monostate{};
+}
+
+Result<std::monostate> MapWriter::write(const MapCorrection& correction) {
+  return replace_file(content_.folder_ / kPosesName, encode_correction(correction, content_.header_.id));
 }
 
 fs::path OpenKeyframes::path_of(std::uint32_t stretch) const { return folder_ / numbered(stretch, "kf"); }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "mapping/keyframe.hpp"
+#include "mapping/map_correction.hpp"
 #include "mapping/record_log.hpp"
 #include "mapping/submap.hpp"
 #include "mapping/submap_codec.hpp"
@@ -21,6 +22,7 @@ struct SubmapEntry {
   std::uint32_t id = 0;
   std::uint64_t file_bytes = 0;
   std::uint32_t file_crc32c = 0;
+  /// After loop closure, if there was one.
   core::SE3 T_map_submap;
   core::Time first_stamp;
   core::Time last_stamp;
@@ -38,7 +40,8 @@ struct MapHeader {
   std::string session;
 };
 
-/// A map on disk, to read: submaps/NNNNNN.sub and the list of them in map.log. Its content is not trusted.
+/// A map on disk, to read: submaps/NNNNNN.sub, the list of them in map.log, and `poses`, what loop closure
+/// has made of their poses. Its content is not trusted.
 class MapReader {
  public:
   static core::Result<MapReader> open(const std::filesystem::path& folder);
@@ -48,14 +51,19 @@ class MapReader {
   [[nodiscard]] const std::vector<SubmapEntry>& submaps() const { return submaps_; }
   /// Reads a submap and checks it against its entry.
   [[nodiscard]] core::Result<Submap> load(const SubmapEntry& entry) const;
+  /// Loops that loop closure has verified.
+  [[nodiscard]] const std::vector<Loop>& loops() const { return loops_; }
   /// Damage that was found and left out; empty: none.
   [[nodiscard]] const std::string& warning() const { return warning_; }
 
  private:
   friend class MapWriter;
+  void apply(const MapCorrection& correction);
+
   std::filesystem::path folder_;
   MapHeader header_;
   std::vector<SubmapEntry> submaps_;
+  std::vector<Loop> loops_;
   std::string warning_;
   std::size_t log_bytes_ = 0;
   std::uint64_t log_records_ = 0;
@@ -71,6 +79,8 @@ class MapWriter {
                                       core::Time now);
 
   core::Result<std::monostate> write(const Submap& submap, core::Time now);
+  /// Replaces the result of loop closure.
+  core::Result<std::monostate> write(const MapCorrection& correction);
 
   [[nodiscard]] const MapReader& content() const { return content_; }
   [[nodiscard]] const std::filesystem::path& folder() const { return content_.folder_; }

@@ -41,6 +41,10 @@ with tempfile.TemporaryDirectory() as name:
                     "publisher.enabled=false"], check=True, capture_output=True)
     whole = folder / "run/map"
     expect(nilio_map("info", whole).returncode == 0, "the whole map is read")
+    expect(nilio_map("close", whole).returncode == 0, "the whole map is closed")
+    poses = (whole / "poses").read_bytes()
+    expect(nilio_map("close", whole).returncode == 0 and (whole / "poses").read_bytes() == poses,
+           "a map that is closed again has the same poses")
     submaps = sorted(file.name for file in (whole / "submaps").iterdir())
 
     # Foreign folders.
@@ -51,6 +55,7 @@ with tempfile.TemporaryDirectory() as name:
     for wrong in ("empty", "text", "foreign", "missing", "drive"):
         for command in (("info", folder / wrong), ("export", folder / wrong, folder / "a.ply"),
                         ("render", folder / wrong, folder / "a.png"), ("recover", folder / wrong),
+                        ("close", folder / wrong),
                         ("merge", folder / wrong, "--output", folder / "merged"), ("diff", whole, folder / wrong),
                         ("crop", folder / wrong, folder / "part", "--min", 0, 0, 0, "--max", 1, 1, 1)):
             expect_refused(nilio_map(*command), wrong)
@@ -71,7 +76,7 @@ with tempfile.TemporaryDirectory() as name:
     for trial in range(60):
         broken = folder / "broken"
         shutil.copytree(whole, broken)
-        victim = broken / chance.choice(["map.log"] + [f"submaps/{file}" for file in submaps])
+        victim = broken / chance.choice(["map.log", "poses"] + [f"submaps/{file}" for file in submaps])
         content = bytearray(victim.read_bytes())
         place = chance.randrange(len(content))
         kind = chance.choice(("cut", "flipped", "missing"))
@@ -86,8 +91,8 @@ with tempfile.TemporaryDirectory() as name:
         for command in (("info", broken), ("export", broken, folder / "b.las"), ("recover", broken)):
             done = nilio_map(*command)
             expect(done.returncode in (0, 1), f"{what}: {command[0]} ends with {done.returncode}")
-            # A cut between two records cannot be told from a shorter map.
-            is_told = victim.name in done.stderr or (victim.name == "map.log" and kind == "cut")
+            # A cut between two records cannot be told from a shorter map, nor can a map that was never closed.
+            is_told = victim.name in done.stderr or (victim.name, kind) in (("map.log", "cut"), ("poses", "missing"))
             expect(is_told or command[0] == "recover", f"{what}: {command[0]} says {done.stderr!r}")
         shutil.rmtree(broken)
         (folder / "b.las").unlink(missing_ok=True)

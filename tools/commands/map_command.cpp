@@ -1,13 +1,17 @@
 #include "daemon/exit_status.hpp"
 #include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
+#include "tools/common/files.hpp"
+#include "tools/map/close.hpp"
 #include "tools/map/edit.hpp"
 #include "tools/map/export.hpp"
 #include "tools/map/render.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -58,6 +62,11 @@ Result<std::monostate> print_info(const std::string& folder) {
   if (const std::size_t open = mapping::OpenKeyframes(map_folder(folder)).count(); open > 0)
     std::printf("open           %zu keyframes; nilio map recover adds them if their run has been killed\n",
                 open);
+  if (!map->loops().empty())
+    std::printf("loops          %td\n",
+                std::count_if(map->loops().begin(), map->loops().end(), [](const mapping::Loop& loop) {
+                  return loop.verdict == mapping::LoopVerdict::kAccepted;
+                }));
   std::printf("size           %.2f MB", s.megabytes);
   if (km > 0.1) std::printf(", %.2f MB/km", s.megabytes / km);
   std::printf("\n");
@@ -105,6 +114,42 @@ Result<std::monostate> recover_map(const std::string& folder) {
   const auto keyframes = map::recover(map_folder(folder));
   if (!keyframes) return keyframes.error();
   std::printf("%zu keyframes of open submaps\n", *keyframes);
+  return std::monostate{};
+}
+
+Result<std::monostate> close_map(const std::string& folder, const std::string& json) {
+  const auto closed = map::close(map_folder(folder));
+  if (!closed) return closed.error();
+  std::map<std::string, std::size_t> refused;
+  std::size_t accepted = 0;
+  for (const map::ClosedLoop& loop : closed->loops) {
+    if (loop.loop.verdict == mapping::LoopVerdict::kAccepted) {
+      ++accepted;
+      std::printf("loop           submap %u to %u, overlap %.0f %%\n", loop.loop.moving, loop.loop.reference,
+                  100.0 * loop.loop.alignment.overlap);
+    } else {
+      ++refused[mapping::verdict_name(loop.loop.verdict)];
+    }
+  }
+  std::printf("submaps        %zu, %zu loops, poses moved by up to %.3f m\n", closed->ids.size(), accepted,
+              closed->largest_correction_m);
+  for (const auto& [reason, count] : refused) std::printf("refused        %zu %s\n", count, reason.c_str());
+  std::printf("time           %.2f s, at most %.2f s for a submap\n", closed->seconds,
+              closed->longest_submap_s);
+  if (!json.empty()) {
+    if (auto written = write_text(json, map::loops_json(*closed)); !written) return written;
+  }
+  // The trajectory of the run beside its map.
+  const std::filesystem::path run = map_folder(folder).parent_path();
+  std::error_code error;
+  if (!std::filesystem::exists(run / "trajectory.tum", error)) return std::monostate{};
+  const auto odometry = read_trajectory((run / "trajectory.tum").string());
+  if (!odometry) return odometry.error();
+  const auto optimised = map::corrected(*odometry, map_folder(folder));
+  if (!optimised) return optimised.error();
+  const std::filesystem::path output = run / "trajectory_optimised.tum";
+  if (auto written = write_trajectory(*optimised, output.string()); !written) return written.error();
+  std::printf("%s: %zu poses\n", output.c_str(), optimised->poses.size());
   return std::monostate{};
 }
 
@@ -189,6 +234,20 @@ void add_render(CLI::App& parent, int& status) {
   command->callback([paths, options, &status] { status = report(render_map(*paths, *options)); });
 }
 
+void add_close(CLI::App& parent, int& status) {
+  const auto folder = std::make_shared<std::string>();
+  const auto json = std::make_shared<std::string>();
+  CLI::App* const command = parent.add_subcommand(
+      "close", "closes the loops of a map: poses of the submaps that agree where the drive returns");
+  command->footer(
+      "The poses are written into the map, and all commands use them; the submaps and the odometry stay as "
+      "they are, so that it can be repeated. Beside a map with trajectory.tum, the output folder of niliod, "
+      "trajectory_optimised.tum gets the same correction.");
+  command->add_option("map", *folder, "folder of the map, or output folder of niliod")->required();
+  command->add_option("--json", *json, "all candidates with the figures of their checks, .json");
+  command->callback([=, &status] { status = report(close_map(*folder, *json)); });
+}
+
 void add_edits(CLI::App& parent, int& status) {
   const auto paths = std::make_shared<Paths>();
   const auto low = std::make_shared<std::vector<double>>();
@@ -245,6 +304,7 @@ void add_map_command(CLI::App& app, int& status) {
 
   add_export(*command, status);
   add_render(*command, status);
+  add_close(*command, status);
   add_edits(*command, status);
 }
 

@@ -167,3 +167,55 @@ TEST_CASE("open keyframes are read back, continue their file, and go with their 
   open.remove_before(3);
   CHECK(open.take(0).empty());
 }
+
+TEST_CASE("poses of loop closure replace those of the odometry, and damage leaves the latter",
+          "[map_folder]") {
+  const TemporaryFolder folder;
+  const auto submaps = street_submaps();
+  REQUIRE(submaps.size() > 2);
+  MapCorrection correction;
+  core::SE3 T_map_odom;
+  T_map_odom.rotation = core::so3_exp({0.0, 0.0, 0.1});
+  T_map_odom.translation = {1.0, 2.0, 3.0};
+  correction.poses = {{0, submaps[0].T_odom_submap}, {1, T_map_odom * submaps[1].T_odom_submap}};
+  Loop loop;
+  loop.moving = 1;
+  loop.verdict = LoopVerdict::kAccepted;
+  loop.alignment.information = core::Matrix6::Identity();
+  correction.loops.push_back(loop);
+  {
+    MapWriter writer = open_writer(folder.path());
+    for (const Submap& submap : submaps) REQUIRE(writer.write(submap, {8}).ok());
+    REQUIRE(writer.write(correction).ok());
+  }
+  const MapReader map = open_reader(folder.path());
+  CHECK(map.warning().empty());
+  REQUIRE(map.loops().size() == 1);
+  CHECK(map.loops()[0].verdict == LoopVerdict::kAccepted);
+  // A submap after the last corrected one follows it.
+  for (const std::size_t i : {std::size_t{1}, std::size_t{2}}) {
+    const core::SE3 expected = T_map_odom * submaps[i].T_odom_submap;
+    CHECK((map.submaps()[i].T_map_submap.translation - expected.translation).norm() < 1e-12);
+  }
+  CHECK((map.submaps()[0].T_map_submap.translation - submaps[0].T_odom_submap.translation).norm() == 0.0);
+
+  std::ifstream in(folder.path() / "poses", std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(in)), {});
+  for (const std::size_t at :
+       {std::size_t{0}, std::size_t{8}, std::size_t{20}, bytes.size() / 2, bytes.size() - 1}) {
+    std::string damaged = bytes;
+    damaged[at] = static_cast<char>(damaged[at] ^ 0x40);
+    write_bytes(folder.path() / "poses", damaged);
+    const MapReader odometry = open_reader(folder.path());
+    CHECK_FALSE(odometry.warning().empty());
+    CHECK((odometry.submaps()[1].T_map_submap.translation - submaps[1].T_odom_submap.translation).norm() ==
+          0.0);
+  }
+  for (const std::size_t length : {std::size_t{0}, std::size_t{9}, bytes.size() - 1}) {
+    write_bytes(folder.path() / "poses", bytes.substr(0, length));
+    CHECK_FALSE(open_reader(folder.path()).warning().empty());
+  }
+  // Another run begins a new map without it.
+  open_writer(folder.path(), "other");
+  CHECK_FALSE(std::filesystem::exists(folder.path() / "poses"));
+}

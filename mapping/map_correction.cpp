@@ -1,0 +1,119 @@
+#include "mapping/map_correction.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "mapping/crc32c.hpp"
+
+namespace nilio::mapping {
+
+namespace {
+
+using core::Error;
+using core::Result;
+using core::SE3;
+
+constexpr std::uint64_t kMagic = 0x534F'504F'494C'494E;  // "NILIOPOS", little endian
+constexpr std::uint16_t kVersion = 1;
+constexpr std::size_t kPoseBytes = 4 + 7 * 8;
+constexpr std::size_t kLoopBytes = 2 * 4 + 7 * 8 + 36 * 8 + 2 * 4 + 6 * 8 + 2;
+
+void put_pose(const SE3& pose, ByteWriter& out) {
+  for (int i = 0; i < 3; ++i) out.put(pose.translation[i]);
+  for (int i = 0; i < 4; ++i) out.put(pose.rotation.coeffs()[i]);
+}
+
+SE3 get_pose(ByteReader& in) {
+  SE3 pose;
+  for (int i = 0; i < 3; ++i) pose.translation[i] = in.get<double>();
+  for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = in.get<double>();
+  return pose;
+}
+
+bool is_pose(const SE3& pose) {
+  return pose.is_finite() && std::abs(pose.rotation.norm() - 1.0) < 1e-3 && pose.translation.norm() < 1e9;
+}
+
+void put_loop(const Loop& loop, ByteWriter& out) {
+  const PlaceAlignment& alignment = loop.alignment;
+  out.put(loop.reference);
+  out.put(loop.moving);
+  put_pose(alignment.T_reference_moving, out);
+  for (int i = 0; i < 36; ++i) out.put(alignment.information(i / 6, i % 6));
+  out.put(alignment.compared);
+  out.put(loop.inliers);
+  for (const double value : {alignment.overlap, alignment.support, alignment.contradiction, loop.drift_square,
+                             loop.support_share, loop.ambiguity})
+    out.put(value);
+  out.put(static_cast<std::uint8_t>(loop.is_twofold));
+  out.put(static_cast<std::uint8_t>(loop.verdict));
+}
+
+bool get_loop(ByteReader& in, Loop& loop) {
+  PlaceAlignment& alignment = loop.alignment;
+  loop.reference = in.get<std::uint32_t>();
+  loop.moving = in.get<std::uint32_t>();
+  alignment.T_reference_moving = get_pose(in);
+  for (int i = 0; i < 36; ++i) alignment.information(i / 6, i % 6) = in.get<double>();
+  alignment.compared = in.get<std::uint32_t>();
+  loop.inliers = in.get<std::uint32_t>();
+  for (double* const value : {&alignment.overlap, &alignment.support, &alignment.contradiction,
+                              &loop.drift_square, &loop.support_share, &loop.ambiguity})
+    *value = in.get<double>();
+  loop.is_twofold = in.get<std::uint8_t>() != 0;
+  loop.verdict = static_cast<LoopVerdict>(in.get<std::uint8_t>());
+  return is_pose(alignment.T_reference_moving) && loop.reference < loop.moving &&
+         static_cast<std::size_t>(loop.verdict) < kLoopVerdicts && loop.is_verified() &&
+         alignment.information.allFinite() && alignment.information.llt().info() == Eigen::Success;
+}
+
+}  // namespace
+
+Bytes encode_correction(const MapCorrection& correction, const MapId& map) {
+  ByteWriter out;
+  out.put(kMagic);
+  out.put(kVersion);
+  out.put_bytes(map);
+  out.put(static_cast<std::uint32_t>(correction.poses.size()));
+  out.put(static_cast<std::uint32_t>(correction.loops.size()));
+  for (const auto& [id, pose] : correction.poses) {
+    out.put(id);
+    put_pose(pose, out);
+  }
+  for (const Loop& loop : correction.loops) put_loop(loop, out);
+  out.put(crc32c(out.bytes()));
+  return out.take();
+}
+
+Result<MapCorrection> decode_correction(std::span<const std::uint8_t> bytes, const MapId& map,
+                                        const std::string& name) {
+  const Error damaged{name + ": damaged - nilio map close writes it again"};
+  ByteReader in(bytes);
+  if (in.get<std::uint64_t>() != kMagic) return damaged;
+  if (const auto version = in.get<std::uint16_t>(); version != kVersion)
+    return Error{name + ": format " + std::to_string(version) + ", this program reads " +
+                 std::to_string(kVersion) + " - use a newer nilio, or nilio map close"};
+  const auto id = in.get_bytes(map.size());
+  const auto poses = in.get<std::uint32_t>();
+  const auto loops = in.get<std::uint32_t>();
+  if (in.failed() || in.left() != poses * kPoseBytes + loops * kLoopBytes + 4) return damaged;
+  ByteReader end(bytes.last(4));
+  if (end.get<std::uint32_t>() != crc32c(bytes.first(bytes.size() - 4))) return damaged;
+  if (!std::equal(id.begin(), id.end(), map.begin()))
+    return Error{name + ": belongs to another map - nilio map close writes it again"};
+  MapCorrection correction;
+  for (std::uint32_t i = 0; i < poses; ++i) {
+    const auto submap = in.get<std::uint32_t>();
+    const SE3 pose = get_pose(in);
+    if (!is_pose(pose) || (i > 0 && submap <= correction.poses.back().first)) return damaged;
+    correction.poses.emplace_back(submap, pose);
+  }
+  for (std::uint32_t i = 0; i < loops; ++i) {
+    Loop loop;
+    if (!get_loop(in, loop)) return damaged;
+    correction.loops.push_back(loop);
+  }
+  return correction;
+}
+
+}  // namespace nilio::mapping

@@ -1,0 +1,30 @@
+#pragma once
+
+#include "nilio/core/result.hpp"
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mapping/bytes.hpp"
+#include "mapping/loop_closure.hpp"
+#include "mapping/submap_codec.hpp"
+
+namespace nilio::mapping {
+
+/// Poses of submaps after loop closure, and the loops that are verified, which a later mapper continues with.
+struct MapCorrection {
+  /// Ids in ascending order, and T_map_submap.
+  std::vector<std::pair<std::uint32_t, core::SE3>> poses;
+  std::vector<Loop> loops;
+};
+
+/// The content of the file `poses` of a map, see docs/map.md.
+Bytes encode_correction(const MapCorrection& correction, const MapId& map);
+/// The bytes are not trusted; a file of another map is an error. `name` begins the message.
+core::Result<MapCorrection> decode_correction(std::span<const std::uint8_t> bytes, const MapId& map,
+                                              const std::string& name);
+
+}  // namespace nilio::mapping

@@ -1,0 +1,173 @@
+#include "tools/map/close.hpp"
+
+#include "nilio/core/clock.hpp"
+
+#include "tools/map/cloud.hpp"
+
+#include <algorithm>
+#include <ctime>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include <nlohmann/json.hpp>
+
+namespace nilio::tools::map {
+
+namespace {
+
+using core::Result;
+using core::SE3;
+using mapping::MapReader;
+using mapping::Submap;
+
+struct Middle {
+  core::Time stamp;
+  SE3 T_place_base;
+};
+
+std::vector<double> pose_numbers(const SE3& T) {
+  const auto& q = T.rotation;
+  return {T.translation.x(), T.translation.y(), T.translation.z(), q.x(), q.y(), q.z(), q.w()};
+}
+
+/// Pose of a place before and after loop closure.
+struct Correction {
+  core::Time stamp;
+  SE3 T_odom_place;
+  SE3 T_map_place;
+
+  [[nodiscard]] SE3 operator()(const SE3& T_odom_base) const {
+    return T_map_place * (T_odom_place.inverse() * T_odom_base);
+  }
+};
+
+}  // namespace
+
+Result<ClosedMap> close(const std::filesystem::path& folder) {
+  const auto map = MapReader::open(folder);
+  if (!map) return map.error();
+  auto writer = mapping::MapWriter::open(folder, map->header().session, {clock_ns(CLOCK_REALTIME)});
+  if (!writer) return writer.error();
+  const MapReader& content = writer->content();
+  mapping::LoopCloser closer([&](std::uint32_t id) -> std::optional<Submap> {
+    const auto& entries = content.submaps();
+    const auto entry =
+        std::find_if(entries.begin(), entries.end(), [&](const auto& e) { return e.id == id; });
+    auto submap = entry == entries.end() ? Result<Submap>(core::Error{""}) : content.load(*entry);
+    return submap ? std::optional(std::move(submap).value()) : std::nullopt;
+  });
+  std::map<std::uint32_t, Middle> middles;
+  ClosedMap closed;
+  const auto timed = [&](const auto& work) {
+    const std::int64_t begin = monotonic_ns();
+    work();
+    const double seconds = static_cast<double>(monotonic_ns() - begin) * 1e-9;
+    closed.seconds += seconds;
+    closed.longest_submap_s = std::max(closed.longest_submap_s, seconds);
+  };
+  mapping::MapCorrection correction;
+  std::vector<SE3> odometry;
+  for (const mapping::SubmapEntry& entry : content.submaps()) {
+    const auto submap = content.load(entry);
+    if (!submap) return submap.error();
+    timed([&] { closer.add(*submap); });
+    odometry.push_back(submap->T_odom_submap);
+    correction.poses.emplace_back(entry.id, SE3{});
+    closed.ids.push_back(entry.id);
+    closed.stamps.push_back(entry.first_stamp);
+    if (submap->keyframes.empty()) continue;
+    const mapping::SubmapKeyframe& middle = submap->keyframes[submap->keyframes.size() / 2];
+    closed.stamps.back() = middle.stamp;
+    middles[entry.id] = {middle.stamp, place_origin(*submap).inverse() * middle.T_submap_base};
+  }
+  timed([&] { closer.finish(); });
+  for (const mapping::OdometryEdge& edge : closer.edges())
+    closed.deviations.push_back(walk_variance(edge).cwiseSqrt());
+  const std::vector<SE3> poses = closer.poses();
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    correction.poses[i].second = poses[i];
+    closed.largest_correction_m =
+        std::max(closed.largest_correction_m, (poses[i].translation - odometry[i].translation).norm());
+  }
+  for (const mapping::Loop& loop : closer.loops()) {
+    if (loop.is_verified()) correction.loops.push_back(loop);
+    const Middle& reference = middles[loop.reference];
+    const Middle& moving = middles[loop.moving];
+    closed.loops.push_back(
+        {loop, reference.stamp, moving.stamp,
+         reference.T_place_base.inverse() * loop.alignment.T_reference_moving * moving.T_place_base});
+  }
+  if (auto written = writer->write(correction); !written) return written.error();
+  return closed;
+}
+
+std::string loops_json(const ClosedMap& map) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const ClosedLoop& closed : map.loops) {
+    const mapping::Loop& loop = closed.loop;
+    std::vector<double> information;
+    for (int i = 0; i < 36; ++i) information.push_back(loop.alignment.information(i / 6, i % 6));
+    list.push_back({{"reference", loop.reference},
+                    {"moving", loop.moving},
+                    {"verdict", mapping::verdict_name(loop.verdict)},
+                    {"reference_stamp_ns", closed.reference_stamp.ns},
+                    {"moving_stamp_ns", closed.moving_stamp.ns},
+                    {"T_reference_moving", pose_numbers(closed.T_reference_moving)},
+                    {"information", information},
+                    {"inliers", loop.inliers},
+                    {"compared", loop.alignment.compared},
+                    {"overlap", loop.alignment.overlap},
+                    {"support", loop.alignment.support},
+                    {"support_share", loop.support_share},
+                    {"contradiction", loop.alignment.contradiction},
+                    {"ambiguity", loop.ambiguity},
+                    {"drift_square", loop.drift_square}});
+  }
+  std::vector<std::int64_t> stamps;
+  for (const core::Time stamp : map.stamps) stamps.push_back(stamp.ns);
+  std::vector<std::vector<double>> deviations;
+  for (const core::Vector6& d : map.deviations) deviations.emplace_back(d.data(), d.data() + d.size());
+  return nlohmann::ordered_json{{"submaps", map.ids.size()}, {"ids", map.ids},
+                                {"stamps_ns", stamps},       {"edge_deviations", deviations},
+                                {"seconds", map.seconds},    {"loops", list}}
+             .dump(1) +
+         "\n";
+}
+
+Result<Trajectory> corrected(const Trajectory& odometry, const std::filesystem::path& folder) {
+  const auto map = MapReader::open(folder);
+  if (!map) return map.error();
+  std::vector<Correction> corrections;
+  for (const mapping::SubmapEntry& entry : map->submaps()) {
+    const auto submap = map->load(entry);
+    if (!submap) return submap.error();
+    if (submap->keyframes.empty()) continue;
+    const SE3 T = place_origin(*submap);
+    corrections.push_back({submap->keyframes[submap->keyframes.size() / 2].stamp, submap->T_odom_submap * T,
+                           entry.T_map_submap * T});
+  }
+  Trajectory result = odometry;
+  if (corrections.empty()) return result;
+  for (std::size_t i = 0; i < result.poses.size(); ++i) {
+    const core::Time stamp = result.stamps[i];
+    const SE3 T = se3_of(result.poses[i]);
+    const auto after =
+        std::upper_bound(corrections.begin(), corrections.end(), stamp,
+                         [](core::Time wanted, const Correction& c) { return wanted < c.stamp; });
+    if (after == corrections.begin() || after == corrections.end()) {
+      result.poses[i] = (after == corrections.begin() ? *after : corrections.back())(T).matrix();
+      continue;
+    }
+    const Correction& before = *(after - 1);
+    const double share = (stamp - before.stamp).seconds() / (after->stamp - before.stamp).seconds();
+    const SE3 a = before(T);
+    const SE3 b = (*after)(T);
+    result.poses[i] =
+        SE3{a.rotation.slerp(share, b.rotation), (1.0 - share) * a.translation + share * b.translation}
+            .matrix();
+  }
+  return result;
+}
+
+}  // namespace nilio::tools::map
