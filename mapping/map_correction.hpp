@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "mapping/bytes.hpp"
-#include "mapping/loop_closure.hpp"
+#include "mapping/loops/loop_closure.hpp"
 #include "mapping/submap_codec.hpp"
 
 namespace nilio::mapping {

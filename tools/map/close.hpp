@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "mapping/loop_closure.hpp"
+#include "mapping/loops/loop_closure.hpp"
 
 namespace nilio::tools::map {
 

@@ -1,4 +1,4 @@
-#include "mapping/pose_graph.hpp"
+#include "mapping/loops/pose_graph.hpp"
 
 #include <algorithm>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "mapping/place.hpp"
+#include "mapping/loops/place.hpp"
 
 #include <algorithm>
 #include <bit>

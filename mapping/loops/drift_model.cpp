@@ -1,4 +1,4 @@
-#include "mapping/drift_model.hpp"
+#include "mapping/loops/drift_model.hpp"
 
 namespace nilio::mapping {
 

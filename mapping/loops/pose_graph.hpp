@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "mapping/drift_model.hpp"
+#include "mapping/loops/drift_model.hpp"
 
 namespace nilio::mapping {
 

@@ -8,8 +8,8 @@
 #include <span>
 #include <vector>
 
-#include "mapping/place_registration.hpp"
-#include "mapping/pose_graph.hpp"
+#include "mapping/loops/place_registration.hpp"
+#include "mapping/loops/pose_graph.hpp"
 
 namespace nilio::mapping {
 

@@ -1,4 +1,4 @@
-#include "mapping/place_registration.hpp"
+#include "mapping/loops/place_registration.hpp"
 
 #include "core/src/registration/gauss_newton.hpp"
 

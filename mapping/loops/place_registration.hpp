@@ -1,6 +1,6 @@
 #pragma once
 
-#include "mapping/place.hpp"
+#include "mapping/loops/place.hpp"
 
 namespace nilio::mapping {
 

@@ -1,4 +1,4 @@
-#include "mapping/loop_closure.hpp"
+#include "mapping/loops/loop_closure.hpp"
 
 #include "core/src/linear_algebra.hpp"
 
