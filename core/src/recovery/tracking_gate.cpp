@@ -108,7 +108,7 @@ void Odometry::State::update_motion() {
   motion_filter.update(registration.T_map_moving, registration.information);
   const Duration shift = monitor.time_shift();
   monitor.observe(imu, motion_filter.state().gyro_bias, registered_motion());
-  imu.move_stamps(shift - monitor.time_shift());
+  if (monitor.time_shift() != shift) imu.move_stamps(shift - monitor.time_shift());
 }
 
 /// A pose that recovery found: a measurement as any other where it is as expected.
