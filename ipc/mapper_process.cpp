@@ -1,5 +1,6 @@
 #include "ipc/mapper_process.hpp"
 
+#include "nilio/core/clock.hpp"
 #include "nilio/core/units.hpp"
 
 #include "ipc/child_process.hpp"
@@ -75,6 +76,7 @@ core::Result<pid_t> MapperProcess::spawn(bool publish) {
                                      "--odom-frame=" + config_.odom_frame,
                                      "--kept-submaps=" + std::to_string(config_.kept_submaps)};
   if (!publish) arguments.emplace_back("--no-publish");
+  if (!config_.closes_loops) arguments.emplace_back("--no-loops");
   if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
   for (const std::string& address : config_.interface_whitelist)
     arguments.push_back("--interface=" + address);
@@ -112,11 +114,17 @@ std::optional<ProcessEvent> MapperProcess::poll() {
   return process_.poll();
 }
 
+void MapperProcess::request_stop(core::Duration timeout) {
+  state_->stop_deadline_ns.store(monotonic_ns() + timeout.ns);
+  process_.request_stop();
+}
+
 std::vector<ProcessEvent> MapperProcess::stop(core::Duration timeout) {
   const auto seconds = [](core::Duration duration) {
     return std::to_string(duration.ns / kNanosecondsPerSecond);
   };
   const auto deadline = Clock::now() + std::chrono::nanoseconds(timeout.ns);
+  state_->stop_deadline_ns.store(monotonic_ns() + timeout.ns);
   std::vector<ProcessEvent> events;
   // No time for DDS to start.
   is_ending_ = true;
@@ -140,6 +148,20 @@ std::vector<ProcessEvent> MapperProcess::stop(core::Duration timeout) {
     if (!was_killed || events.size() >= kMaxEnds || Clock::now() >= deadline) return events;
     if (auto started = process_.restart(); !started) return events;
   }
+}
+
+core::Result<std::monostate> MapperProcess::correct_trajectory(const std::filesystem::path& trajectory,
+                                                               core::Duration timeout) const {
+  RestartedProcess process("mapper", config_.start_interval, [&](bool) {
+    return spawn_child({config_.executable.string(), "--parent-pid=" + std::to_string(getpid()),
+                        "--folder=" + config_.folder.string(), "--trajectory=" + trajectory.string()},
+                       {});
+  });
+  if (auto started = process.start(); !started) return started.error();
+  const auto ended = process.wait(timeout);
+  if (ended.exit_status == 0) return std::monostate{};
+  return core::Error{trajectory.string() + ": not corrected, the " + ended.message +
+                     " - nilio map close corrects it"};
 }
 
 }  // namespace nilio::ipc

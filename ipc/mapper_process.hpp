@@ -18,6 +18,7 @@
 #include <optional>
 #include <string>
 #include <sys/types.h>
+#include <variant>
 #include <vector>
 
 namespace nilio::ipc {
@@ -32,8 +33,9 @@ struct MapperProcessConfig {
   std::string map_frame = "map";
   std::string odom_frame = "odom";
   std::string topic_prefix;
-  int max_voxels = 200'000;      ///< of an open submap; three are open
-  int kept_submaps = 20;         ///< submaps kept for late subscribers
+  int max_voxels = 200'000;  ///< of an open submap; three are open
+  int kept_submaps = 20;     ///< submaps kept for late subscribers
+  bool closes_loops = true;
   bool returns_submaps = false;  ///< through submaps()
   core::Duration start_interval = core::Duration::from_seconds(1.0);
   /// Killed if it reads no keyframe for this time while some wait; a disk may take long.
@@ -50,6 +52,9 @@ struct MapperState {
   std::atomic<std::uint64_t> submaps{0};        ///< on disk
   std::atomic<std::uint64_t> map_bytes{0};      ///< of their files
   std::atomic<std::uint64_t> failed_writes{0};  ///< submaps or keyframes that the disk refused
+  std::atomic<std::uint64_t> loops{0};          ///< accepted
+  /// CLOCK_MONOTONIC at which a mapper that has been stopped is killed; 0: not stopped.
+  std::atomic<std::int64_t> stop_deadline_ns{0};
 };
 
 /// Starts, supervises and restarts `nilio-mapper`, and owns the shared memory with it. The mapper may be
@@ -66,12 +71,16 @@ class MapperProcess {
   core::Result<pid_t> start() { return process_.start(); }
   /// Call about every 50 ms; does not block.
   std::optional<ProcessEvent> poll();
-  /// Begins what stop() waits for.
-  void request_stop() { process_.request_stop(); }
+  /// Begins what stop() waits for; the process is told that it has `timeout` in all.
+  void request_stop(core::Duration timeout);
   /// Lets the process read the waiting keyframes, complete the map and end. One that has died or hangs is
   /// started once more for that. Killed after `timeout`, which costs the submaps that were open their
   /// surfaces, not their keyframes. The events in order; none if the program cannot be started.
   std::vector<ProcessEvent> stop(core::Duration timeout);
+  /// After stop(): writes trajectory_optimised.tum beside the trajectory of the run, by another process,
+  /// which is killed after `timeout`. Blocks for that time.
+  [[nodiscard]] core::Result<std::monostate> correct_trajectory(const std::filesystem::path& trajectory,
+                                                                core::Duration timeout) const;
 
   void push(const ScanCloud& keyframe) noexcept;
   /// False while push() would overwrite an unread keyframe.

@@ -78,6 +78,10 @@ std::optional<ProcessEvent> RestartedProcess::stop(core::Duration timeout,
                                                    const std::function<bool()>& hangs) {
   request_stop();
   if (!running()) return std::nullopt;
+  return wait(timeout, hangs);
+}
+
+ProcessEvent RestartedProcess::wait(core::Duration timeout, const std::function<bool()>& hangs) {
   const auto deadline = Clock::now() + std::chrono::nanoseconds(timeout.ns);
   int wait_status = 0;
   pid_t waited = waitpid(pid_, &wait_status, WNOHANG);

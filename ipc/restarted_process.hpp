@@ -58,6 +58,9 @@ class RestartedProcess {
   /// was not running.
   std::optional<ProcessEvent> stop(core::Duration timeout, const std::function<bool()>& hangs = nullptr);
 
+  /// The same without SIGTERM, for a process that runs and ends by itself.
+  ProcessEvent wait(core::Duration timeout, const std::function<bool()>& hangs = nullptr);
+
   [[nodiscard]] bool running() const { return pid_ > 0; }
   [[nodiscard]] pid_t pid() const { return pid_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }

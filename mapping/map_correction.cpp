@@ -69,6 +69,14 @@ bool get_loop(ByteReader& in, Loop& loop) {
 
 }  // namespace
 
+MapCorrection correction_of(const LoopCloser& closer) {
+  MapCorrection correction{closer.poses(), {}};
+  for (const Loop& loop : closer.loops()) {
+    if (loop.is_verified()) correction.loops.push_back(loop);
+  }
+  return correction;
+}
+
 Bytes encode_correction(const MapCorrection& correction, const MapId& map) {
   ByteWriter out;
   out.put(kMagic);

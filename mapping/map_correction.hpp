@@ -21,6 +21,9 @@ struct MapCorrection {
   std::vector<Loop> loops;
 };
 
+/// Poses and verified loops so far.
+MapCorrection correction_of(const LoopCloser& closer);
+
 /// The content of the file `poses` of a map, see docs/map.md.
 Bytes encode_correction(const MapCorrection& correction, const MapId& map);
 /// The bytes are not trusted; a file of another map is an error. `name` begins the message.

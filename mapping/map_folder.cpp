@@ -80,7 +80,7 @@ Bytes encode(const SubmapEntry& entry) {
   out.put(entry.id);
   out.put(entry.file_bytes);
   out.put(entry.file_crc32c);
-  put_pose(entry.T_map_submap, out);
+  put_pose(entry.T_odom_submap, out);
   out.put(entry.first_stamp.ns);
   out.put(entry.last_stamp.ns);
   out.put(entry.keyframes);
@@ -97,7 +97,7 @@ std::optional<SubmapEntry> decode_entry(std::span<const std::uint8_t> payload) {
   entry.id = in.get<std::uint32_t>();
   entry.file_bytes = in.get<std::uint64_t>();
   entry.file_crc32c = in.get<std::uint32_t>();
-  entry.T_map_submap = get_pose(in);
+  entry.T_odom_submap = entry.T_map_submap = get_pose(in);
   entry.first_stamp.ns = in.get<std::int64_t>();
   entry.last_stamp.ns = in.get<std::int64_t>();
   entry.keyframes = in.get<std::uint32_t>();
@@ -105,9 +105,9 @@ std::optional<SubmapEntry> decode_entry(std::span<const std::uint8_t> payload) {
   for (Eigen::Vector3f* corner : {&entry.minimum, &entry.maximum}) {
     for (int i = 0; i < 3; ++i) (*corner)[i] = in.get<float>();
   }
-  const bool is_possible = !in.failed() && entry.T_map_submap.is_finite() && entry.minimum.allFinite() &&
+  const bool is_possible = !in.failed() && entry.T_odom_submap.is_finite() && entry.minimum.allFinite() &&
                            entry.maximum.allFinite() &&
-                           std::abs(entry.T_map_submap.rotation.norm() - 1.0) < 1e-3;
+                           std::abs(entry.T_odom_submap.rotation.norm() - 1.0) < 1e-3;
   return is_possible ? std::optional(entry) : std::nullopt;
 }
 
@@ -115,10 +115,12 @@ std::optional<SubmapEntry> decode_entry(std::span<const std::uint8_t> payload) {
 template <class Keep>
 void remove_map_files(const fs::path& folder, const Keep& keep) {
   std::error_code error;
-  for (const char* const part : {kSubmapFolder, kOpenFolder}) {
+  for (const char* const part : {"", kSubmapFolder, kOpenFolder}) {
     for (const auto& file : fs::directory_iterator(folder / part, error)) {
       const std::string name = file.path().filename().string();
-      const bool is_ours = name.ends_with(".sub") || name.ends_with(".kf") || name.find(".tmp.") != name.npos;
+      const bool is_ours =
+          *part == '\0' ? name.starts_with(kPosesName + std::string(".tmp."))
+                        : name.ends_with(".sub") || name.ends_with(".kf") || name.find(".tmp.") != name.npos;
       std::error_code ignored;
       if (is_ours && !keep(file.path())) fs::remove(file.path(), ignored);
     }
@@ -209,14 +211,14 @@ Result<MapReader> MapReader::open(const fs::path& folder) {
 /// Later submaps follow the last corrected one as odometry has it.
 void MapReader::apply(const MapCorrection& correction) {
   auto corrected = correction.poses.begin();
-  core::SE3 T_map_odom;
   for (SubmapEntry& entry : submaps_) {
     while (corrected != correction.poses.end() && corrected->first < entry.id) ++corrected;
     if (corrected != correction.poses.end() && corrected->first == entry.id)
-      T_map_odom = corrected->second * entry.T_map_submap.inverse();
-    entry.T_map_submap = T_map_odom * entry.T_map_submap;
+      T_map_odom_ = corrected->second * entry.T_odom_submap.inverse();
+    entry.T_map_submap = T_map_odom_ * entry.T_odom_submap;
   }
   loops_ = correction.loops;
+  if (!correction.poses.empty()) last_corrected_ = correction.poses.back().first;
 }
 
 Result<Submap> MapReader::load(const SubmapEntry& entry) const {
@@ -283,7 +285,7 @@ Result<std::monostate> MapWriter::write(const Submap& submap, core::Time now) {
   entry.id = submap.id;
   entry.file_bytes = bytes.size();
   entry.file_crc32c = crc32c(bytes);
-  entry.T_map_submap = submap.T_odom_submap;
+  entry.T_odom_submap = entry.T_map_submap = submap.T_odom_submap;
   if (!submap.keyframes.empty()) {
     entry.first_stamp = submap.keyframes.front().stamp;
     entry.last_stamp = submap.keyframes.back().stamp;
@@ -298,7 +300,7 @@ Result<std::monostate> MapWriter::write(const Submap& submap, core::Time now) {
   return std::monostate{};
 }
 
-Result<std::monostate> MapWriter::write(const MapCorrection& correction) {
+Result<std::monostate> MapWriter::write(const MapCorrection& correction) const {
   return replace_file(content_.folder_ / kPosesName, encode_correction(correction, content_.header_.id));
 }
 

@@ -22,8 +22,8 @@ struct SubmapEntry {
   std::uint32_t id = 0;
   std::uint64_t file_bytes = 0;
   std::uint32_t file_crc32c = 0;
-  /// After loop closure, if there was one.
-  core::SE3 T_map_submap;
+  core::SE3 T_odom_submap;
+  core::SE3 T_map_submap;  ///< after loop closure, if there was one; not in map.log
   core::Time first_stamp;
   core::Time last_stamp;
   std::uint32_t keyframes = 0;
@@ -49,10 +49,14 @@ class MapReader {
   [[nodiscard]] const MapHeader& header() const { return header_; }
   /// In order of their ids.
   [[nodiscard]] const std::vector<SubmapEntry>& submaps() const { return submaps_; }
-  /// Reads a submap and checks it against its entry.
+  /// Reads a submap and checks it against its entry. Thread-safe.
   [[nodiscard]] core::Result<Submap> load(const SubmapEntry& entry) const;
   /// Loops that loop closure has verified.
   [[nodiscard]] const std::vector<Loop>& loops() const { return loops_; }
+  /// Correction of the last submap.
+  [[nodiscard]] const core::SE3& T_map_odom() const { return T_map_odom_; }
+  /// Id of the last submap that loop closure has corrected.
+  [[nodiscard]] std::optional<std::uint32_t> last_corrected() const { return last_corrected_; }
   /// Damage that was found and left out; empty: none.
   [[nodiscard]] const std::string& warning() const { return warning_; }
 
@@ -64,13 +68,16 @@ class MapReader {
   MapHeader header_;
   std::vector<SubmapEntry> submaps_;
   std::vector<Loop> loops_;
+  core::SE3 T_map_odom_;
+  std::optional<std::uint32_t> last_corrected_;
   std::string warning_;
   std::size_t log_bytes_ = 0;
   std::uint64_t log_records_ = 0;
 };
 
 /// Writes a map: each submap once, atomically, then its entry in map.log. Whatever happens to the process,
-/// the folder is a readable map. One thread; a second writer of the same folder is refused.
+/// the folder is a readable map. One thread, unless stated otherwise; a second writer of the same folder is
+/// refused.
 class MapWriter {
  public:
   /// Continues the map of the same session, and removes files that its log does not list. Otherwise begins a
@@ -79,8 +86,8 @@ class MapWriter {
                                       core::Time now);
 
   core::Result<std::monostate> write(const Submap& submap, core::Time now);
-  /// Replaces the result of loop closure.
-  core::Result<std::monostate> write(const MapCorrection& correction);
+  /// Replaces the result of loop closure. One thread, which may be another one.
+  core::Result<std::monostate> write(const MapCorrection& correction) const;
 
   [[nodiscard]] const MapReader& content() const { return content_; }
   [[nodiscard]] const std::filesystem::path& folder() const { return content_.folder_; }

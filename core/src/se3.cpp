@@ -89,6 +89,13 @@ Matrix6 block_rotation(const Matrix3& R) {
   return blocks;
 }
 
+Matrix6 adjoint(const SE3& T) {
+  const Matrix3 R = T.rotation.toRotationMatrix();
+  Matrix6 result = block_rotation(R);
+  result.topRightCorner<3, 3>() = skew(T.translation) * R;
+  return result;
+}
+
 SE3 se3_from_matrix(const Eigen::Matrix<double, 3, 4>& matrix) {
   const Matrix3 raw = matrix.leftCols<3>();
   const Eigen::JacobiSVD<Matrix3> svd(raw, Eigen::ComputeFullU | Eigen::ComputeFullV);

@@ -173,6 +173,7 @@ struct MapperSection {
   double range_m = 50.0;
   int max_voxels = 200'000;
   int kept_submaps = 20;
+  bool loops = true;
 };
 
 struct LogSection {

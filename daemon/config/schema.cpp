@@ -297,6 +297,9 @@ std::vector<ConfigKey> config_keys(Config& config) {
                 "maximum voxels of an open submap, about 0.12 kB each; three are open");
   mapper.number("kept_submaps", &config.mapper.kept_submaps, "", 1, 1000,
                 "submaps that DDS keeps for late subscribers, about 1 MB each");
+  mapper.add(
+      "loops", &config.mapper.loops,
+      "close loops while the run goes on: corrects the poses of the submaps and map -> odom, not odom");
   Section(keys, "log")
       .choice("level", config.log.level, {"debug", "info", "warn", "error"},
               "minimum severity of printed messages");

@@ -1,12 +1,14 @@
 #include "daemon/mapper/mapper_loop.hpp"
 
 #include "nilio/core/clock.hpp"
+#include "nilio/core/units.hpp"
 
 #include "daemon/exit_status.hpp"
 
 #include <algorithm>
 #include <array>
 #include <csignal>
+#include <cstdlib>
 #include <ctime>
 #include <poll.h>
 #include <sys/signalfd.h>
@@ -25,14 +27,23 @@ constexpr int kWaitMs = 100;
 constexpr int kReturnPatienceMs = 1000;
 constexpr Duration kLocalMapPeriod{1'000'000'000};
 constexpr Duration kInterfacePeriod{1'000'000'000};
+constexpr Duration kTransformPeriod = Duration::from_milliseconds(50.0);
+// A correction enters in steps no longer than this.
+constexpr Duration kLongestStep = Duration::from_milliseconds(200.0);
+// The end of this process, beside the loops.
+constexpr Duration kEndReserve = Duration::from_milliseconds(250.0);
+// For the loops, if the process is stopped by somebody else than niliod.
+constexpr Duration kUntoldPatience = Duration::from_seconds(10.0);
+constexpr int kEndPeriodMs = 5;
+constexpr double kMovedMetres = 0.1;
+constexpr double kMovedRadians = 0.003;
 
 Time monotonic_now() { return {monotonic_ns()}; }
 Time wall_now() { return {clock_ns(CLOCK_REALTIME)}; }
 
 void fill_keyframe(const ipc::ScanCloud& scan, mapping::Keyframe& keyframe) {
   keyframe.stamp = {scan.stamp_ns};
-  const auto& q = scan.orientation_xyzw;
-  keyframe.T_odom_base = {Eigen::Quaterniond(q[3], q[0], q[1], q[2]), core::Vector3(scan.position.data())};
+  keyframe.T_odom_base = {core::from_xyzw(scan.orientation_xyzw), core::Vector3(scan.position.data())};
   keyframe.covariance =
       Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(scan.covariance.data());
   const std::size_t count = std::min<std::size_t>(scan.count, scan.points.size());
@@ -43,9 +54,9 @@ void fill_keyframe(const ipc::ScanCloud& scan, mapping::Keyframe& keyframe) {
   }
 }
 
-/// Without loop closure the map frame is odom.
-void fill_points(const mapping::Submap& submap, std::vector<dds::SurfacePoint>& points) {
-  const core::SE3& T = submap.T_odom_submap;
+void fill_points(const mapping::Submap& submap, const core::SE3& T_target_submap,
+                 std::vector<dds::SurfacePoint>& points) {
+  const core::SE3& T = T_target_submap;
   points.clear();
   for (const mapping::Surface& surface : submap.surfaces) {
     const core::Vector3 p = T * surface.mean.cast<double>();
@@ -56,29 +67,41 @@ void fill_points(const mapping::Submap& submap, std::vector<dds::SurfacePoint>& 
   }
 }
 
+/// Whether a cloud of the earlier pose is no longer right.
+bool is_moved(const core::SE3& before, const core::SE3& after) {
+  return (after.translation - before.translation).norm() > kMovedMetres ||
+         before.rotation.angularDistance(after.rotation) > kMovedRadians;
+}
+
 }  // namespace
 
 MapperLoop::MapperLoop(pid_t parent, int signals, MapperInputs inputs, mapping::MapWriter writer,
-                       const mapping::SubmapConfig& config, std::unique_ptr<dds::MapPublisher> publisher,
-                       int kept_submaps)
+                       const MapperLoopConfig& config, std::unique_ptr<dds::MapPublisher> publisher)
     : parent_(parent),
       signals_(signals),
       inputs_(std::move(inputs)),
       writer_(std::move(writer)),
       open_keyframes_(writer_.folder()),
       builder_(
-          config, [this](const mapping::Submap& submap) { write(submap); }, writer_.next_id()),
+          config.submaps, [this](const mapping::Submap& submap) { write(submap); }, writer_.next_id()),
       publisher_(std::move(publisher)),
-      kept_submaps_(kept_submaps) {}
+      kept_submaps_(static_cast<std::size_t>(config.kept_submaps)) {
+  if (config.closes_loops) loops_ = std::make_unique<LoopThread>(writer_);
+}
 
 MapperLoop::~MapperLoop() = default;
 
 void MapperLoop::recover() {
   const auto& submaps = writer_.content().submaps();
+  std::vector<MapFrame::Placed> placed;
+  for (const mapping::SubmapEntry& entry : submaps) {
+    placed.push_back({entry.id, entry.first_stamp, entry.T_odom_submap, entry.T_map_submap});
+    if (loops_) loops_->add(entry);
+  }
+  frame_.restore(std::move(placed), writer_.content().T_map_odom());
   // Late subscribers shall not miss what the earlier process has kept for them.
-  const std::size_t kept = publisher_ ? static_cast<std::size_t>(kept_submaps_) : inputs_.submaps ? 1 : 0;
+  const std::size_t kept = publisher_ ? kept_submaps_ : inputs_.submaps ? 1 : 0;
   for (std::size_t i = 0; i < submaps.size(); ++i) {
-    add_pose(submaps[i].first_stamp, submaps[i].T_map_submap);
     const std::size_t age = submaps.size() - i;
     if (age > std::max(kept, mapping::SubmapBuilder::kNeighbours)) continue;
     const auto submap = writer_.content().load(submaps[i]);
@@ -86,18 +109,34 @@ void MapperLoop::recover() {
       report_failure(submap.error().message);
       continue;
     }
-    if (age <= kept) publish(*submap);
+    if (age <= kept) publish(*submap, submaps[i].T_map_submap);
+    if (age == 1) {
+      return_submap(*submap);
+      if (!submap->keyframes.empty()) {
+        keyframe_.stamp = submap->keyframes.back().stamp;
+        keyframe_.T_odom_base = submap->T_odom_submap * submap->keyframes.back().T_submap_base;
+      }
+    }
     if (age <= mapping::SubmapBuilder::kNeighbours) builder_.continue_after(*submap);
   }
-  if (publisher_ && !poses_.poses.empty()) publisher_->publish_poses(poses_);
   const std::vector<mapping::Keyframe> keyframes = open_keyframes_.take(builder_.next_id());
   for (const mapping::Keyframe& keyframe : keyframes) {
     inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
     builder_.add(keyframe);
+    keyframe_.stamp = keyframe.stamp;
+    keyframe_.T_odom_base = keyframe.T_odom_base;
+  }
+  publish_poses();
+  if (publisher_) {
+    publisher_->publish_transform(keyframe_.stamp, frame_.published());
+    publisher_->publish_correction({.stamp = keyframe_.stamp,
+                                    .cause = submaps.empty() ? "start" : "restart",
+                                    .loops = inputs_.state->loops.load(),
+                                    .jumped = true});
   }
   if (!submaps.empty() || !keyframes.empty())
-    spdlog::info("continues the map with {} submaps and {} keyframes of open ones", submaps.size(),
-                 keyframes.size());
+    spdlog::info("continues the map with {} submaps, {} loops and {} keyframes of open submaps",
+                 submaps.size(), inputs_.state->loops.load(), keyframes.size());
 }
 
 int MapperLoop::run() {
@@ -105,20 +144,51 @@ int MapperLoop::run() {
   while (true) {
     inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
     take_keyframes();
+    take_loops();
     const Time now = monotonic_now();
-    publish_local_map(now);
-    if (publisher_ && now >= refresh_due_) {
-      refresh_due_ = now + kInterfacePeriod;
-      publisher_->participant().refresh_interfaces();
+    if (publisher_) {
+      publish_transform(now);
+      publish_moved();
+      publish_local_map(now);
+      if (now >= refresh_due_) {
+        refresh_due_ = now + kInterfacePeriod;
+        publisher_->participant().refresh_interfaces();
+      }
     }
     if (stops) break;
     stops = !wait();
   }
   builder_.finish();
   open_keyframes_.remove_before(builder_.next_id() + 1);
-  spdlog::info("stopped: {} submaps, {:.1f} MB in {}", writer_.content().submaps().size(),
-               static_cast<double>(writer_.bytes()) * 1e-6, writer_.folder().string());
-  return failure_logged_ ? kFailed : kDone;
+  const bool is_closed = finish_loops();
+  spdlog::info("stopped: {} submaps, {:.1f} MB in {}; {} loops", writer_.content().submaps().size(),
+               static_cast<double>(writer_.bytes()) * 1e-6, writer_.folder().string(),
+               inputs_.state->loops.load());
+  const int status = failure_logged_ ? kFailed : kDone;
+  // A search cannot be ended; the files are whole.
+  if (!is_closed) std::_Exit(status);
+  return status;
+}
+
+/// Waits for the loops of the last submaps as long as niliod waits for this process. False if that is too
+/// short.
+bool MapperLoop::finish_loops() {
+  if (!loops_) return true;
+  loops_->finish();
+  const std::int64_t told_ns = inputs_.state->stop_deadline_ns.load();
+  const std::int64_t deadline_ns =
+      told_ns > 0 ? told_ns - kEndReserve.ns : monotonic_now().ns + kUntoldPatience.ns;
+  while (!loops_->is_done() && monotonic_now().ns < deadline_ns) {
+    inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
+    take_loops();
+    ::poll(nullptr, 0, kEndPeriodMs);
+  }
+  const bool is_done = loops_->is_done();
+  take_loops();
+  if (!is_done)
+    spdlog::warn("loop closure: no time for the last {} submaps - complete it with nilio map close {}",
+                 loops_->waiting() + 1, writer_.folder().string());
+  return is_done;
 }
 
 void MapperLoop::take_keyframes() {
@@ -130,6 +200,34 @@ void MapperLoop::take_keyframes() {
       report_failure(written.error().message);
     inputs_.state->keyframes.fetch_add(1, std::memory_order_relaxed);
     local_map_changed_ = true;
+  }
+}
+
+void MapperLoop::take_loops() {
+  if (!loops_) return;
+  if (const auto failure = loops_->take_failure()) report_failure(*failure);
+  const std::optional<LoopUpdate> update = loops_->take();
+  if (!update) return;
+  inputs_.state->loops.store(update->loops, std::memory_order_relaxed);
+  const core::PoseCorrection change =
+      frame_.correct(update->poses, update->T_map_odom, keyframe_.T_odom_base);
+  if (!update->cause.empty())
+    spdlog::info("map: {}; the vehicle {} by {:.3f} m, {:.3f} deg", update->cause,
+                 change.jumped ? "jumps" : "moves gradually", change.distance_m,
+                 change.angle_rad * kDegreesPerRadian);
+  if (!publisher_) return;
+  if (!update->cause.empty())
+    publisher_->publish_correction(
+        {keyframe_.stamp, update->cause, update->loops, change.distance_m, change.angle_rad, change.jumped});
+  publish_poses();
+  const auto& submaps = frame_.submaps();
+  const std::size_t first_kept = submaps.size() - std::min(submaps.size(), kept_submaps_);
+  for (std::size_t i = first_kept; i < submaps.size(); ++i) {
+    const auto cloud = cloud_poses_.find(submaps[i].id);
+    if (cloud != cloud_poses_.end() && is_moved(cloud->second, submaps[i].T_map_submap)) {
+      next_moved_ = first_kept;
+      break;
+    }
   }
 }
 
@@ -145,24 +243,39 @@ void MapperLoop::write(const mapping::Submap& submap) {
     report_failure(written.error().message);
     return;
   }
+  const mapping::SubmapEntry& entry = writer_.content().submaps().back();
   open_keyframes_.remove_before(submap.id + 1);
   inputs_.state->submaps.store(writer_.content().submaps().size(), std::memory_order_relaxed);
   inputs_.state->map_bytes.store(writer_.bytes(), std::memory_order_relaxed);
-  publish(submap);
-  if (!publisher_ || submap.keyframes.empty()) return;
-  add_pose(submap.keyframes.front().stamp, submap.T_odom_submap);
-  publisher_->publish_poses(poses_);
+  if (loops_) loops_->add(entry);
+  frame_.add(submap.id, entry.first_stamp, submap.T_odom_submap);
+  return_submap(submap);
+  publish(submap, frame_.submaps().back().T_map_submap);
+  publish_poses();
 }
 
-void MapperLoop::publish(const mapping::Submap& submap) {
-  if (submap.keyframes.empty() || (!publisher_ && !inputs_.submaps)) return;
-  fill_points(submap, points_);
-  if (publisher_) publisher_->publish_submap(submap.keyframes.front().stamp, points_);
-  if (inputs_.submaps) return_submap(submap);
+void MapperLoop::publish(const mapping::Submap& submap, const core::SE3& T_map_submap) {
+  if (submap.keyframes.empty() || !publisher_) return;
+  fill_points(submap, T_map_submap, points_);
+  publisher_->publish_submap(submap.keyframes.front().stamp, points_);
+  cloud_poses_[submap.id] = T_map_submap;
+  if (cloud_poses_.size() > kept_submaps_) cloud_poses_.erase(cloud_poses_.begin());
+}
+
+/// Clouds that are kept for late subscribers shall be where map has them now: if one has moved, all are
+/// published again, in their order, one a call.
+void MapperLoop::publish_moved() {
+  if (!next_moved_ || inputs_.keyframes.taken() != inputs_.keyframes.written()) return;
+  const std::size_t i = (*next_moved_)++;
+  if (i >= frame_.submaps().size()) return next_moved_.reset();
+  const auto submap = writer_.content().load(writer_.content().submaps()[i]);
+  if (submap) publish(*submap, frame_.submaps()[i].T_map_submap);
 }
 
 /// Waits a moment for niliod to take earlier ones: a replay completes submaps faster than they are read.
 void MapperLoop::return_submap(const mapping::Submap& submap) {
+  if (!inputs_.submaps || submap.keyframes.empty()) return;
+  fill_points(submap, submap.T_odom_submap, points_);
   for (int waited_ms = 0; waited_ms < kReturnPatienceMs && !inputs_.submaps->has_room(); ++waited_ms)
     ::poll(nullptr, 0, 1);
   returned_->id = submap.id;
@@ -175,21 +288,33 @@ void MapperLoop::return_submap(const mapping::Submap& submap) {
   inputs_.submaps->push(*returned_, returned_->bytes());
 }
 
-void MapperLoop::add_pose(Time stamp, const core::SE3& T_map_submap) {
-  const core::Vector3& t = T_map_submap.translation;
-  const Eigen::Quaterniond& q = T_map_submap.rotation;
-  poses_.stamp = stamp;
-  poses_.poses.push_back({stamp, "", {t.x(), t.y(), t.z()}, {q.x(), q.y(), q.z(), q.w()}});
+void MapperLoop::publish_poses() {
+  if (!publisher_ || frame_.submaps().empty()) return;
+  dds::Path path;
+  for (const MapFrame::Placed& submap : frame_.submaps()) {
+    const core::Vector3& t = submap.T_map_submap.translation;
+    path.poses.push_back({submap.stamp, "", {t.x(), t.y(), t.z()}, core::xyzw(submap.T_map_submap.rotation)});
+  }
+  path.stamp = path.poses.back().stamp;
+  publisher_->publish_poses(path);
+}
+
+/// Publishes map -> odom while a correction enters it.
+void MapperLoop::publish_transform(Time now) {
+  const core::Duration since = now - transform_at_;
+  if (frame_.is_settled() || since < kTransformPeriod) return;
+  transform_at_ = now;
+  publisher_->publish_transform(keyframe_.stamp,
+                                frame_.advance(keyframe_.T_odom_base, std::min(since, kLongestStep)));
 }
 
 void MapperLoop::publish_local_map(Time now) {
-  if (!publisher_ || !local_map_changed_ || now < local_map_due_ || publisher_->local_map_subscribers() == 0)
-    return;
+  if (!local_map_changed_ || now < local_map_due_ || publisher_->local_map_subscribers() == 0) return;
   local_map_due_ = now + kLocalMapPeriod;
   local_map_changed_ = false;
   const std::optional<mapping::Submap> local_map = builder_.local_map();
   if (!local_map) return;
-  fill_points(*local_map, points_);
+  fill_points(*local_map, frame_.published() * local_map->T_odom_submap, points_);
   publisher_->publish_local_map(keyframe_.stamp, points_);
 }
 

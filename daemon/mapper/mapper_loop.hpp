@@ -2,6 +2,8 @@
 
 #include "nilio/core/time.hpp"
 
+#include "daemon/mapper/loop_thread.hpp"
+#include "daemon/mapper/map_frame.hpp"
 #include "ipc/dds/map_publisher.hpp"
 #include "ipc/mapper_process.hpp"
 #include "ipc/overwriting_ring.hpp"
@@ -10,11 +12,14 @@
 #include "ipc/wake_event.hpp"
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <sys/types.h>
+#include <vector>
 
 #include "mapping/map_folder.hpp"
 #include "mapping/submap_builder.hpp"
@@ -29,31 +34,41 @@ struct MapperInputs {
   std::optional<ipc::OverwritingRing<ipc::SubmapCloud>> submaps;  ///< to niliod, if it wants them
 };
 
-/// Main loop of nilio-mapper: keyframes to submaps, submaps to disk and DDS. Everything happens in one thread
-/// at normal priority; while it works, keyframes wait in the ring, or are overwritten and counted.
+struct MapperLoopConfig {
+  mapping::SubmapConfig submaps;
+  int kept_submaps = 20;  ///< clouds that the publisher keeps for late subscribers
+  bool closes_loops = true;
+};
+
+/// Main loop of nilio-mapper: keyframes to submaps, submaps to disk and DDS, in one thread at normal
+/// priority; while it works, keyframes wait in the ring, or are overwritten and counted. Loops are closed in
+/// another thread.
 class MapperLoop {
  public:
   /// `parent`: end with this process; 0 = none. `signals`: signalfd of the stop signals. `publisher` may be
-  /// null; `kept_submaps`: what it keeps for late subscribers.
+  /// null.
   MapperLoop(pid_t parent, int signals, MapperInputs inputs, mapping::MapWriter writer,
-             const mapping::SubmapConfig& config, std::unique_ptr<dds::MapPublisher> publisher,
-             int kept_submaps);
+             const MapperLoopConfig& config, std::unique_ptr<dds::MapPublisher> publisher);
   MapperLoop(const MapperLoop&) = delete;
   MapperLoop& operator=(const MapperLoop&) = delete;
   ~MapperLoop();
 
   /// Continues what an earlier process of this session has left.
   void recover();
-  /// Runs until a stop signal has arrived and the ring is empty; then completes the map. Returns the exit
-  /// status.
+  /// Runs until a stop signal has arrived and the ring is empty; then completes the map, and its loops as far
+  /// as there is time. Returns the exit status; ends the process if a search is still under way.
   int run();
 
  private:
   void take_keyframes();
+  void take_loops();
+  bool finish_loops();
   void write(const mapping::Submap& submap);
-  void publish(const mapping::Submap& submap);
   void return_submap(const mapping::Submap& submap);
-  void add_pose(core::Time stamp, const core::SE3& T_map_submap);
+  void publish(const mapping::Submap& submap, const core::SE3& T_map_submap);
+  void publish_moved();
+  void publish_poses();
+  void publish_transform(core::Time now);
   void publish_local_map(core::Time now);
   void report_failure(const std::string& message);
   bool wait();
@@ -65,16 +80,20 @@ class MapperLoop {
   mapping::OpenKeyframes open_keyframes_;
   mapping::SubmapBuilder builder_;
   std::unique_ptr<dds::MapPublisher> publisher_;
-  int kept_submaps_;
+  std::size_t kept_submaps_;
+  MapFrame frame_;
+  std::map<std::uint32_t, core::SE3> cloud_poses_;  ///< T_map_submap of the kept clouds
+  std::optional<std::size_t> next_moved_;           ///< next cloud to publish again
   std::unique_ptr<ipc::ScanCloud> scan_ = std::make_unique<ipc::ScanCloud>();
   std::unique_ptr<ipc::SubmapCloud> returned_ = std::make_unique<ipc::SubmapCloud>();
   mapping::Keyframe keyframe_;  // refilled
   std::vector<dds::SurfacePoint> points_;
-  dds::Path poses_;
   core::Time local_map_due_;
   core::Time refresh_due_;
+  core::Time transform_at_;
   bool local_map_changed_ = false;
   bool failure_logged_ = false;
+  std::unique_ptr<LoopThread> loops_;  ///< reads writer_; null: loops are not closed
 };
 
 }  // namespace nilio::daemon

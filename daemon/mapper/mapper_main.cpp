@@ -14,6 +14,7 @@
 #include <cerrno>
 #include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <fstream>
 #include <memory>
 #include <string>
@@ -23,6 +24,8 @@
 #include <CLI/CLI.hpp>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
+
+#include "mapping/trajectory_correction.hpp"
 
 namespace nilio::daemon {
 namespace {
@@ -36,30 +39,31 @@ struct MapperOptions {
   pid_t parent = 0;
   std::string folder;
   std::string session;
+  std::string trajectory;  ///< to correct; else keyframes are mapped
   bool publish = true;
-  mapping::SubmapConfig submaps;
+  MapperLoopConfig loop;
   dds::MapPublisherConfig publisher;
 };
 
 void add_options(CLI::App& app, MapperOptions& options) {
   dds::MapPublisherConfig& publisher = options.publisher;
-  app.add_option("--keyframe-ring-fd", options.keyframe_ring_descriptor, "Inherited memfd of the keyframes")
-      ->required();
+  app.add_option("--keyframe-ring-fd", options.keyframe_ring_descriptor, "Inherited memfd of the keyframes");
   app.add_option("--wake-fd", options.wake_descriptor,
-                 "Inherited eventfd, signalled when there are keyframes")
-      ->required();
-  app.add_option("--state-fd", options.state_descriptor, "Inherited memfd of this process's counters")
-      ->required();
+                 "Inherited eventfd, signalled when there are keyframes");
+  app.add_option("--state-fd", options.state_descriptor, "Inherited memfd of this process's counters");
   app.add_option("--submap-ring-fd", options.submap_ring_descriptor,
                  "Inherited memfd that takes complete submaps; default: none");
   app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
   app.add_option("--folder", options.folder, "Folder of the map")->required();
-  app.add_option("--session", options.session, "Run that writes the map; the same run continues it")
-      ->required();
-  app.add_option("--range", options.submaps.range_m, "Maximum range of points, m")
+  app.add_option("--session", options.session, "Run that writes the map; the same run continues it");
+  app.add_option("--trajectory", options.trajectory,
+                 "Only move the poses of this trajectory.tum along with the submaps, into "
+                 "trajectory_optimised.tum beside it");
+  app.add_option("--range", options.loop.submaps.range_m, "Maximum range of points, m")
       ->check(CLI::Range(1.0, 65.0));
-  app.add_option("--max-voxels", options.submaps.max_voxels, "Maximum voxels of an open submap")
+  app.add_option("--max-voxels", options.loop.submaps.max_voxels, "Maximum voxels of an open submap")
       ->check(CLI::Range(std::size_t{1000}, std::size_t{2'000'000}));
+  app.add_flag("!--no-loops", options.loop.closes_loops, "Do not close loops");
   app.add_flag("!--no-publish", options.publish, "Do not publish over DDS");
   app.add_option("--domain", publisher.participant.domain, "DDS domain id")->check(CLI::Range(0, 232));
   app.add_option("--interface", publisher.participant.interface_whitelist,
@@ -99,6 +103,17 @@ std::unique_ptr<dds::MapPublisher> make_publisher(const MapperOptions& options) 
   return nullptr;
 }
 
+int correct(const MapperOptions& options) {
+  const std::filesystem::path trajectory = options.trajectory;
+  const auto map = mapping::MapReader::open(options.folder);
+  const auto poses = map ? mapping::correct_trajectory(*map, trajectory,
+                                                       trajectory.parent_path() / "trajectory_optimised.tum")
+                         : core::Result<std::size_t>(map.error());
+  if (poses) return kDone;
+  spdlog::error("{}", poses.error().message);
+  return kFailed;
+}
+
 int run(const MapperOptions& options) {
   const int signals = take_signals();
   if (signals < 0) {
@@ -110,6 +125,7 @@ int run(const MapperOptions& options) {
     return kFailed;
   }
   yield_memory();
+  if (!options.trajectory.empty()) return correct(options);
   auto inputs = attach(options);
   if (!inputs) {
     spdlog::error("inherited descriptors: {}", inputs.error().message);
@@ -121,8 +137,10 @@ int run(const MapperOptions& options) {
     spdlog::error("{}", writer.error().message);
     return kFailed;
   }
-  MapperLoop loop(options.parent, signals, std::move(inputs).value(), std::move(writer).value(),
-                  options.submaps, make_publisher(options), options.publisher.kept_submaps);
+  MapperLoopConfig config = options.loop;
+  config.kept_submaps = options.publisher.kept_submaps;
+  MapperLoop loop(options.parent, signals, std::move(inputs).value(), std::move(writer).value(), config,
+                  make_publisher(options));
   loop.recover();
   return loop.run();
 }

@@ -12,10 +12,19 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Files of RunOutput.
-constexpr std::array kFiles{
-    "trajectory.tum", "trajectory_mid.tum", "trajectory.kitti", "scans.csv", "latency.json",
-    "latency",        "decisions.jsonl",    "map.ply",          "run.mcap",  "map",
-    "config.yaml",    "result.json"};
+constexpr std::array kFiles{"trajectory.tum",
+                            "trajectory_optimised.tum",
+                            "trajectory_mid.tum",
+                            "trajectory.kitti",
+                            "scans.csv",
+                            "latency.json",
+                            "latency",
+                            "decisions.jsonl",
+                            "map.ply",
+                            "run.mcap",
+                            "map",
+                            "config.yaml",
+                            "result.json"};
 
 bool holds_run(const fs::path& folder) {
   return std::any_of(kFiles.begin(), kFiles.end(), [&](const char* name) {

@@ -30,9 +30,7 @@ Error cannot_write(const fs::path& path) {
 }
 
 core::SE3 pose_of(const ipc::PoseRecord& record) {
-  const auto& q = record.orientation_xyzw;
-  return {Eigen::Quaterniond(q[3], q[0], q[1], q[2]),
-          core::Vector3(record.position[0], record.position[1], record.position[2])};
+  return {core::from_xyzw(record.orientation_xyzw), core::Vector3(record.position.data())};
 }
 
 std::string kitti_line(const core::SE3& pose) {

@@ -49,6 +49,9 @@ constexpr Duration kDiskPatience = Duration::from_seconds(0.8);
 // The end of a replay is not in a hurry.
 constexpr Duration kReplayPublisherPatience = Duration::from_seconds(2.0);
 constexpr Duration kReplayDiskPatience = Duration::from_seconds(60.0);
+// Of the SIGTERM's 2 s.
+constexpr Duration kTrajectoryPatience = Duration::from_seconds(0.2);
+constexpr Duration kReplayTrajectoryPatience = Duration::from_seconds(20.0);
 // Beside publisher and disk: threads that end, and a reserve.
 constexpr Duration kStopReserve = Duration::from_seconds(5.0);
 constexpr std::int64_t kServicePeriodNs = 100'000'000;
@@ -83,6 +86,7 @@ class Supervisor {
   void watch_publisher();
   void log_mapper(const ipc::ProcessEvent& event);
   void stop_mapper(Duration timeout);
+  void correct_trajectory(Duration timeout);
   void watch_can();
   void watch_files();
   void report_status();
@@ -169,6 +173,7 @@ Result<std::monostate> Supervisor::open_mapper() {
   config.range_m = config_.mapper.range_m;
   config.max_voxels = config_.mapper.max_voxels;
   config.kept_submaps = config_.mapper.kept_submaps;
+  config.closes_loops = config_.mapper.loops;
   config.returns_submaps = config_.output.mcap;
   config.publish = config_.publisher.enabled;
   config.domain = static_cast<std::uint32_t>(config_.publisher.domain);
@@ -320,6 +325,13 @@ void Supervisor::stop_mapper(Duration timeout) {
         mapper_->folder().string());
 }
 
+void Supervisor::correct_trajectory(Duration timeout) {
+  if (!mapper_ || !config_.mapper.loops) return;
+  const auto corrected =
+      mapper_->correct_trajectory(std::filesystem::path(options_.output_folder) / "trajectory.tum", timeout);
+  if (!corrected) spdlog::warn("{}", corrected.error().message);
+}
+
 void Supervisor::watch_can() {
   if (!can_watch_) return;
   for (const drivers::CanEvent& event : can_watch_->poll(monotonic_ns())) {
@@ -459,9 +471,9 @@ Result<RunResult> Supervisor::run(RunRequests& requests) {
   }
   report_events();
   // The mapper completes the map while the publisher writes the last poses.
-  if (mapper_) mapper_->request_stop();
-  const std::int64_t mapper_deadline_ns =
-      monotonic_ns() + (stopped ? kMapperPatience : kReplayDiskPatience).ns;
+  const Duration mapper_patience = stopped ? kMapperPatience : kReplayDiskPatience;
+  const std::int64_t mapper_deadline_ns = monotonic_ns() + mapper_patience.ns;
+  if (mapper_) mapper_->request_stop(mapper_patience);
   if (publisher_) {
     const auto event = publisher_->stop(stopped ? kPublisherPatience : kReplayPublisherPatience);
     if (event) log(publisher_starts_.observe(*event, publisher_->state().heartbeat()));
@@ -471,6 +483,7 @@ Result<RunResult> Supervisor::run(RunRequests& requests) {
   log_.report_end(*pipeline_, static_cast<double>(monotonic_ns() - started_ns_) * 1e-9);
   const RunResult result = options_.rules.has_sensors() ? RunResult{} : replay_result(stopped);
   if (auto finished = finish_files(stopped, result); !finished) return finished.error();
+  correct_trajectory(stopped ? kTrajectoryPatience : kReplayTrajectoryPatience);
   return result;
 }
 
@@ -530,6 +543,7 @@ nlohmann::json Supervisor::summary() const {
       {"mapper_keyframes", mapper_ ? mapper_->keyframes().written() : 0},
       {"mapper_keyframes_dropped", mapper_ ? mapper_->keyframes().dropped() : 0},
       {"mapper_submaps", mapper_ ? mapper_->state().submaps.load() : 0},
+      {"mapper_loops", mapper_ ? mapper_->state().loops.load() : 0},
       {"mapper_bytes", mapper_ ? mapper_->state().map_bytes.load() : 0},
       {"mapper_failed_writes", mapper_ ? mapper_->state().failed_writes.load() : 0},
       {"watchdog_hangs", watchdog_.hangs()},

@@ -1,6 +1,8 @@
 #pragma once
 
 #include "nilio/core/result.hpp"
+#include "nilio/core/se3.hpp"
+#include "nilio/core/time.hpp"
 
 #include "ipc/dds/participant.hpp"
 #include "ipc/messages/messages.hpp"
@@ -32,8 +34,18 @@ struct SurfacePoint {
   float curvature = 0.0F;
 };
 
-/// DDS writers of nilio-mapper: submaps and their poses, kept for late subscribers, the local map, and the
-/// static transform from map to odom. All reliable. One thread.
+/// Change of map -> odom.
+struct MapCorrectionReport {
+  core::Time stamp;   ///< of the last keyframe
+  std::string cause;  ///< loops that were closed or given up
+  std::size_t loops = 0;
+  double distance_m = 0.0;  ///< of the vehicle in map
+  double angle_rad = 0.0;
+  bool jumped = false;  ///< else it enters gradually
+};
+
+/// DDS writers of nilio-mapper: submaps and their poses, kept for late subscribers, the local map, the
+/// transform from map to odom and its changes. All reliable. One thread.
 class MapPublisher {
  public:
   static core::Result<std::unique_ptr<MapPublisher>> create(const MapPublisherConfig& config);
@@ -47,6 +59,9 @@ class MapPublisher {
   /// Poses of all submaps; does not change them, apart from the frame names.
   bool publish_poses(Path& poses);
   bool publish_local_map(core::Time stamp, std::span<const SurfacePoint> points);
+  /// A static transform, of which listeners keep the last: it holds while the mapper is dead or busy.
+  bool publish_transform(core::Time stamp, const core::SE3& T_map_odom);
+  bool publish_correction(const MapCorrectionReport& report);
 
   [[nodiscard]] int local_map_subscribers() const;
   [[nodiscard]] Participant& participant();

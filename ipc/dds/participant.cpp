@@ -182,6 +182,7 @@ core::Result<TopicNames> topic_names(const std::string& prefix) {
                     path + "submaps",
                     path + "submap_poses",
                     path + "local_map",
+                    path + "nilio/map_corrections",
                     "rt/tf_static",
                     "rt/diagnostics"};
 }

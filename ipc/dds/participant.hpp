@@ -29,6 +29,7 @@ struct TopicNames {
   std::string submaps;           ///< rt/<prefix>/submaps
   std::string submap_poses;      ///< rt/<prefix>/submap_poses
   std::string local_map;         ///< rt/<prefix>/local_map
+  std::string map_corrections;   ///< rt/<prefix>/nilio/map_corrections
   std::string static_transform;  ///< rt/tf_static: a single topic in ROS
   std::string diagnostics;       ///< rt/diagnostics: a single topic in ROS
 };

@@ -24,15 +24,6 @@ constexpr double kHeightBias = 0.0015;
 
 }  // namespace
 
-Matrix6 adjoint(const SE3& T) {
-  const core::Matrix3 R = T.rotation.toRotationMatrix();
-  Matrix6 result = Matrix6::Zero();
-  result.topLeftCorner<3, 3>() = R;
-  result.bottomRightCorner<3, 3>() = R;
-  result.topRightCorner<3, 3>() = core::skew(T.translation) * R;
-  return result;
-}
-
 Vector6 walk_variance(const OdometryEdge& edge) {
   const double translation = kNoiseMetres * kNoiseMetres + kWalkMetres * kWalkMetres * edge.path_m;
   const double rotation = kNoiseRadians * kNoiseRadians + kWalkRadians * kWalkRadians * edge.path_m;
@@ -59,7 +50,7 @@ Matrix6 chain_covariance(std::span<const OdometryEdge> edges) {
   Matrix6 covariance = Matrix6::Zero();
   BiasJacobian bias = BiasJacobian::Zero();
   for (const OdometryEdge& edge : edges) {
-    const Matrix6 Ad = adjoint(edge.T_from_to.inverse());
+    const Matrix6 Ad = core::adjoint(edge.T_from_to.inverse());
     covariance = Ad * covariance * Ad.transpose();
     // Roll and pitch do not accumulate: what the walk gives them is within the tilt added below.
     Vector6 variance = walk_variance(edge);

@@ -30,9 +30,6 @@ core::Matrix6 chain_covariance(std::span<const OdometryEdge> edges);
 /// Chain of edges as one transform.
 core::SE3 chain_transform(std::span<const OdometryEdge> edges);
 
-/// Adjoint of a transform: exp(Ad_T e) = T exp(e) T^-1.
-core::Matrix6 adjoint(const core::SE3& T);
-
 /// Deviation of the odometry's vertical from the true one, rad.
 inline constexpr double kTiltDeviation = 0.006;
 

@@ -132,7 +132,9 @@ void LoopCloser::add(const Submap& submap, const std::vector<Loop>* known) {
   }
   const std::size_t before = loops_.size();
   for (const Loop& loop : *known) {
-    if (loop.moving == place.id) loops_.push_back(loop);
+    const std::size_t reference = index_of(loop.reference);
+    if (loop.moving == place.id && reference < middle && nodes_[reference].id == loop.reference)
+      loops_.push_back(loop);
   }
   searched_ = middle + 1;
   if (loops_.size() != before) solve();
@@ -339,10 +341,10 @@ void LoopCloser::solve() {
   biases_ = solution.biases;
 }
 
-std::vector<SE3> LoopCloser::poses() const {
-  std::vector<SE3> result;
+std::vector<std::pair<std::uint32_t, SE3>> LoopCloser::poses() const {
+  std::vector<std::pair<std::uint32_t, SE3>> result;
   for (std::size_t i = 0; i < nodes_.size(); ++i)
-    result.push_back(poses_[i] * nodes_[i].T_submap_place.inverse());
+    result.emplace_back(nodes_[i].id, poses_[i] * nodes_[i].T_submap_place.inverse());
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "mapping/loops/place_registration.hpp"
@@ -66,8 +67,8 @@ class LoopCloser {
   /// Searches loops for the last submap. More submaps may follow.
   void finish();
 
-  /// T_map_submap of all submaps in the order of adding.
-  [[nodiscard]] std::vector<core::SE3> poses() const;
+  /// Ids and T_map_submap of all submaps in the order of adding.
+  [[nodiscard]] std::vector<std::pair<std::uint32_t, core::SE3>> poses() const;
   /// T_map_odom: correction at the last submap.
   [[nodiscard]] core::SE3 T_map_odom() const;
   [[nodiscard]] const std::vector<Loop>& loops() const { return loops_; }

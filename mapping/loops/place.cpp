@@ -17,8 +17,6 @@ constexpr int kHalfImage = 160;  // pixels
 constexpr int kImage = 2 * kHalfImage;
 /// Cells of a column beyond this height tell more of the beams than of the place.
 constexpr float kMaxDensity = 8.0F;
-// Ground and ceilings are everywhere.
-constexpr float kMinHorizontalNormal = 0.9F;
 constexpr int kPatchRadius = 15;
 constexpr std::size_t kMaxFeatures = 500;
 constexpr int kSuppressionRadius = 2;
@@ -35,7 +33,7 @@ class DensityImage {
  public:
   explicit DensityImage(std::span<const Surface> surfaces) : pixels_(kImage * kImage, 0.0F) {
     for (const Surface& surface : surfaces) {
-      if (surface.is_plane && std::abs(surface.normal.z()) > kMinHorizontalNormal) continue;
+      if (!is_structure(surface)) continue;
       splat(surface.mean.head<2>(), surface.is_plane ? 1.0F : 4.0F);
     }
     for (float& pixel : pixels_) pixel = std::min(pixel, kMaxDensity);
@@ -257,6 +255,11 @@ core::SE3 to_space(const Planar& T) {
 }
 
 }  // namespace
+
+bool is_structure(const Surface& surface) {
+  constexpr float kMinHorizontalNormal = 0.9F;
+  return !surface.is_plane || std::abs(surface.normal.z()) < kMinHorizontalNormal;
+}
 
 core::SE3 place_origin(const Submap& submap) {
   core::SE3 T;

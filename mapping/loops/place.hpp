@@ -30,6 +30,9 @@ struct Place {
   std::vector<PlaceFeature> features;
 };
 
+/// Whether a surface tells places apart: near-horizontal planes, ground and ceilings, are everywhere.
+bool is_structure(const Surface& surface);
+
 /// T_submap_place of a submap: its middle keyframe's position; no rotation.
 core::SE3 place_origin(const Submap& submap);
 

@@ -21,7 +21,6 @@ using core::Vector3;
 using Eigen::Vector3f;
 
 constexpr float kMinNormalCosine = 0.8F;
-constexpr float kMinHorizontalNormal = 0.9F;
 constexpr double kPlaneDeviationMetres = 0.05;
 // The means of an irregular voxel depend on where its grid lies.
 constexpr double kIrregularDeviationMetres = 0.3;
@@ -34,10 +33,6 @@ constexpr float kOverlapVoxelMetres = 1.0F;
 /// matter, and ends before the surface.
 constexpr float kFreeFrom = 0.5F;
 constexpr float kFreeEndMetres = 1.5F;
-
-bool is_structure(const Surface& surface) {
-  return !surface.is_plane || std::abs(surface.normal.z()) < kMinHorizontalNormal;
-}
 
 /// Surfaces by voxel, for searches within the size of a voxel.
 class SurfaceIndex {

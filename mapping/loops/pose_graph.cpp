@@ -246,15 +246,15 @@ double cycle_error(const LoopEdge& a, const LoopEdge& b, std::span<const Odometr
     const SE3 T = chain_transform(part);
     const Matrix6 covariance = chain_covariance(part);
     if (from <= to) return std::pair{T, covariance};
-    const Matrix6 Ad = adjoint(T);
+    const Matrix6 Ad = core::adjoint(T);
     return std::pair{T.inverse(), Matrix6(Ad * covariance * Ad.transpose())};
   };
   const auto [T_b_a, before] = chain(b.reference, a.reference);
   const auto [T_a_b, after] = chain(a.moving, b.moving);
   const SE3 predicted = T_b_a * a.T_reference_moving * T_a_b;
   const Vector6 error = core::se3_log(b.T_reference_moving.inverse() * predicted);
-  const Matrix6 to_end = adjoint((a.T_reference_moving * T_a_b).inverse());
-  const Matrix6 to_moving = adjoint(T_a_b.inverse());
+  const Matrix6 to_end = core::adjoint((a.T_reference_moving * T_a_b).inverse());
+  const Matrix6 to_moving = core::adjoint(T_a_b.inverse());
   const Matrix6 covariance = to_end * before * to_end.transpose() +
                              to_moving * core::inverse_ldlt(a.information) * to_moving.transpose() + after +
                              core::inverse_ldlt(b.information);

@@ -3,6 +3,7 @@
 #include "nilio/core/portable_math.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -152,6 +153,32 @@ inline ScannedDrive drive(const ScannedWorld& world, const std::vector<PathPoint
     }
   }
   return result;
+}
+
+/// Boxes of random sizes on both sides of a road along x or y.
+inline void line_road(ScannedWorld& world, const Vector2d& from, const Vector2d& to, std::mt19937& random) {
+  std::uniform_real_distribution<double> share(0.0, 1.0);
+  const Vector2d along = (to - from).normalized();
+  const Vector2d left(-along.y(), along.x());
+  for (const double side : {-1.0, 1.0}) {
+    for (double s = 10.0; s < (to - from).norm() - 14.0; s += 5.0 + 8.0 * share(random)) {
+      const double length = 3.0 + 9.0 * share(random);
+      const double setback = 6.0 + 7.0 * share(random);
+      const Vector2d a = from + s * along + side * setback * left;
+      const Vector2d b = a + length * along + side * (2.0 + 6.0 * share(random)) * left;
+      world.add_box(a.cwiseMin(b), a.cwiseMax(b), 1.0 + 7.0 * share(random));
+      s += length;
+    }
+  }
+}
+
+/// A block of streets, 120 m by 80 m.
+inline ScannedWorld block(std::uint32_t seed) {
+  std::mt19937 random(seed);
+  ScannedWorld world;
+  const std::array<Vector2d, 4> corners{Vector2d{0, 0}, {120, 0}, {120, 80}, {0, 80}};
+  for (std::size_t i = 0; i < 4; ++i) line_road(world, corners[i], corners[(i + 1) % 4], random);
+  return world;
 }
 
 }  // namespace nilio::tests

@@ -20,6 +20,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include "mapping/trajectory_correction.hpp"
+
 namespace nilio::tools {
 
 namespace {
@@ -143,13 +145,12 @@ Result<std::monostate> close_map(const std::string& folder, const std::string& j
   const std::filesystem::path run = map_folder(folder).parent_path();
   std::error_code error;
   if (!std::filesystem::exists(run / "trajectory.tum", error)) return std::monostate{};
-  const auto odometry = read_trajectory((run / "trajectory.tum").string());
-  if (!odometry) return odometry.error();
-  const auto optimised = map::corrected(*odometry, map_folder(folder));
-  if (!optimised) return optimised.error();
+  const auto map = MapReader::open(map_folder(folder));
+  if (!map) return map.error();
   const std::filesystem::path output = run / "trajectory_optimised.tum";
-  if (auto written = write_trajectory(*optimised, output.string()); !written) return written.error();
-  std::printf("%s: %zu poses\n", output.c_str(), optimised->poses.size());
+  const auto poses = mapping::correct_trajectory(*map, run / "trajectory.tum", output);
+  if (!poses) return poses.error();
+  std::printf("%s: %zu poses\n", output.c_str(), *poses);
   return std::monostate{};
 }
 

@@ -31,17 +31,6 @@ std::vector<double> pose_numbers(const SE3& T) {
   return {T.translation.x(), T.translation.y(), T.translation.z(), q.x(), q.y(), q.z(), q.w()};
 }
 
-/// Pose of a place before and after loop closure.
-struct Correction {
-  core::Time stamp;
-  SE3 T_odom_place;
-  SE3 T_map_place;
-
-  [[nodiscard]] SE3 operator()(const SE3& T_odom_base) const {
-    return T_map_place * (T_odom_place.inverse() * T_odom_base);
-  }
-};
-
 }  // namespace
 
 Result<ClosedMap> close(const std::filesystem::path& folder) {
@@ -66,14 +55,12 @@ Result<ClosedMap> close(const std::filesystem::path& folder) {
     closed.seconds += seconds;
     closed.longest_submap_s = std::max(closed.longest_submap_s, seconds);
   };
-  mapping::MapCorrection correction;
   std::vector<SE3> odometry;
   for (const mapping::SubmapEntry& entry : content.submaps()) {
     const auto submap = content.load(entry);
     if (!submap) return submap.error();
     timed([&] { closer.add(*submap); });
     odometry.push_back(submap->T_odom_submap);
-    correction.poses.emplace_back(entry.id, SE3{});
     closed.ids.push_back(entry.id);
     closed.stamps.push_back(entry.first_stamp);
     if (submap->keyframes.empty()) continue;
@@ -84,14 +71,12 @@ Result<ClosedMap> close(const std::filesystem::path& folder) {
   timed([&] { closer.finish(); });
   for (const mapping::OdometryEdge& edge : closer.edges())
     closed.deviations.push_back(walk_variance(edge).cwiseSqrt());
-  const std::vector<SE3> poses = closer.poses();
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    correction.poses[i].second = poses[i];
+  const mapping::MapCorrection correction = mapping::correction_of(closer);
+  for (std::size_t i = 0; i < odometry.size(); ++i)
     closed.largest_correction_m =
-        std::max(closed.largest_correction_m, (poses[i].translation - odometry[i].translation).norm());
-  }
+        std::max(closed.largest_correction_m,
+                 (correction.poses[i].second.translation - odometry[i].translation).norm());
   for (const mapping::Loop& loop : closer.loops()) {
-    if (loop.is_verified()) correction.loops.push_back(loop);
     const Middle& reference = middles[loop.reference];
     const Middle& moving = middles[loop.moving];
     closed.loops.push_back(
@@ -133,41 +118,6 @@ std::string loops_json(const ClosedMap& map) {
                                 {"seconds", map.seconds},    {"loops", list}}
              .dump(1) +
          "\n";
-}
-
-Result<Trajectory> corrected(const Trajectory& odometry, const std::filesystem::path& folder) {
-  const auto map = MapReader::open(folder);
-  if (!map) return map.error();
-  std::vector<Correction> corrections;
-  for (const mapping::SubmapEntry& entry : map->submaps()) {
-    const auto submap = map->load(entry);
-    if (!submap) return submap.error();
-    if (submap->keyframes.empty()) continue;
-    const SE3 T = place_origin(*submap);
-    corrections.push_back({submap->keyframes[submap->keyframes.size() / 2].stamp, submap->T_odom_submap * T,
-                           entry.T_map_submap * T});
-  }
-  Trajectory result = odometry;
-  if (corrections.empty()) return result;
-  for (std::size_t i = 0; i < result.poses.size(); ++i) {
-    const core::Time stamp = result.stamps[i];
-    const SE3 T = se3_of(result.poses[i]);
-    const auto after =
-        std::upper_bound(corrections.begin(), corrections.end(), stamp,
-                         [](core::Time wanted, const Correction& c) { return wanted < c.stamp; });
-    if (after == corrections.begin() || after == corrections.end()) {
-      result.poses[i] = (after == corrections.begin() ? *after : corrections.back())(T).matrix();
-      continue;
-    }
-    const Correction& before = *(after - 1);
-    const double share = (stamp - before.stamp).seconds() / (after->stamp - before.stamp).seconds();
-    const SE3 a = before(T);
-    const SE3 b = (*after)(T);
-    result.poses[i] =
-        SE3{a.rotation.slerp(share, b.rotation), (1.0 - share) * a.translation + share * b.translation}
-            .matrix();
-  }
-  return result;
 }
 
 }  // namespace nilio::tools::map

@@ -2,8 +2,6 @@
 
 #include "nilio/core/result.hpp"
 
-#include "tools/common/trajectory.hpp"
-
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -37,9 +35,5 @@ core::Result<ClosedMap> close(const std::filesystem::path& folder);
 
 /// The candidates as JSON.
 std::string loops_json(const ClosedMap& map);
-
-/// A trajectory in odom, such as trajectory.tum of the run, moved along with the submaps of the map: each
-/// pose between the corrections of the two nearest submaps.
-core::Result<Trajectory> corrected(const Trajectory& odometry, const std::filesystem::path& folder);
 
 }  // namespace nilio::tools::map

@@ -322,18 +322,20 @@ int main(int argc, char** argv) {
       {"rt/registered_scan", &sensor_msgs_msg_dds__PointCloud2__desc, DDS_RELIABILITY_BEST_EFFORT,
        print_cloud, wanted, 0, 0},
       {"rt/path", &nav_msgs_msg_dds__Path__desc, reliable, print_path, 1, 0, 0}};
-  // All but the last are kept for late readers.
+  // The last is not kept for late readers.
   topic_t of_map[] = {
       {"rt/submaps", &sensor_msgs_msg_dds__PointCloud2__desc, reliable, print_cloud, wanted, 0, 0},
       {"rt/submap_poses", &nav_msgs_msg_dds__Path__desc, reliable, print_path, 1, 0, 0},
       {"rt/tf_static", &tf2_msgs_msg_dds__TFMessage__desc, reliable, print_transforms, 1, 0, 0},
+      {"rt/nilio/map_corrections", &diagnostic_msgs_msg_dds__DiagnosticArray__desc, reliable,
+       print_diagnostics, 1, 0, 0},
       {"rt/local_map", &sensor_msgs_msg_dds__PointCloud2__desc, reliable, print_cloud, 1, 0, 0}};
   topic_t* const topics = imu ? imu_rate : clouds ? large : map ? of_map : scans;
-  const size_t count = map ? 4 : 3;
+  const size_t count = map ? 5 : 3;
   const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
   for (size_t i = 0; i < count; ++i) {
     const dds_durability_kind_t durability =
-        map && i < 3 ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE;
+        map && i < 4 ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE;
     topics[i].reader =
         create_reader(participant, topics[i].type, topics[i].name, topics[i].reliability, durability);
     if (participant < 0 || topics[i].reader < 0) {

@@ -1,7 +1,6 @@
 #include "ipc/mapper_process.hpp"
 
-#include "tests/support/eventually.hpp"
-#include "tests/support/paths.hpp"
+#include "tests/support/mapper_runs.hpp"
 #include "tests/support/street.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -22,69 +21,13 @@
 namespace {
 
 using namespace nilio;
-using nilio::tests::eventually;
-using nilio::tests::TemporaryFolder;
-
-std::optional<std::filesystem::path> mapper_program() {
-  const std::filesystem::path path = std::filesystem::path(nilio::tests::program_folder()) / "nilio-mapper";
-  if (std::filesystem::exists(path)) return path;
-  WARN("skipped: " << path << " is not built");
-  return std::nullopt;
-}
-
-std::unique_ptr<ipc::MapperProcess> make_mapper(const std::filesystem::path& program,
-                                                const std::filesystem::path& folder,
-                                                bool returns_submaps = false) {
-  ipc::MapperProcessConfig config;
-  config.returns_submaps = returns_submaps;
-  config.executable = program;
-  config.folder = folder;
-  config.publish = false;
-  config.start_interval = core::Duration::from_milliseconds(10.0);
-  auto mapper = ipc::MapperProcess::create(std::move(config));
-  if (!mapper) FAIL(mapper.error().message);
-  return std::move(mapper).value();
-}
-
-std::unique_ptr<ipc::ScanCloud> cloud_of(const mapping::Keyframe& keyframe) {
-  auto cloud = std::make_unique<ipc::ScanCloud>();
-  cloud->stamp_ns = keyframe.stamp.ns;
-  for (std::size_t i = 0; i < 3; ++i)
-    cloud->position[i] = keyframe.T_odom_base.translation[static_cast<Eigen::Index>(i)];
-  cloud->count = keyframe.points.size();
-  for (std::size_t i = 0; i < cloud->count; ++i) {
-    const mapping::MapPoint& point = keyframe.points[i];
-    cloud->points[i] = {point.position.x(), point.position.y(), point.position.z(), point.intensity};
-  }
-  return cloud;
-}
+using namespace nilio::tests;
 
 void push_street(ipc::MapperProcess& mapper, int keyframes) {
   for (int i = 0; i < keyframes; ++i) {
     REQUIRE(eventually([&] { return mapper.has_room(); }));
-    mapper.push(*cloud_of(tests::street_keyframe(i, 300)));
+    mapper.push(*cloud_of(street_keyframe(i, 300)));
   }
-}
-
-/// Waits until the mapper has read all keyframes, restarting it as niliod does.
-bool wait_until_read(ipc::MapperProcess& mapper) {
-  return eventually([&] {
-    mapper.poll();
-    return mapper.keyframes().taken() == mapper.keyframes().written();
-  });
-}
-
-/// Stamps of all keyframes in a map; every submap has to be readable.
-std::set<std::int64_t> stamps_in(const std::filesystem::path& folder) {
-  const auto map = mapping::MapReader::open(folder);
-  if (!map) FAIL(map.error().message);
-  std::set<std::int64_t> stamps;
-  for (const mapping::SubmapEntry& entry : map->submaps()) {
-    const auto submap = map->load(entry);
-    if (!submap) FAIL(submap.error().message);
-    for (const mapping::SubmapKeyframe& keyframe : submap->keyframes) stamps.insert(keyframe.stamp.ns);
-  }
-  return stamps;
 }
 
 }  // namespace
@@ -111,7 +54,8 @@ TEST_CASE("complete submaps come back, each once and as they are on disk", "[map
   const auto program = mapper_program();
   if (!program) return;
   const TemporaryFolder folder;
-  const auto mapper = make_mapper(*program, folder.path() / "map", true);
+  const auto mapper = make_mapper(*program, folder.path() / "map",
+                                  [](ipc::MapperProcessConfig& config) { config.returns_submaps = true; });
   REQUIRE(mapper->submaps());
   REQUIRE(mapper->start().ok());
   push_street(*mapper, 90);
@@ -167,11 +111,11 @@ TEST_CASE(
       mapper->poll();
       return mapper->has_room();
     }));
-    mapper->push(*cloud_of(tests::street_keyframe(i, 200)));
+    mapper->push(*cloud_of(street_keyframe(i, 200)));
     if (i % 10 != 9) continue;
     REQUIRE(wait_until_read(*mapper));
     // In the middle of the next ones.
-    mapper->push(*cloud_of(tests::street_keyframe(i, 200)));
+    mapper->push(*cloud_of(street_keyframe(i, 200)));
     std::this_thread::sleep_for(std::chrono::microseconds(random() % 3000U));
     if (!mapper->running()) continue;
     kill(mapper->pid(), SIGKILL);
@@ -212,7 +156,7 @@ TEST_CASE("pushing never waits for a mapper that does not exist", "[mapper_proce
   const TemporaryFolder folder;
   const auto mapper = make_mapper("/nonexistent/nilio-mapper", folder.path() / "map");
   CHECK_FALSE(mapper->start().ok());
-  const auto cloud = cloud_of(tests::street_keyframe(0, 100));
+  const auto cloud = cloud_of(street_keyframe(0, 100));
   const auto before = std::chrono::steady_clock::now();
   for (int i = 0; i < 1000; ++i) mapper->push(*cloud);
   CHECK(std::chrono::steady_clock::now() - before < std::chrono::seconds(5));

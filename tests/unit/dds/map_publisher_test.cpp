@@ -61,7 +61,7 @@ std::string reader_command(const std::filesystem::path& program, std::uint32_t d
 
 }  // namespace
 
-TEST_CASE("a CycloneDDS reader that comes late gets the kept submaps, their poses and the static transform",
+TEST_CASE("a CycloneDDS reader that comes late gets the kept submaps, their poses and the last correction",
           "[map_publisher]") {
   const auto program = built_program("nilio-cyclone-reader");
   if (!program) return;
@@ -77,6 +77,12 @@ TEST_CASE("a CycloneDDS reader that comes late gets the kept submaps, their pose
     poses.poses.push_back({at(100 + i), "", {1.0 * i, -2.0, 0.5}, {0.5, -0.5, 0.5, -0.5}});
     REQUIRE(publisher->publish_poses(poses));
   }
+  REQUIRE(publisher->publish_transform(at(50), core::SE3{}));
+  core::SE3 T_map_odom;
+  T_map_odom.translation = {0.5, -1.0, 0.25};
+  T_map_odom.rotation = Eigen::Quaterniond(0.5, 0.5, -0.5, 0.5);
+  REQUIRE(publisher->publish_transform(at(104), T_map_odom));
+  REQUIRE(publisher->publish_correction({at(104), "loop 4-0", 2, 1.25, 0.01, true}));
   CHECK(publisher->local_map_subscribers() == 0);
   Program reader(reader_command(*program, domain, 3));
   REQUIRE(eventually([&] { return publisher->local_map_subscribers() == 1; }));
@@ -94,7 +100,7 @@ TEST_CASE("a CycloneDDS reader that comes late gets the kept submaps, their pose
     CHECK(std::count(clouds.begin(), clouds.end(), line) == 1);
   }
   CHECK(std::count(clouds.begin(), clouds.end(), cloud_line(900, local_map)) == 1);
-  REQUIRE(others.size() == 2);
+  REQUIRE(others.size() == 3);
   std::string path = "path 104 1 map -";
   for (int i = 0; i < 5; ++i) {
     std::array<char, 64> x{};
@@ -104,7 +110,10 @@ TEST_CASE("a CycloneDDS reader that comes late gets the kept submaps, their pose
   }
   CHECK(std::count(others.begin(), others.end(), path) == 1);
   CHECK(std::count(others.begin(), others.end(),
-                   "transform 0 0 map odom 0x0p+0 0x0p+0 0x0p+0 0x0p+0 0x0p+0 0x0p+0 0x1p+0") == 1);
+                   "transform 104 1 map odom 0x1p-1 -0x1p+0 0x1p-2 0x1p-1 -0x1p-1 0x1p-1 0x1p-1") == 1);
+  CHECK(std::count(others.begin(), others.end(),
+                   "diagnostics 0 [nilio: map to odom] [loop 4-0] [loops=2] [distance_m=1.2500] "
+                   "[angle_deg=0.5730] [mode=jump]") == 1);
 }
 
 TEST_CASE("twenty submaps of a drive reach a late reader within seconds", "[map_publisher]") {
@@ -117,6 +126,8 @@ TEST_CASE("twenty submaps of a drive reach a late reader within seconds", "[map_
   for (int i = 0; i < 20; ++i) REQUIRE(publisher->publish_submap(at(100 + i), points));
   dds::Path poses;
   REQUIRE(publisher->publish_poses(poses));
+  REQUIRE(publisher->publish_transform(at(100), core::SE3{}));
+  REQUIRE(publisher->publish_correction({}));
   Program reader(reader_command(*program, domain, 20));
   REQUIRE(eventually([&] { return publisher->local_map_subscribers() == 1; }));
   REQUIRE(reader.line() == "ready");

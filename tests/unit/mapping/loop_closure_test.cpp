@@ -54,7 +54,7 @@ Outcome close(const ScannedDrive& drive) {
     return T;
   };
   Outcome outcome;
-  outcome.poses = closer.poses();
+  for (const auto& [id, pose] : closer.poses()) outcome.poses.push_back(pose);
   for (const Loop& loop : closer.loops()) {
     ++outcome.verdicts[verdict_name(loop.verdict)];
     if (loop.verdict != LoopVerdict::kAccepted) continue;
@@ -90,32 +90,6 @@ Drift drawn_drift(std::uint32_t seed) {
   drift.scale = 1.0 + 0.005 * normal(random);
   drift.height_per_m = 0.0005 * normal(random);
   return drift;
-}
-
-/// Boxes of random sizes on both sides of a road along x or y.
-void line_road(ScannedWorld& world, const Vector2d& from, const Vector2d& to, std::mt19937& random) {
-  std::uniform_real_distribution<double> share(0.0, 1.0);
-  const Vector2d along = (to - from).normalized();
-  const Vector2d left(-along.y(), along.x());
-  for (const double side : {-1.0, 1.0}) {
-    for (double s = 10.0; s < (to - from).norm() - 14.0; s += 5.0 + 8.0 * share(random)) {
-      const double length = 3.0 + 9.0 * share(random);
-      const double setback = 6.0 + 7.0 * share(random);
-      const Vector2d a = from + s * along + side * setback * left;
-      const Vector2d b = a + length * along + side * (2.0 + 6.0 * share(random)) * left;
-      world.add_box(a.cwiseMin(b), a.cwiseMax(b), 1.0 + 7.0 * share(random));
-      s += length;
-    }
-  }
-}
-
-/// A block of streets, 120 m by 80 m.
-ScannedWorld block(std::uint32_t seed) {
-  std::mt19937 random(seed);
-  ScannedWorld world;
-  const std::array<Vector2d, 4> corners{Vector2d{0, 0}, {120, 0}, {120, 80}, {0, 80}};
-  for (std::size_t i = 0; i < 4; ++i) line_road(world, corners[i], corners[(i + 1) % 4], random);
-  return world;
 }
 
 /// Drives through worlds with places that look alike; none of them may be taken for another.

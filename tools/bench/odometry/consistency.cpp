@@ -50,20 +50,12 @@ Matrix6 body_covariance(const OdometryResult& result) {
   return to_body * result.pose_covariance * to_body.transpose();
 }
 
-/// Adjoint: transforms a small motion, translation first, between the axes of two bodies.
-Matrix6 adjoint(const SE3& T_to_from) {
-  const core::Matrix3 R = T_to_from.rotation.toRotationMatrix();
-  Matrix6 result = core::block_rotation(R);
-  result.topRightCorner<3, 3>() = core::skew(T_to_from.translation) * R;
-  return result;
-}
-
 /// Error of the motion between two scans, and its covariance.
 std::pair<Vector6, Matrix6> motion_error(const OdometryResult& from, const SE3& true_from,
                                          const OdometryResult& to, const SE3& true_to) {
   const SE3 T_to_from = to.T_odom_base.inverse() * from.T_odom_base;
   const SE3 true_motion = true_from.inverse() * true_to;
-  const Matrix6 A = adjoint(T_to_from);
+  const Matrix6 A = core::adjoint(T_to_from);
   return {core::se3_log(true_motion.inverse() * T_to_from.inverse()),
           body_covariance(to) + A * body_covariance(from) * A.transpose()};
 }

@@ -31,6 +31,7 @@ struct SE3 {
 
 /// Order of a quaternion in messages and files; Eigen's constructor begins with w.
 inline std::array<double, 4> xyzw(const Eigen::Quaterniond& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+inline Eigen::Quaterniond from_xyzw(const std::array<double, 4>& q) { return {q[3], q[0], q[1], q[2]}; }
 
 /// Skew-symmetric matrix: skew(a) * b = a x b.
 Matrix3 skew(const Vector3& a);
@@ -48,6 +49,8 @@ Vector6 se3_log(const SE3& transform);
 
 /// Turns both halves of a six-vector: as a covariance of such is turned into other axes, B * C * B^T.
 Matrix6 block_rotation(const Matrix3& R);
+/// Adjoint: exp(adjoint(T) * e) = T * exp(e) * T^-1; transforms a small motion into the axes of the target.
+Matrix6 adjoint(const SE3& T);
 
 /// Builds a transform from a row-major 3x4 or 4x4 matrix (first 12 numbers); the rotation is projected onto
 /// SO(3).

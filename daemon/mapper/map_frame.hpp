@@ -1,0 +1,60 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+#include "nilio/core/time.hpp"
+
+#include "core/src/estimation/pose_slew_limiter.hpp"
+
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace nilio::daemon {
+
+/// The frame `map`: poses of the submaps in it, and map -> odom, whose corrections enter gradually: the
+/// published pose of the vehicle approaches the corrected one, or jumps if they are far apart. `odom` and the
+/// odometry do not know of it. One thread.
+class MapFrame {
+ public:
+  struct Placed {
+    std::uint32_t id = 0;
+    core::Time stamp;  ///< of the first keyframe
+    core::SE3 T_odom_submap;
+    core::SE3 T_map_submap;
+  };
+
+  /// Continues an earlier process.
+  void restore(std::vector<Placed> submaps, const core::SE3& T_map_odom);
+  /// Adds a submap; until it is corrected, it follows map -> odom.
+  void add(std::uint32_t id, core::Time stamp, const core::SE3& T_odom_submap);
+  /// Takes the poses of loop closure over: ids, T_map_submap. `T_odom_base`: of the vehicle, whose distance
+  /// in `map` is returned.
+  core::PoseCorrection correct(std::span<const std::pair<std::uint32_t, core::SE3>> poses,
+                               const core::SE3& T_map_odom, const core::SE3& T_odom_base);
+  /// map -> odom to publish, `since` the last call.
+  const core::SE3& advance(const core::SE3& T_odom_base, core::Duration since);
+
+  /// False while a correction enters map -> odom.
+  [[nodiscard]] bool is_settled() const { return is_settled_; }
+  /// map -> odom as published last.
+  [[nodiscard]] const core::SE3& published() const { return published_; }
+  /// In order of their ids.
+  [[nodiscard]] const std::vector<Placed>& submaps() const { return submaps_; }
+
+ private:
+  /// Whether what is left of the corrections is not worth a message.
+  [[nodiscard]] bool is_small() const;
+
+  std::vector<Placed> submaps_;
+  core::SE3 T_map_odom_;  ///< of loop closure
+  core::SE3 published_;
+  core::PoseSlewLimiter limiter_{{.max_slew_m_s = 0.5,
+                                  .max_slew_rad_s = 0.02,
+                                  .settle = core::Duration::from_seconds(1.0),
+                                  .jump_m = 2.0,
+                                  .jump_rad = 0.035}};
+  bool is_settled_ = true;
+};
+
+}  // namespace nilio::daemon
