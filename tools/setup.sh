@@ -7,7 +7,7 @@ packages=(
   build-essential cmake ninja-build pkg-config git ca-certificates
   libeigen3-dev libtbb-dev libsleef-dev libspdlog-dev libyaml-cpp-dev libcli11-dev nlohmann-json3-dev
   libpcap-dev libpugixml-dev libsocketcan-dev libsqlite3-dev libzstd-dev liblz4-dev libbz2-dev zlib1g-dev libfastrtps-dev libfastcdr-dev
-  libembree-dev libcairo2-dev libssl-dev libwebsockets-dev libceres-dev
+  libembree-dev libcairo2-dev libssl-dev libwebsockets-dev
 )
 # The page of nilio view; any node and npm will do, those of Debian bring some hundred packages.
 command -v npm >/dev/null || packages+=(nodejs npm)

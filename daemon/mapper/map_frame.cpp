@@ -18,19 +18,21 @@ void MapFrame::add(std::uint32_t id, core::Time stamp, const core::SE3& T_odom_s
   submaps_.push_back({id, stamp, T_odom_submap, T_map_odom_ * T_odom_submap});
 }
 
-core::PoseCorrection MapFrame::correct(std::span<const std::pair<std::uint32_t, core::SE3>> poses,
-                                       const core::SE3& T_map_odom, const core::SE3& T_odom_base) {
+MapFrame::Change MapFrame::correct(std::span<const std::pair<std::uint32_t, core::SE3>> poses,
+                                   const core::SE3& T_map_odom, const core::SE3& T_odom_base) {
   auto corrected = poses.begin();
   for (Placed& submap : submaps_) {
     while (corrected != poses.end() && corrected->first < submap.id) ++corrected;
     const bool is_corrected = corrected != poses.end() && corrected->first == submap.id;
     submap.T_map_submap = is_corrected ? corrected->second : T_map_odom * submap.T_odom_submap;
   }
-  const core::PoseCorrection correction =
-      limiter_.correct(T_map_odom_ * T_odom_base, T_map_odom * T_odom_base);
+  const core::SE3 before = T_map_odom_ * T_odom_base;
+  const core::SE3 after = T_map_odom * T_odom_base;
   T_map_odom_ = T_map_odom;
-  is_settled_ = !correction.jumped && is_small();
-  return correction;
+  const bool jumped = limiter_.correct(before, after).jumped;
+  is_settled_ = !jumped && is_small();
+  return {(after.translation - before.translation).norm(), before.rotation.angularDistance(after.rotation),
+          jumped};
 }
 
 bool MapFrame::is_small() const {

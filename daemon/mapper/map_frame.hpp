@@ -28,10 +28,16 @@ class MapFrame {
   void restore(std::vector<Placed> submaps, const core::SE3& T_map_odom);
   /// Adds a submap; until it is corrected, it follows map -> odom.
   void add(std::uint32_t id, core::Time stamp, const core::SE3& T_odom_submap);
-  /// Takes the poses of loop closure over: ids, T_map_submap. `T_odom_base`: of the vehicle, whose distance
-  /// in `map` is returned.
-  core::PoseCorrection correct(std::span<const std::pair<std::uint32_t, core::SE3>> poses,
-                               const core::SE3& T_map_odom, const core::SE3& T_odom_base);
+  /// Distance of the vehicle in `map` by a change of map -> odom.
+  struct Change {
+    double distance_m = 0.0;
+    double angle_rad = 0.0;
+    bool jumped = false;  ///< else it enters gradually
+  };
+
+  /// Takes the poses of loop closure over: ids, T_map_submap. `T_odom_base`: of the vehicle.
+  Change correct(std::span<const std::pair<std::uint32_t, core::SE3>> poses, const core::SE3& T_map_odom,
+                 const core::SE3& T_odom_base);
   /// map -> odom to publish, `since` the last call.
   const core::SE3& advance(const core::SE3& T_odom_base, core::Duration since);
 

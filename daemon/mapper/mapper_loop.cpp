@@ -146,8 +146,8 @@ int MapperLoop::run() {
     take_keyframes();
     take_loops();
     const Time now = monotonic_now();
+    publish_transform(now);
     if (publisher_) {
-      publish_transform(now);
       publish_moved();
       publish_local_map(now);
       if (now >= refresh_due_) {
@@ -209,8 +209,7 @@ void MapperLoop::take_loops() {
   const std::optional<LoopUpdate> update = loops_->take();
   if (!update) return;
   inputs_.state->loops.store(update->loops, std::memory_order_relaxed);
-  const core::PoseCorrection change =
-      frame_.correct(update->poses, update->T_map_odom, keyframe_.T_odom_base);
+  const MapFrame::Change change = frame_.correct(update->poses, update->T_map_odom, keyframe_.T_odom_base);
   if (!update->cause.empty())
     spdlog::info("map: {}; the vehicle {} by {:.3f} m, {:.3f} deg", update->cause,
                  change.jumped ? "jumps" : "moves gradually", change.distance_m,
@@ -304,8 +303,8 @@ void MapperLoop::publish_transform(Time now) {
   const core::Duration since = now - transform_at_;
   if (frame_.is_settled() || since < kTransformPeriod) return;
   transform_at_ = now;
-  publisher_->publish_transform(keyframe_.stamp,
-                                frame_.advance(keyframe_.T_odom_base, std::min(since, kLongestStep)));
+  const core::SE3& T_map_odom = frame_.advance(keyframe_.T_odom_base, std::min(since, kLongestStep));
+  if (publisher_) publisher_->publish_transform(keyframe_.stamp, T_map_odom);
 }
 
 void MapperLoop::publish_local_map(Time now) {

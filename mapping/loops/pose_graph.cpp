@@ -3,14 +3,16 @@
 #include "core/src/linear_algebra.hpp"
 
 #include <algorithm>
-#include <array>
-#include <ceres/ceres.h>
 #include <cmath>
+#include <utility>
+
+#include <Eigen/SparseCholesky>
 
 namespace nilio::mapping {
 
 namespace {
 
+using core::Matrix3;
 using core::Matrix6;
 using core::SE3;
 using core::Vector3;
@@ -21,176 +23,199 @@ constexpr double kInlierSquare = 22.46;
 constexpr double kGraduationStep = 4.0;
 constexpr double kMinWeight = 0.25;
 constexpr double kResolution = 1 << 23;
+// Share of the cost: of the solution, and of those between two weights.
+constexpr double kTolerance = 1e-9;
+constexpr double kCoarseTolerance = 1e-3;
+constexpr int kMaxSteps = 50;
+constexpr int kMaxUphill = 4;
+constexpr double kMinDamping = 1e-6;
+constexpr double kMaxDamping = 1.0;
+constexpr double kDampingStep = 0.1;
 
-/// Unit quaternions x y z w with a retraction without trigonometric functions, whose bits the C library would
-/// make depend on the processor.
-struct QuaternionRetraction {
-  template <class T>
-  bool Plus(const T* x, const T* delta, T* result) const {
-    const Eigen::Map<const Eigen::Quaternion<T>> q(x);
-    const Eigen::Quaternion<T> step(T(1.0), T(0.5) * delta[0], T(0.5) * delta[1], T(0.5) * delta[2]);
-    Eigen::Map<Eigen::Quaternion<T>> sum(result);
-    sum = q * step.normalized();
-    return true;
-  }
-  template <class T>
-  bool Minus(const T* y, const T* x, T* result) const {
-    const Eigen::Quaternion<T> d =
-        Eigen::Map<const Eigen::Quaternion<T>>(x).conjugate() * Eigen::Map<const Eigen::Quaternion<T>>(y);
-    for (int i = 0; i < 3; ++i) result[i] = T(2.0) * d.vec()[i] / d.w();
-    return true;
-  }
+/// Error of a measured relative pose of two nodes, translation and rotation, in axes of the second one, and
+/// its derivatives by changes of the nodes.
+struct RelativeError {
+  Vector6 error;
+  Matrix6 by_a = Matrix6::Zero();
+  Matrix6 by_b = Matrix6::Zero();
 };
 
-/// Error on the right of the measured relative pose of two nodes.
-template <class T>
-Eigen::Matrix<T, 6, 1> relative_error(const SE3& measured, const T* qa, const T* ta, const T* qb,
-                                      const T* tb) {
-  using Quaternion = Eigen::Quaternion<T>;
-  using Vector = Eigen::Matrix<T, 3, 1>;
-  const Eigen::Map<const Quaternion> q_a(qa);
-  const Eigen::Map<const Quaternion> q_b(qb);
-  const Vector d = Eigen::Map<const Vector>(tb) - Eigen::Map<const Vector>(ta);
-  const Quaternion q_m = measured.rotation.cast<T>();
-  const Vector in_a = q_a.conjugate() * d;
-  const Quaternion dq = q_m.conjugate() * (q_a.conjugate() * q_b);
-  Eigen::Matrix<T, 6, 1> error;
-  error << q_m.conjugate() * Vector(in_a - measured.translation.cast<T>()),
-      (dq.w() < T(0.0) ? T(-2.0) : T(2.0)) * dq.vec();
-  return error;
+RelativeError relative_error(const SE3& measured, const SE3& a, const SE3& b) {
+  const Matrix3 R_m = measured.rotation.conjugate().toRotationMatrix();
+  const Matrix3 R_a = a.rotation.conjugate().toRotationMatrix();
+  const Vector3 in_a = R_a * (b.translation - a.translation);
+  Eigen::Quaterniond dq = measured.rotation.conjugate() * (a.rotation.conjugate() * b.rotation);
+  if (dq.w() < 0.0) dq.coeffs() *= -1.0;
+  const Matrix3 w = dq.w() * Matrix3::Identity();
+  const Matrix3 v = core::skew(dq.vec());
+  RelativeError result;
+  result.error << R_m * (in_a - measured.translation), 2.0 * dq.vec();
+  result.by_b.topLeftCorner<3, 3>() = R_m * R_a;
+  result.by_b.bottomRightCorner<3, 3>() = w + v;
+  result.by_a.topLeftCorner<3, 3>() = -result.by_b.topLeftCorner<3, 3>();
+  result.by_a.topRightCorner<3, 3>() = R_m * core::skew(in_a);
+  result.by_a.bottomRightCorner<3, 3>() = (v - w) * R_m;
+  return result;
 }
 
-struct OdometryCost {
-  OdometryEdge edge;
-  Vector6 weight = walk_variance(edge).cwiseSqrt().cwiseInverse();
-  BiasJacobian bias = bias_jacobian(edge);
-
-  template <class T>
-  bool operator()(const T* qa, const T* ta, const T* qb, const T* tb, const T* biases, T* residual) const {
-    const Eigen::Matrix<T, 3, 1> deviations =
-        Eigen::Map<const Eigen::Matrix<T, 3, 1>>(biases).cwiseProduct(bias_deviation().cast<T>());
-    const Eigen::Matrix<T, 6, 1> error =
-        relative_error(edge.T_from_to, qa, ta, qb, tb) + bias.cast<T>() * deviations;
-    Eigen::Map<Eigen::Matrix<T, 6, 1>> weighted(residual);
-    weighted = weight.cast<T>().cwiseProduct(error);
-    return true;
-  }
-};
-
-struct LoopCost {
-  SE3 T_reference_moving;
-  Matrix6 root;  ///< root^T * root is the information
-
-  template <class T>
-  bool operator()(const T* qa, const T* ta, const T* qb, const T* tb, T* residual) const {
-    Eigen::Map<Eigen::Matrix<T, 6, 1>> weighted(residual);
-    weighted = root.cast<T>() * relative_error(T_reference_moving, qa, ta, qb, tb);
-    return true;
-  }
-};
-
-/// The node's axis that odometry has for vertical is vertical.
-struct GravityCost {
-  Vector3 up;  ///< in axes of the node
-
-  template <class T>
-  bool operator()(const T* q, T* residual) const {
-    const Eigen::Matrix<T, 3, 1> v = Eigen::Map<const Eigen::Quaternion<T>>(q) * up.cast<T>().eval();
-    residual[0] = v.x() / T(kTiltDeviation);
-    residual[1] = v.y() / T(kTiltDeviation);
-    return true;
-  }
-};
-
-/// Biases in units of their deviations.
-struct BiasPrior {
-  template <class T>
-  bool operator()(const T* biases, T* residual) const {
-    std::copy(biases, biases + 3, residual);
-    return true;
-  }
-};
-
-Matrix6 root_of(const Matrix6& information) { return information.llt().matrixU(); }
-
+/// Least squares over the nodes but the first, and the biases in units of their deviations.
 class Graph {
  public:
   Graph(std::span<const SE3> odometry, std::span<const OdometryEdge> edges, std::span<const LoopEdge> loops)
-      : nodes_(odometry.begin(), odometry.end()), loops_(loops) {
-    auto* const manifold = new ceres::AutoDiffManifold<QuaternionRetraction, 4, 3>;
-    for (const SE3& node : nodes_) {
-      problem_.AddParameterBlock(q(node), 4, manifold);
-      problem_.AddParameterBlock(t(node), 3);
-    }
-    problem_.SetParameterBlockConstant(q(nodes_.front()));
-    problem_.SetParameterBlockConstant(t(nodes_.front()));
-    for (std::size_t i = 0; i + 1 < nodes_.size(); ++i) {
-      problem_.AddResidualBlock(
-          new ceres::AutoDiffCostFunction<OdometryCost, 6, 4, 3, 4, 3, 3>(new OdometryCost{edges[i]}),
-          nullptr, q(nodes_[i]), t(nodes_[i]), q(nodes_[i + 1]), t(nodes_[i + 1]), biases_.data());
-      problem_.AddResidualBlock(new ceres::AutoDiffCostFunction<GravityCost, 2, 4>(
-                                    new GravityCost{odometry[i + 1].rotation.conjugate() * Vector3::UnitZ()}),
-                                nullptr, q(nodes_[i + 1]));
-    }
-    if (nodes_.size() > 1)
-      problem_.AddResidualBlock(new ceres::AutoDiffCostFunction<BiasPrior, 3, 3>(new BiasPrior), nullptr,
-                                biases_.data());
-    for (const LoopEdge& loop : loops) {
-      losses_.push_back(new ceres::LossFunctionWrapper(nullptr, ceres::TAKE_OWNERSHIP));
-      problem_.AddResidualBlock(new ceres::AutoDiffCostFunction<LoopCost, 6, 4, 3, 4, 3>(
-                                    new LoopCost{loop.T_reference_moving, root_of(loop.information)}),
-                                losses_.back(), q(nodes_[loop.reference]), t(nodes_[loop.reference]),
-                                q(nodes_[loop.moving]), t(nodes_[loop.moving]));
-    }
+      : edges_(edges), loops_(loops), weights_(loops.size(), 1.0) {
+    state_.nodes.assign(odometry.begin(), odometry.end());
+    for (const SE3& node : odometry) ups_.push_back(node.rotation.conjugate() * Vector3::UnitZ());
   }
 
-  void set_weight(std::size_t loop, double weight) {
-    losses_[loop]->Reset(new ceres::ScaledLoss(nullptr, weight, ceres::TAKE_OWNERSHIP),
-                         ceres::TAKE_OWNERSHIP);
-  }
+  void set_weight(std::size_t loop, double weight) { weights_[loop] = weight; }
 
-  void solve() {
-    ceres::Solver::Options options;
-    options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    // No BLAS, whose bits depend on the processor.
-    options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
-    options.num_threads = 1;
-    options.logging_type = ceres::SILENT;
-    options.max_num_iterations = 20;
-    options.function_tolerance = 1e-9;
-    // Nearly Gauss-Newton: damping would hold the shape of a long chain, whose bending is cheap.
-    options.initial_trust_region_radius = 1e12;
-    ceres::Solver::Summary summary;
-    ceres::Solve(options, &problem_, &summary);
+  /// Gauss-Newton until a step changes the cost by less than this share. From far away its steps first go up:
+  /// damping, which would hold the shape of a long chain, whose bending is cheap, comes after some of those.
+  void solve(double tolerance) {
+    Equations equations = linearise();
+    if (!std::exchange(is_analysed_, true)) solver_.analyzePattern(equations.H);
+    State best = state_;
+    double best_cost = equations.cost;
+    double damping = 0.0;
+    int uphill = 0;
+    for (int step = 0; step < kMaxSteps && damping < kMaxDamping; ++step) {
+      if (damping > 0.0) equations.H.diagonal() *= 1.0 + damping;
+      solver_.factorize(equations.H);
+      const Eigen::VectorXd change = solver_.solve(-equations.g);
+      const bool is_solved = solver_.info() == Eigen::Success && change.allFinite();
+      if (is_solved) {
+        apply(change);
+        equations = linearise();
+      }
+      const bool is_done = is_solved && std::abs(equations.cost - best_cost) <= tolerance * best_cost;
+      if (is_solved && equations.cost < best_cost) {
+        best = state_;
+        best_cost = equations.cost;
+        uphill = 0;
+        damping *= kDampingStep;
+      } else if (!is_solved || damping > 0.0 || ++uphill > kMaxUphill) {
+        state_ = best;
+        equations = linearise();
+        uphill = 0;
+        damping = std::max(damping / kDampingStep, kMinDamping);
+      }
+      if (is_done) break;
+    }
+    state_ = best;
   }
 
   /// Squared Mahalanobis norm of a loop's residual.
   [[nodiscard]] double square(std::size_t i) const {
     const LoopEdge& loop = loops_[i];
-    const SE3& a = nodes_[loop.reference];
-    const SE3& b = nodes_[loop.moving];
     const Vector6 error =
-        relative_error(loop.T_reference_moving, a.rotation.coeffs().data(), a.translation.data(),
-                       b.rotation.coeffs().data(), b.translation.data());
+        relative_error(loop.T_reference_moving, state_.nodes[loop.reference], state_.nodes[loop.moving])
+            .error;
     return error.dot(loop.information * error);
   }
 
-  [[nodiscard]] const std::vector<SE3>& nodes() const { return nodes_; }
-  [[nodiscard]] Eigen::Vector3d biases() const {
-    return Eigen::Map<const Eigen::Vector3d>(biases_.data()).cwiseProduct(bias_deviation());
-  }
+  [[nodiscard]] const std::vector<SE3>& nodes() const { return state_.nodes; }
+  /// In units of their deviations.
+  [[nodiscard]] const Vector3& biases() const { return state_.biases; }
 
  private:
-  static double* q(SE3& node) { return node.rotation.coeffs().data(); }
-  static double* q(const SE3& node) { return const_cast<SE3&>(node).rotation.coeffs().data(); }
-  static double* t(SE3& node) { return node.translation.data(); }
-  static double* t(const SE3& node) { return const_cast<SE3&>(node).translation.data(); }
+  struct State {
+    std::vector<SE3> nodes;
+    Vector3 biases = Vector3::Zero();
+  };
+  /// H change = -g.
+  struct Equations {
+    Eigen::SparseMatrix<double> H;  ///< lower triangle
+    Eigen::VectorXd g;
+    double cost = 0.0;
+  };
 
-  std::vector<SE3> nodes_;
+  /// A node's change is its translation in axes of the graph, then its rotation in its own axes. No
+  /// trigonometric function, whose bits the C library would make depend on the processor.
+  void apply(const Eigen::VectorXd& change) {
+    for (std::size_t i = 1; i < state_.nodes.size(); ++i) {
+      SE3& node = state_.nodes[i];
+      node.translation += change.segment<3>(column_of(i));
+      const Vector3 half = 0.5 * change.segment<3>(column_of(i) + 3);
+      node.rotation = (node.rotation * Eigen::Quaterniond(1.0, half.x(), half.y(), half.z())).normalized();
+    }
+    state_.biases += change.tail<3>();
+  }
+
+  static Eigen::Index column_of(std::size_t node) { return 6 * (static_cast<Eigen::Index>(node) - 1); }
+
+  /// Adds a block at the columns of two nodes, or of biases.
+  template <class Block>
+  void add_block(Eigen::Index row, Eigen::Index column, const Block& block) {
+    for (Eigen::Index j = 0; j < block.cols(); ++j) {
+      for (Eigen::Index i = row == column ? j : 0; i < block.rows(); ++i)
+        triplets_.emplace_back(static_cast<int>(row + i), static_cast<int>(column + j), block(i, j));
+    }
+  }
+
+  void add_edge(std::size_t a, std::size_t b, const RelativeError& r, const Matrix6& information,
+                Equations& out) {
+    const Matrix6 to_b = r.by_b.transpose() * information;
+    out.cost += r.error.dot(information * r.error);
+    out.g.segment<6>(column_of(b)) += to_b * r.error;
+    add_block(column_of(b), column_of(b), Matrix6(to_b * r.by_b));
+    if (a == 0) return;
+    const Matrix6 to_a = r.by_a.transpose() * information;
+    out.g.segment<6>(column_of(a)) += to_a * r.error;
+    add_block(column_of(a), column_of(a), Matrix6(to_a * r.by_a));
+    add_block(column_of(b), column_of(a), Matrix6(to_b * r.by_a));
+  }
+
+  Equations linearise() {
+    const Eigen::Index size = column_of(state_.nodes.size()) + 3;
+    const Eigen::Index bias_column = size - 3;
+    Equations out;
+    out.g = Eigen::VectorXd::Zero(size);
+    triplets_.clear();
+    for (std::size_t i = 0; i < edges_.size(); ++i) {
+      const OdometryEdge& edge = edges_[i];
+      const Vector6 weights = walk_variance(edge).cwiseInverse();
+      const BiasJacobian by_bias = bias_jacobian(edge) * bias_deviation().asDiagonal();
+      RelativeError r = relative_error(edge.T_from_to, state_.nodes[i], state_.nodes[i + 1]);
+      r.error += by_bias * state_.biases;
+      add_edge(i, i + 1, r, weights.asDiagonal(), out);
+      const Eigen::Matrix<double, 3, 6> to_bias = by_bias.transpose() * weights.asDiagonal();
+      out.g.tail<3>() += to_bias * r.error;
+      add_block(bias_column, bias_column, Matrix3(to_bias * by_bias));
+      add_block(bias_column, column_of(i + 1), BiasBlock(to_bias * r.by_b));
+      if (i > 0) add_block(bias_column, column_of(i), BiasBlock(to_bias * r.by_a));
+      // The node's axis that odometry has for vertical is vertical.
+      const Matrix3 R = state_.nodes[i + 1].rotation.toRotationMatrix() / kTiltDeviation;
+      const Eigen::Vector2d tilt = (R * ups_[i + 1]).head<2>();
+      const Eigen::Matrix<double, 2, 3> by_rotation = -(R * core::skew(ups_[i + 1])).topRows<2>();
+      const Eigen::Index rotation = column_of(i + 1) + 3;
+      out.cost += tilt.squaredNorm();
+      out.g.segment<3>(rotation) += by_rotation.transpose() * tilt;
+      add_block(rotation, rotation, Matrix3(by_rotation.transpose() * by_rotation));
+    }
+    out.cost += state_.biases.squaredNorm();
+    out.g.tail<3>() += state_.biases;
+    add_block(bias_column, bias_column, Matrix3(Matrix3::Identity()));
+    for (std::size_t i = 0; i < loops_.size(); ++i) {
+      const LoopEdge& loop = loops_[i];
+      const RelativeError r =
+          relative_error(loop.T_reference_moving, state_.nodes[loop.reference], state_.nodes[loop.moving]);
+      add_edge(loop.reference, loop.moving, r, weights_[i] * loop.information, out);
+    }
+    out.H.resize(size, size);
+    out.H.setFromTriplets(triplets_.begin(), triplets_.end());
+    return out;
+  }
+
+  using BiasBlock = Eigen::Matrix<double, 3, 6>;
+
+  std::span<const OdometryEdge> edges_;
   std::span<const LoopEdge> loops_;
-  std::array<double, 3> biases_{};
-  std::vector<ceres::LossFunctionWrapper*> losses_;  // of the problem
-  ceres::Problem problem_;
+  std::vector<double> weights_;
+  std::vector<Vector3> ups_;  ///< the odometry's vertical, in axes of the nodes
+  State state_;
+  std::vector<Eigen::Triplet<double>> triplets_;  // refilled
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver_;
+  bool is_analysed_ = false;
 };
 
 double rounded(double value) { return std::round(value * kResolution) / kResolution; }
@@ -204,7 +229,7 @@ GraphSolution optimise(std::span<const SE3> odometry, std::span<const OdometryEd
   solution.is_inlier.assign(loops.size(), true);
   if (loops.empty()) return solution;
   Graph graph(odometry, edges, loops);
-  graph.solve();
+  graph.solve(kCoarseTolerance);
   double largest = 0.0;
   for (std::size_t i = 0; i < loops.size(); ++i) largest = std::max(largest, graph.square(i));
   // Weights of Geman-McClure, from a convex cost to the kernel itself.
@@ -216,7 +241,7 @@ GraphSolution optimise(std::span<const SE3> odometry, std::span<const OdometryEd
       weights[i] = share * share;
       graph.set_weight(i, weights[i]);
     }
-    graph.solve();
+    graph.solve(kCoarseTolerance);
     if (mu <= 1.0) break;
   }
   if (largest > kInlierSquare) {
@@ -224,11 +249,9 @@ GraphSolution optimise(std::span<const SE3> odometry, std::span<const OdometryEd
       solution.is_inlier[i] = weights[i] > kMinWeight;
       graph.set_weight(i, solution.is_inlier[i] ? 1.0 : 0.0);
     }
-    graph.solve();
   }
-  // Relative to the deviations: they are small numbers.
-  const Eigen::Vector3d relative = graph.biases().cwiseQuotient(bias_deviation());
-  solution.biases = relative.unaryExpr(&rounded).cwiseProduct(bias_deviation());
+  graph.solve(kTolerance);
+  solution.biases = graph.biases().unaryExpr(&rounded).cwiseProduct(bias_deviation());
   for (std::size_t i = 0; i < solution.poses.size(); ++i) {
     const SE3& node = graph.nodes()[i];
     SE3& pose = solution.poses[i];

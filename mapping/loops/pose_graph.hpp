@@ -10,7 +10,7 @@
 
 namespace nilio::mapping {
 
-/// Relative pose of two nodes that a loop closure measured.
+/// Relative pose of two nodes that a loop closure measured; `reference` is the earlier one.
 struct LoopEdge {
   std::size_t reference = 0;
   std::size_t moving = 0;

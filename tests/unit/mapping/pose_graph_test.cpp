@@ -108,6 +108,25 @@ TEST_CASE("false loops among true ones are taken out", "[pose_graph]") {
   CHECK(rms(solution.poses, drive.truth) < 1.0);
 }
 
+TEST_CASE(
+    "a drive that has drifted by more than a hundred metres is solved, with false loops among the true ones",
+    "[pose_graph]") {
+  std::mt19937 random(9);
+  const Drive drive = circles(600, 9);
+  std::vector<LoopEdge> loops;
+  for (std::size_t i = 100; i < 600; i += 3) loops.push_back(loop_between(drive, i - 80, i, random, 0.5));
+  const std::size_t correct = loops.size();
+  for (std::size_t i = 100; i < 600; i += 25) {
+    loops.push_back(loop_between(drive, i - 63, i, random));
+    loops.back().T_reference_moving = SE3{};
+  }
+  const GraphSolution solution = optimise(drive.odometry, drive.edges, loops);
+  INFO(rms(drive.odometry, drive.truth) << " to " << rms(solution.poses, drive.truth) << " m");
+  CHECK(rms(drive.odometry, drive.truth) > 50.0);
+  CHECK(rms(solution.poses, drive.truth) < 1.0);
+  for (std::size_t i = 0; i < loops.size(); ++i) CHECK(solution.is_inlier[i] == (i < correct));
+}
+
 TEST_CASE("without loops the poses are those of the odometry, and the same input gives the same bits",
           "[pose_graph]") {
   std::mt19937 random(6);
