@@ -24,12 +24,19 @@ std::string names_of(const Pairs& loops) {
   return text;
 }
 
+/// Loops of complete searches. The place of the last submap lacks a neighbour and is searched again.
+std::vector<mapping::Loop> known_loops(const mapping::MapReader& map) {
+  std::vector<mapping::Loop> loops = map.loops();
+  std::erase_if(loops, [&](const mapping::Loop& loop) { return loop.moving >= map.last_corrected(); });
+  return loops;
+}
+
 }  // namespace
 
 LoopThread::LoopThread(const mapping::MapWriter& writer)
     : writer_(writer),
-      known_(writer.content().loops()),
       last_known_(writer.content().last_corrected()),
+      known_(known_loops(writer.content())),
       closer_([this](std::uint32_t id) { return load(id); }),
       thread_([this] { run(); }) {}
 

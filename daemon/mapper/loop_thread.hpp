@@ -62,8 +62,9 @@ class LoopThread {
 
   // Of the thread.
   const mapping::MapWriter& writer_;
-  const std::vector<mapping::Loop> known_;         ///< of an earlier process,
-  const std::optional<std::uint32_t> last_known_;  ///< which has worked up to this submap
+  /// Submap up to which an earlier process has worked, and its loops.
+  const std::optional<std::uint32_t> last_known_;
+  const std::vector<mapping::Loop> known_;
   std::vector<mapping::SubmapEntry> entries_;
   mapping::LoopCloser closer_;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> accepted_;  ///< moving and reference submaps

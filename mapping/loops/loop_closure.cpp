@@ -131,13 +131,15 @@ void LoopCloser::add(const Submap& submap, const std::vector<Loop>* known) {
     return;
   }
   const std::size_t before = loops_.size();
+  bool more_follow = false;
   for (const Loop& loop : *known) {
     const std::size_t reference = index_of(loop.reference);
     if (loop.moving == place.id && reference < middle && nodes_[reference].id == loop.reference)
       loops_.push_back(loop);
+    more_follow |= loop.moving > place.id;
   }
   searched_ = middle + 1;
-  if (loops_.size() != before) solve();
+  if (loops_.size() != before && !more_follow) solve();
 }
 
 void LoopCloser::finish() {

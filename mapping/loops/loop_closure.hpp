@@ -61,8 +61,9 @@ class LoopCloser {
   using Load = std::function<std::optional<Submap>(std::uint32_t)>;
   explicit LoopCloser(Load load) : load_(std::move(load)) {}
 
-  /// Adds a submap and searches loops for the one before it, whose neighbours are then known. `known`: loops
-  /// of an earlier process; without a search if given.
+  /// Adds a submap and searches loops for the one before it, whose neighbours are then known. `known`: all
+  /// loops of an earlier process, of which those of that submap are taken in place of a search; poses follow
+  /// with the last of them.
   void add(const Submap& submap, const std::vector<Loop>* known = nullptr);
   /// Searches loops for the last submap. More submaps may follow.
   void finish();

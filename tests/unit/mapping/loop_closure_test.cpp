@@ -225,3 +225,51 @@ TEST_CASE("loop closure gives the same bits each time", "[loop_closure]") {
                       4 * sizeof(double)) == 0);
   }
 }
+
+TEST_CASE(
+    "loops of an earlier process are taken over without a search, and others continue with the same bits",
+    "[loop_closure]") {
+  const ScannedDrive d =
+      drive(block(kSeeds[0]), {{{0, 0}}, {{120, 0}}, {{120, 80}}, {{0, 80}}, {{0, 0}}, {{120, 0}}},
+            drawn_drift(kSeeds[0]), kSeeds[0]);
+  std::vector<Submap> submaps;
+  SubmapBuilder builder({}, [&](const Submap& submap) { submaps.push_back(submap); });
+  for (const Keyframe& keyframe : d.keyframes) builder.add(keyframe);
+  builder.finish();
+  int loads = 0;
+  const auto load = [&](std::uint32_t id) {
+    ++loads;
+    return std::optional(submaps[id]);
+  };
+  LoopCloser first(load);
+  const std::size_t half = submaps.size() - 2;
+  for (std::size_t i = 0; i < half; ++i) first.add(submaps[i]);
+  std::vector<Loop> known;
+  for (const Loop& loop : first.loops()) {
+    if (loop.is_verified()) known.push_back(loop);
+  }
+  REQUIRE(first.accepted() > 0);
+  // A file may name a submap that there is not, or that cannot be read.
+  Loop foreign = known.front();
+  foreign.moving = submaps[half - 2].id;
+  foreign.reference = 12345;
+  known.insert(known.begin(), foreign);
+  LoopCloser second(load);
+  loads = 0;
+  for (std::size_t i = 0; i < half; ++i) second.add(submaps[i], &known);
+  CHECK(loads == 0);
+  CHECK(second.accepted() == first.accepted());
+  for (std::size_t i = half; i < submaps.size(); ++i) {
+    first.add(submaps[i]);
+    second.add(submaps[i]);
+  }
+  first.finish();
+  second.finish();
+  const auto a = first.poses();
+  const auto b = second.poses();
+  REQUIRE(a.size() == b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    CHECK(a[i].second.translation == b[i].second.translation);
+    CHECK(a[i].second.rotation.coeffs() == b[i].second.rotation.coeffs());
+  }
+}
