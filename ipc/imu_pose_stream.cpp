@@ -19,8 +19,7 @@ core::Vector3 vector(const std::array<double, 3>& values) { return core::Vector3
 core::ScanPose scan_pose(const PoseRecord& record) {
   core::ScanPose pose;
   pose.stamp = {record.stamp_ns};
-  const auto& q = record.orientation_xyzw;
-  pose.T_odom_base = {Eigen::Quaterniond(q[3], q[0], q[1], q[2]), vector(record.position)};
+  pose.T_odom_base = {core::from_xyzw(record.orientation_xyzw), vector(record.position)};
   pose.linear_velocity = vector(record.linear_velocity);
   pose.angular_velocity = vector(record.angular_velocity);
   pose.gyro_bias = vector(record.gyro_bias);

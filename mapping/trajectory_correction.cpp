@@ -81,7 +81,9 @@ SE3 corrected(const StampedPose& pose, const std::vector<PlaceCorrection>& corre
   if (after == corrections.end()) return a;
   const SE3 b = (*after)(pose.T_odom_base);
   const double share = (pose.stamp - before.stamp).seconds() / (after->stamp - before.stamp).seconds();
-  return {a.rotation.slerp(share, b.rotation), (1.0 - share) * a.translation + share * b.translation};
+  const core::Vector3 turn = core::so3_log(a.rotation.conjugate() * b.rotation);
+  return {(a.rotation * core::so3_exp(share * turn)).normalized(),
+          (1.0 - share) * a.translation + share * b.translation};
 }
 
 }  // namespace

@@ -1,5 +1,7 @@
 #include "ipc/dds/cloud_publisher.hpp"
 
+#include "nilio/core/se3.hpp"
+
 #include "ipc/dds/types.hpp"
 #include "ipc/dds/writers.hpp"
 
@@ -36,8 +38,7 @@ void fill_cloud(const ipc::ScanCloud& scan, std::size_t max_points, PointCloud2&
   cloud.width = static_cast<std::uint32_t>(count);
   cloud.row_step = cloud.point_step * cloud.width;
   cloud.data.resize(cloud.row_step);
-  const auto& q = scan.orientation_xyzw;
-  const Eigen::Matrix3d R_odom_base = Eigen::Quaterniond(q[3], q[0], q[1], q[2]).toRotationMatrix();
+  const Eigen::Matrix3d R_odom_base = core::from_xyzw(scan.orientation_xyzw).toRotationMatrix();
   const Eigen::Vector3d t_odom_base(scan.position.data());
   std::uint8_t* target = cloud.data.data();
   for (std::size_t i = 0; i < count; ++i) {

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The libraries between packets and poses call no function of the C library whose bits depend on the processor.
+# The libraries between packets and poses, and those of the map, call no function of the C library whose bits depend on the processor.
 #   test_portable_bits.sh ARCHIVE...
 set -euo pipefail
 functions='sin|cos|tan|sincos|asin|acos|atan|atan2|exp|exp2|expm1|log|log2|log10|log1p|pow|sinh|cosh|tanh'

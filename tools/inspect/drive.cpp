@@ -42,8 +42,7 @@ Result<std::vector<core::ImuSample>> read_samples(const daemon::ReplayFiles& fil
 }
 
 core::SE3 pose_of(const ipc::PoseRecord& record) {
-  const auto& q = record.orientation_xyzw;
-  return {Eigen::Quaterniond(q[3], q[0], q[1], q[2]), core::Vector3(record.position.data())};
+  return {core::from_xyzw(record.orientation_xyzw), core::Vector3(record.position.data())};
 }
 
 /// Time and pose of the sweep midpoint, which depends little on the motion used for deskewing.

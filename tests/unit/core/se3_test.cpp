@@ -54,3 +54,19 @@ TEST_CASE("a matrix that is not quite a rotation is projected onto one", "[se3]"
   CHECK(transform.rotation.norm() == Approx(1.0).margin(1e-15));
   CHECK((transform * Vector3(1.0, 0.0, 0.0) - Vector3(1.0, 3.0, 3.0)).norm() < 2e-3);
 }
+
+TEST_CASE("the adjoint moves a small motion to the other side of a transform", "[se3]") {
+  Vector6 twist;
+  twist << 3.0, -2.0, 1.0, 0.4, -0.7, 1.9;
+  const SE3 T = se3_exp(twist);
+  Vector6 small;
+  small << 0.01, -0.02, 0.03, 0.004, 0.002, -0.001;
+  const SE3 difference = se3_exp(adjoint(T) * small).inverse() * (T * se3_exp(small) * T.inverse());
+  CHECK(difference.translation.norm() < 1e-12);
+  CHECK(so3_log(difference.rotation).norm() < 1e-12);
+}
+
+TEST_CASE("a quaternion in the order of messages comes back", "[se3]") {
+  const Eigen::Quaterniond q = so3_exp({0.3, -0.2, 0.9});
+  CHECK(from_xyzw(xyzw(q)).coeffs() == q.coeffs());
+}
