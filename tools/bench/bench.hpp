@@ -81,6 +81,7 @@ struct MatrixOptions {
   std::size_t sample = 0;            ///< rows that the commit draws; 0 = all
   double minutes = 0.0;              ///< ends after this time; 0 = no limit
   std::string repeat;                ///< result whose runs are repeated and compared; empty = none
+  std::string resume;                ///< result whose runs are kept, the missing ones run; empty = none
   std::vector<std::uint64_t> seeds;  ///< instead of drawn ones
   std::string commit;                ///< that the seeds are drawn from; empty = of the working folder
   std::string data;                  ///< real recordings; empty = NILIO_DATA

@@ -190,15 +190,23 @@ void add_matrix_run_options(CLI::App& command, bench::MatrixOptions& o) {
       .add_option("--minutes", o.minutes,
                   "end after this time with the runs done by then; drives in an order that the commit draws")
       ->check(number_between(0.1, 1e5));
+  CLI::Option* const repeat =
+      command
+          .add_option("--repeat", o.repeat,
+                      "the rows and seeds of an earlier --json, compared with it as by --baseline: the same "
+                      "runs before and after a change")
+          ->check(CLI::ExistingFile)
+          ->excludes(seeds)
+          ->excludes(sample);
+  CLI::Option* const commit = command.add_option(
+      "--commit", o.commit, "commit to draw the seeds from; default: that of the folder, or the version");
   command
-      .add_option("--repeat", o.repeat,
-                  "the rows and seeds of an earlier --json, compared with it as by --baseline: the same runs "
-                  "before and after a change")
+      .add_option("--resume", o.resume,
+                  "an interrupted or partial --json: its runs are kept, and the missing ones are run with "
+                  "seeds of its commit, which is for the same programs")
       ->check(CLI::ExistingFile)
-      ->excludes(seeds)
-      ->excludes(sample);
-  command.add_option("--commit", o.commit,
-                     "commit to draw the seeds from; default: that of the folder, or the version");
+      ->excludes(repeat)
+      ->excludes(commit);
   command.add_option("--jobs", o.jobs, "runs at the same time")
       ->check(number_between(1, 64))
       ->capture_default_str();

@@ -201,6 +201,22 @@ std::vector<MatrixJob> repeated_jobs(const Matrix& matrix, const MatrixResult& e
   return jobs;
 }
 
+std::vector<MatrixJob> remaining_jobs(std::vector<MatrixJob> jobs, const MatrixResult& earlier,
+                                      std::vector<MatrixRun>& kept) {
+  for (MatrixJob& job : jobs) {
+    std::erase_if(job.rows, [&](const MatrixRow& row) {
+      const auto run = std::find_if(earlier.runs.begin(), earlier.runs.end(), [&](const MatrixRun& r) {
+        return r.row == row.name && r.seed == job.seed;
+      });
+      if (run == earlier.runs.end()) return false;
+      kept.push_back(*run);
+      return true;
+    });
+  }
+  std::erase_if(jobs, [](const MatrixJob& job) { return job.rows.empty(); });
+  return jobs;
+}
+
 std::size_t count_runs(const std::vector<MatrixJob>& jobs) {
   std::size_t runs = 0;
   for (const MatrixJob& job : jobs) runs += job.rows.size();

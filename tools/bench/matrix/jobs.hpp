@@ -33,6 +33,10 @@ std::vector<MatrixJob> make_jobs(const Matrix& matrix, const MatrixOptions& opti
 /// The runs of an earlier result, row by row and seed by seed, as far as the matrix has their rows.
 std::vector<MatrixJob> repeated_jobs(const Matrix& matrix, const MatrixResult& earlier);
 
+/// The jobs without the rows that an earlier result has with their seeds, and the runs it has of them.
+std::vector<MatrixJob> remaining_jobs(std::vector<MatrixJob> jobs, const MatrixResult& earlier,
+                                      std::vector<MatrixRun>& kept);
+
 /// Runs of all jobs.
 std::size_t count_runs(const std::vector<MatrixJob>& jobs);
 

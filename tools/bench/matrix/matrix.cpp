@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <optional>
 #include <set>
 #include <system_error>
 #include <thread>
@@ -233,7 +234,13 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
   if (matrix.rows.empty()) return Error{"no row can be run without recordings"};
   MatrixResult result;
   result.version = NILIO_VERSION;
-  result.commit = find_commit(options.commit);
+  std::optional<MatrixResult> earlier;
+  if (const std::string& path = options.repeat.empty() ? options.resume : options.repeat; !path.empty()) {
+    auto read = read_matrix_result(path);
+    if (!read) return read.error();
+    earlier = std::move(read).value();
+  }
+  result.commit = options.resume.empty() ? find_commit(options.commit) : earlier->commit;
   result.command = current_command_line();
   const std::vector<std::string> order = names_of(matrix);
   std::vector<MatrixJob> jobs;
@@ -244,8 +251,6 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
                          options.sample > 0 ? options.sample : matrix.rows.size());
     jobs = make_jobs(matrix, options, result.commit);
   } else {
-    const auto earlier = read_matrix_result(options.repeat);
-    if (!earlier) return earlier.error();
     jobs = repeated_jobs(matrix, *earlier);
     if (jobs.empty()) return Error{options.repeat + ": has no run of this matrix - --list shows its rows"};
   }
@@ -253,7 +258,9 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
       options.page, options.effects ? "Drift with each effect of realism alone and with all"
                                     : "Success, drift and silent errors over scenes, sensors and faults");
   if (!page) return page.error();
-  const End end = run_until_stopped(jobs, *runner, options.minutes, signals, result);
+  const std::vector<MatrixJob> remaining =
+      options.resume.empty() ? jobs : remaining_jobs(jobs, *earlier, result.runs);
+  const End end = run_until_stopped(remaining, *runner, options.minutes, signals, result);
   result.complete = end == End::kDone;
   sort_runs(order, result.runs);
   report_tables(options, result, jobs, end, *page);

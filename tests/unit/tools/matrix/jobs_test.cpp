@@ -67,6 +67,25 @@ TEST_CASE("an earlier result is repeated run by run, without the rows that are n
   CHECK(jobs.size() == 3);
 }
 
+TEST_CASE("a matrix is resumed with the runs that are missing, and keeps the others as they are", "[jobs]") {
+  MatrixOptions options;
+  options.runs = 2;
+  const std::vector<MatrixJob> jobs =
+      make_jobs(select_rows(full_matrix(), "town vlp16 ideal|town vlp16 ideal, no IMU"), options, "abc");
+  MatrixResult earlier;
+  earlier.runs = {run_of("town vlp16 ideal", 1, jobs[0].seed),
+                  run_of("town vlp16 ideal, no IMU", 2, jobs[1].seed),
+                  run_of("town vlp16 ideal", 2, jobs[1].seed), run_of("forest vlp16 ideal", 1, jobs[0].seed)};
+  earlier.runs[0].figures.drift_percent = 0.5;
+  std::vector<MatrixRun> kept;
+  const std::vector<MatrixJob> remaining = remaining_jobs(jobs, earlier, kept);
+  REQUIRE(kept.size() == 3);
+  CHECK(kept[0].figures.drift_percent == 0.5);
+  const std::set<std::pair<std::string, std::uint64_t>> expected{{"town vlp16 ideal, no IMU", jobs[0].seed}};
+  CHECK(runs_of(remaining) == expected);
+  CHECK(remaining.size() == 1);
+}
+
 TEST_CASE("Ctrl-C ends the matrix with status 130 and keeps the runs that were done", "[jobs]") {
   const tests::TemporaryFolder folder;
   const std::string json = (folder.path() / "result.json").string();
