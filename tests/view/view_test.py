@@ -279,9 +279,8 @@ def compare_latency(drive, pairs):
             view.wait()
         report = json.load(open(f"{drive.folder}/run{run}/latency.json"))
         end, written = report["stages"]["end_to_end"], report["published"]["received_to_written"]
-        write = report["published"]["write"]
-        quantiles[watched].append([end["p50_us"], end["p99_us"], written["p50_us"], written["p99_us"], write["p99_us"]])
-    for index, name in enumerate(("pose p50", "pose p99", "DDS written p50", "DDS written p99", "DDS write p99")):
+        quantiles[watched].append([end["p50_us"], end["p99_us"], written["p50_us"], written["p99_us"]])
+    for index, name in enumerate(("pose p50", "pose p99", "DDS written p50", "DDS written p99")):
         without, beside = (sorted(run[index] / 1000 for run in quantiles[watched]) for watched in (False, True))
         median = [values[len(values) // 2] for values in (without, beside)]
         spread = without[-1] - without[0]
