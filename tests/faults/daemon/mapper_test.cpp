@@ -1,4 +1,5 @@
 #include "tests/support/eventually.hpp"
+#include "tests/support/mapper_runs.hpp"
 #include "tests/support/niliod_process.hpp"
 #include "tests/support/room_drive.hpp"
 
@@ -8,7 +9,6 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
-#include <set>
 #include <string>
 #include <sys/wait.h>
 #include <thread>
@@ -17,12 +17,11 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "mapping/map_folder.hpp"
-
 using namespace nilio;
 using tests::NiliodProcess;
 using tests::read_file;
 using tests::s_curve;
+using tests::stamps_in;
 using tests::TemporaryFolder;
 using tests::write_room_drive;
 
@@ -51,19 +50,6 @@ bool has_ended(pid_t pid) {
   return waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid == pid;
 }
 
-/// Stamps of the keyframes in a map of which everything must be readable.
-std::set<std::int64_t> read_map(const fs::path& folder) {
-  const auto map = mapping::MapReader::open(folder);
-  if (!map) FAIL(map.error().message);
-  std::set<std::int64_t> stamps;
-  for (const mapping::SubmapEntry& entry : map->submaps()) {
-    const auto submap = map->load(entry);
-    if (!submap) FAIL(submap.error().message);
-    for (const mapping::SubmapKeyframe& keyframe : submap->keyframes) stamps.insert(keyframe.stamp.ns);
-  }
-  return stamps;
-}
-
 std::vector<std::string> replay_arguments(const TemporaryFolder& folder, const std::string& run) {
   return {"--replay", folder.text(), "--output", folder.file(run), "--set", "publisher.enabled=false"};
 }
@@ -85,7 +71,7 @@ TEST_CASE(
   REQUIRE(NiliodProcess(folder, without_map).wait().status == 0);
   CHECK_FALSE(fs::exists(folder.path() / "without" / "map"));
   REQUIRE(NiliodProcess(folder, replay_arguments(folder, "undisturbed")).wait().status == 0);
-  const auto undisturbed = read_map(folder.path() / "undisturbed" / "map");
+  const auto undisturbed = stamps_in(folder.path() / "undisturbed" / "map");
   CHECK(undisturbed.size() == counters_of(folder.path() / "undisturbed")["mapper_keyframes"]);
   const unsigned seed = std::random_device()();
   INFO("seed " << seed);
@@ -105,7 +91,7 @@ TEST_CASE(
       last = mapper;
       if (kill(mapper, SIGKILL) == 0) ++killed;
       if (fs::exists(run / "map" / "map.log") && fs::file_size(run / "map" / "map.log") > 0)
-        read_map(run / "map");
+        stamps_in(run / "map");
     }
     const auto finished = niliod.wait();
     INFO(finished.output);
@@ -115,7 +101,7 @@ TEST_CASE(
     const auto counters = counters_of(run);
     CHECK(counters["mapper_keyframes_dropped"] == 0);
     // The mapper loses the keyframe it was working on.
-    CHECK(read_map(run / "map").size() + static_cast<std::size_t>(killed) >= undisturbed.size());
+    CHECK(stamps_in(run / "map").size() + static_cast<std::size_t>(killed) >= undisturbed.size());
     CHECK(counters["mapper_submaps"].get<int>() >= 2);
     CHECK(fs::is_empty(run / "map" / "open"));
   }
@@ -140,7 +126,7 @@ TEST_CASE("the end of a replay waits seconds for a mapper that hangs, then has a
         std::string::npos);
   const auto counters = counters_of(folder.path() / "run");
   CHECK(counters["mapper_restarts"] == 1);
-  CHECK(read_map(folder.path() / "run" / "map").size() == counters["mapper_keyframes"]);
+  CHECK(stamps_in(folder.path() / "run" / "map").size() == counters["mapper_keyframes"]);
 }
 
 TEST_CASE("a replay whose mapper cannot be started is complete, with one error that names it", "[mapper]") {
