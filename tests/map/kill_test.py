@@ -5,14 +5,14 @@ kill the folder is a readable map, and the map of the run lacks at most 5 s of t
   kill_test.py FOLDER_OF_PROGRAMS [--kills 100] [--seed SEED] [--length METRES]
 """
 import argparse
-import os
 import pathlib
 import random
-import signal
 import subprocess
 import sys
 import tempfile
 import time
+
+from mapper_child import has_begun, kill, mapper_of
 
 parser = argparse.ArgumentParser()
 parser.add_argument("programs", type=pathlib.Path)
@@ -22,17 +22,6 @@ parser.add_argument("--length", type=int, default=150)
 arguments = parser.parse_args()
 chance = random.Random(arguments.seed)
 problems = []
-
-
-def mapper_of(niliod):
-    """The nilio-mapper that niliod has started last, or None."""
-    try:
-        children = pathlib.Path(f"/proc/{niliod}/task/{niliod}/children").read_text().split()
-        return next((int(pid) for pid in reversed(children)
-                     if pathlib.Path(f"/proc/{pid}/stat").read_text().split(") ")[0].endswith("(nilio-mapper")
-                     and pathlib.Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] != "Z"), None)
-    except OSError:
-        return None
 
 
 def replay(drive, run):
@@ -78,12 +67,10 @@ with tempfile.TemporaryDirectory() as name:
             if niliod.poll() is not None or killed is None:
                 break
             time.sleep(chance.uniform(0, 0.1))
-            try:
-                os.kill(killed, signal.SIGKILL)
-            except ProcessLookupError:
+            if not kill(killed):
                 continue
             kills += 1
-            if (run / "map/map.log").exists() and (run / "map/map.log").stat().st_size > 0:
+            if has_begun(run):
                 stamps_of(run, folder)
         log = niliod.communicate()[1]
         if niliod.returncode != 0:

@@ -8,15 +8,15 @@ is that of a run without loop closure.
 import argparse
 import json
 import math
-import os
 import pathlib
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import time
+
+from mapper_child import has_begun, kill, mapper_of
 
 parser = argparse.ArgumentParser()
 parser.add_argument("programs", type=pathlib.Path)
@@ -64,16 +64,6 @@ def close(run):
     return [line.split(",")[0] for line in closed.stdout.splitlines() if line.startswith("loop ")]
 
 
-def mapper_of(niliod):
-    """The nilio-mapper that niliod has started last, or None."""
-    try:
-        children = pathlib.Path(f"/proc/{niliod}/task/{niliod}/children").read_text().split()
-        names = {int(pid): pathlib.Path(f"/proc/{pid}/comm").read_text().strip() for pid in children}
-    except OSError:
-        return None
-    return next((pid for pid in sorted(names, reverse=True) if names[pid] == "nilio-mapper"), None)
-
-
 with tempfile.TemporaryDirectory() as name:
     folder = pathlib.Path(name)
     (folder / "path.txt").write_text("\n".join(block((50, 25, 50, 25, 50, 5), 8)) + "\n")
@@ -104,12 +94,10 @@ with tempfile.TemporaryDirectory() as name:
             killed = mapper_of(niliod.pid)
             if niliod.poll() is not None or killed is None:
                 break
-            try:
-                os.kill(killed, signal.SIGKILL)
-            except ProcessLookupError:
+            if not kill(killed):
                 continue
             kills += 1
-            if (run / "map/map.log").exists() and (run / "map/map.log").stat().st_size > 0:
+            if has_begun(run):
                 read = subprocess.run([arguments.programs / "nilio", "map", "info", run], capture_output=True, text=True)
                 expect(read.returncode == 0 and not read.stderr, f"{run.name}: {read.stderr}")
         log = niliod.communicate()[1]
