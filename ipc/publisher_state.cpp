@@ -16,9 +16,11 @@ void increment(std::atomic<std::uint64_t>& counter) noexcept {
 
 }  // namespace
 
-void PublisherState::record(const PoseRecord& record, core::Time written, bool accepted) noexcept {
+void PublisherState::record(const PoseRecord& record, core::Time taken, core::Time written,
+                            bool accepted) noexcept {
   increment(accepted ? poses_ : failed_);
   if (!accepted) return;
+  write_.record((written - taken).ns);
   if (const std::int64_t received = stage_time(record, Stage::kReceived); received != 0)
     received_to_written_.record_corrected(written.ns - received, record.stamp_ns - record.scan_start_ns);
   const std::int64_t delivered = stage_time(record, Stage::kDelivered);
@@ -29,8 +31,9 @@ void PublisherState::record(const PoseRecord& record, core::Time written, bool a
 }
 
 nlohmann::json publisher_json(const PublisherState& state) {
-  nlohmann::json json = latency_json({summarize("received_to_written", state.received_to_written()),
-                                      summarize("overshoot", state.overshoot())});
+  nlohmann::json json =
+      latency_json({summarize("received_to_written", state.received_to_written()),
+                    summarize("write", state.write()), summarize("overshoot", state.overshoot())});
   json["poses"] = state.poses();
   json["late_poses"] = state.late_poses();
   json["failed_writes"] = state.failed_writes();

@@ -18,9 +18,9 @@ class PublisherState {
  public:
   /// Call at least every 100 ms.
   void beat() noexcept { heartbeat_.store(heartbeat() + 1, std::memory_order_relaxed); }
-  /// Records a scan pose after DDS has written it. Late: after its deadline, initialisation excluded. A pose
-  /// that DDS refused only counts as failed.
-  void record(const PoseRecord& record, core::Time written, bool accepted) noexcept;
+  /// Records a scan pose that this thread took from its ring at `taken` and that DDS has written. Late: after
+  /// its deadline, initialisation excluded. A pose that DDS refused only counts as failed.
+  void record(const PoseRecord& record, core::Time taken, core::Time written, bool accepted) noexcept;
 
   [[nodiscard]] std::uint64_t heartbeat() const { return heartbeat_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::uint64_t poses() const { return poses_.load(std::memory_order_relaxed); }
@@ -28,6 +28,8 @@ class PublisherState {
   [[nodiscard]] std::uint64_t failed_writes() const { return failed_.load(std::memory_order_relaxed); }
   /// Last packet of the scan to the return of write(), corrected for coordinated omission.
   [[nodiscard]] const Histogram& received_to_written() const { return received_to_written_; }
+  /// Duration of write().
+  [[nodiscard]] const Histogram& write() const { return write_; }
   /// Time of writing minus deadline; early poses count as 0.
   [[nodiscard]] const Histogram& overshoot() const { return overshoot_; }
 
@@ -37,11 +39,12 @@ class PublisherState {
   std::atomic<std::uint64_t> late_{0};
   std::atomic<std::uint64_t> failed_{0};
   Histogram received_to_written_;
+  Histogram write_;
   Histogram overshoot_;
 };
 
-/// {"poses", "late_poses", "failed_writes", "received_to_written": {...}, "overshoot": {...}}; rows as in
-/// latency_json().
+/// {"poses", "late_poses", "failed_writes", "received_to_written": {...}, "write": {...}, "overshoot":
+/// {...}}; rows as in latency_json().
 nlohmann::json publisher_json(const PublisherState& state);
 
 }  // namespace nilio::ipc

@@ -131,7 +131,7 @@ void ScanPoseLoop::publish(const ipc::PoseRecord& record) {
   const bool transform_written = publisher_.publish_transform(record);
   const bool report_written =
       publisher_.publish_scan_report(make_scan_report(record, taken, written, host_id_));
-  inputs_.state->record(record, written, odometry_written);
+  inputs_.state->record(record, taken, written, odometry_written);
   latency_->record(record, taken, written);
   pose_counts_.add(record, resets_.add(record));
   // The report's copy may be one pose old: this thread waits for nobody.

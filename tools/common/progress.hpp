@@ -10,8 +10,8 @@
 
 namespace nilio::tools {
 
-/// Shows the progress of a long job on standard error: a bar on a terminal, otherwise a line every few
-/// seconds, none for short jobs. One thread at a time.
+/// Shows the progress of a long job as a bar on standard error if that is a terminal, and says nothing in a
+/// pipe or a log. One thread at a time.
 class Progress {
  public:
   /// `total` 0: unknown, the count is shown.
@@ -20,41 +20,35 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
   ~Progress() {
-    if (terminal_ && shown_) std::fputc('\n', stderr);
+    if (shown_) std::fputc('\n', stderr);
   }
 
   /// `done` of `total`.
   void update(std::uint64_t done) {
+    if (!terminal_) return;
     const std::int64_t now = monotonic_ns();
-    const bool complete = terminal_ && total_ > 0 && done >= total_;
+    const bool complete = total_ > 0 && done >= total_;
     if (now < next_ns_ && !complete) return;
-    next_ns_ = now + (terminal_ ? kBarPeriodNs : kLinePeriodNs);
-    const char* const end = terminal_ ? "" : "\n";
-    const char* const begin = terminal_ ? "\r" : "";
+    next_ns_ = now + kPeriodNs;
     shown_ = true;
     if (total_ == 0) {
-      std::fprintf(stderr, "%s%s: %llu%s", begin, label_.c_str(), static_cast<unsigned long long>(done), end);
+      std::fprintf(stderr, "\r%s: %llu", label_.c_str(), static_cast<unsigned long long>(done));
       return;
     }
-    const auto percent = static_cast<unsigned>(done >= total_ ? 100 : 100 * done / total_);
+    const auto percent = static_cast<unsigned>(complete ? 100 : 100 * done / total_);
     constexpr unsigned width = 40;
     const std::string bar(width * percent / 100, '#');
-    if (terminal_) {
-      std::fprintf(stderr, "\r%s [%-40s] %3u %%", label_.c_str(), bar.c_str(), percent);
-    } else {
-      std::fprintf(stderr, "%s: %u %%\n", label_.c_str(), percent);
-    }
+    std::fprintf(stderr, "\r%s [%-40s] %3u %%", label_.c_str(), bar.c_str(), percent);
   }
 
  private:
-  static constexpr std::int64_t kBarPeriodNs = 100'000'000;
-  static constexpr std::int64_t kLinePeriodNs = 5'000'000'000;
+  static constexpr std::int64_t kPeriodNs = 100'000'000;
 
   std::string label_;
   std::uint64_t total_;
   bool terminal_;
   bool shown_ = false;
-  std::int64_t next_ns_ = monotonic_ns() + (terminal_ ? kBarPeriodNs : kLinePeriodNs);
+  std::int64_t next_ns_ = monotonic_ns() + kPeriodNs;
 };
 
 }  // namespace nilio::tools

@@ -15,6 +15,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <iostream>
+#include <malloc.h>
 #include <memory>
 #include <spawn.h>
 #include <sys/signalfd.h>
@@ -120,6 +121,8 @@ int view_runs(const Options& options, Signals& signals) {
 }
 
 int view_live(const Options& options, Signals& signals) {
+  // Clouds and tiles return to the system when they are freed: left alone, the limit rises with their size.
+  ::mallopt(M_MMAP_THRESHOLD, 256 << 10);
   auto subscriber = dds::OdometrySubscriber::create(options.subscriber);
   if (!subscriber) return fail(subscriber.error().message);
   LiveContent content(std::move(subscriber).value(), options.subscriber);

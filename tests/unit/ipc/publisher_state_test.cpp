@@ -34,9 +34,9 @@ PoseRecord early_pose() {
 TEST_CASE("a pose is late if DDS has written it after the deadline, whenever it was delivered",
           "[publisher_state]") {
   PublisherState state;
-  state.record(early_pose(), Time{51 * kMs}, true);
+  state.record(early_pose(), Time{50 * kMs}, Time{51 * kMs}, true);
   CHECK(state.late_poses() == 0);
-  state.record(early_pose(), Time{90 * kMs}, true);
+  state.record(early_pose(), Time{50 * kMs}, Time{90 * kMs}, true);
   CHECK(state.poses() == 2);
   CHECK(state.late_poses() == 1);
   CHECK(state.overshoot().snapshot().max() == 38 * kMs);
@@ -44,12 +44,12 @@ TEST_CASE("a pose is late if DDS has written it after the deadline, whenever it 
 
   PoseRecord initialising = early_pose();
   initialising.state = TrackingState::kInitialising;
-  state.record(initialising, Time{90 * kMs}, true);
+  state.record(initialising, Time{50 * kMs}, Time{90 * kMs}, true);
   PoseRecord without_deadline = early_pose();
   without_deadline.has_deadline = false;
-  state.record(without_deadline, Time{90 * kMs}, true);
+  state.record(without_deadline, Time{50 * kMs}, Time{90 * kMs}, true);
   CHECK(state.late_poses() == 1);
-  state.record(early_pose(), Time{90 * kMs}, false);
+  state.record(early_pose(), Time{50 * kMs}, Time{90 * kMs}, false);
   CHECK(state.poses() == 4);
   CHECK(state.failed_writes() == 1);
   CHECK(state.late_poses() == 1);
@@ -59,6 +59,8 @@ TEST_CASE("a pose is late if DDS has written it after the deadline, whenever it 
   CHECK(json["poses"] == 4);
   CHECK(json["overshoot"]["max_us"] == Approx(38'000.0));
   CHECK(json["received_to_written"]["count"] == 4);
+  CHECK(json["write"]["count"] == 4);
+  CHECK(json["write"]["max_us"] == Approx(40'000.0));
 }
 
 TEST_CASE("a second process continues the counters of the first", "[publisher_state]") {
@@ -67,12 +69,12 @@ TEST_CASE("a second process continues the counters of the first", "[publisher_st
   {
     const auto first = SharedObject<PublisherState>::attach((*created).file_descriptor());
     REQUIRE(first.ok());
-    (**first).record(early_pose(), Time{90 * kMs}, true);
+    (**first).record(early_pose(), Time{50 * kMs}, Time{90 * kMs}, true);
     (**first).beat();
   }
   const auto second = SharedObject<PublisherState>::attach((*created).file_descriptor());
   REQUIRE(second.ok());
-  (**second).record(early_pose(), Time{91 * kMs}, true);
+  (**second).record(early_pose(), Time{50 * kMs}, Time{91 * kMs}, true);
   CHECK((**created).late_poses() == 2);
   CHECK((**created).heartbeat() == 1);
   CHECK((**created).overshoot().snapshot().count() == 2);
