@@ -29,7 +29,10 @@ void UdpTraffic::on_accepted(const Packet& packet, std::size_t sent_bytes, const
     senders_.count(packet.sender_address);
     last_data_ns_.store(packet.received_ns, std::memory_order_relaxed);
   }
-  if (sent_bytes != (is_data ? kDataPacketSize : kPositionPacketSize)) {
+  // Without a port of their own, position packets share the data port, or it is theirs.
+  const bool is_right = sent_bytes == (is_data ? kDataPacketSize : kPositionPacketSize) ||
+                        (config.position_port == 0 && sent_bytes == kPositionPacketSize);
+  if (!is_right) {
     wrong_sizes_.count({packet.destination_port, static_cast<std::uint16_t>(sent_bytes)});
   }
   last_ns_.store(packet.received_ns, std::memory_order_relaxed);

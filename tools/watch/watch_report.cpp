@@ -46,7 +46,7 @@ void print_imu_status(const dds::ImuPoseStatus& status) {
   std::printf(
       "\nIMU-rate poses: last correction %.3f m, %.2f deg%s; %llu jumps; %s\n", status.correction_m,
       status.correction_rad * kDegreesPerRadian, status.jumped ? " (jumped)" : "", wide(status.jumps),
-      status.follows_gyro ? "rotation from the gyro" : "constant twist of the scan, the IMU is rejected");
+      status.follows_gyro ? "rotation from the gyro" : "constant twist of the scan, no IMU in use");
 }
 
 void print_diagnostics(const dds::DiagnosticArray& diagnostics) {

@@ -77,6 +77,17 @@ TEST_CASE("empty datagrams are delivered and those longer than a slot are cut an
              Contains("1 of 0 bytes") && Contains("1 of 9000 bytes to port " + std::to_string(port)));
 }
 
+TEST_CASE("packets of both kinds on one port are a Velodyne's", "[udp]") {
+  const std::uint16_t port = free_port();
+  auto source = open_udp(loopback(port));
+  REQUIRE(source.ok());
+  UdpSender sender;
+  sender.send(port, numbered(1));
+  sender.send(port, numbered(2, 512));
+  REQUIRE(read_packets(**source, 2).size() == 2);
+  CHECK_THAT((*source)->status(), Contains("2 packets") && !Contains("not a Velodyne's"));
+}
+
 TEST_CASE("data and position packets come through one source, each port in its own order", "[udp]") {
   const auto ports = free_ports(2);
   auto source = open_udp(loopback(ports[0], ports[1]));
