@@ -74,7 +74,7 @@ PublisherEvent wait_for_event(PublisherProcess& process) {
 
 TEST_CASE("the publisher gets its settings as arguments and inherits only its own descriptors",
           "[publisher_process]") {
-  const FakePublisher fake("ls /proc/self/fd > descriptors; echo \"$@\" > arguments; exec sleep 100");
+  const FakePublisher fake("ls /proc/self/fd > descriptors; echo \"$@\" > arguments; exec sleep 130");
   const int leak = open("/dev/null", O_RDONLY);  // NOLINT: without close-on-exec on purpose
   REQUIRE(leak >= 0);
   PublisherProcessConfig config = config_for(fake.path());
@@ -104,7 +104,7 @@ TEST_CASE("the publisher gets its settings as arguments and inherits only its ow
 }
 
 TEST_CASE("the parameters of the IMU-rate poses are passed exactly, or omitted", "[publisher_process]") {
-  const FakePublisher fake("echo \"$@\" > arguments; exec sleep 100");
+  const FakePublisher fake("echo \"$@\" > arguments; exec sleep 140");
   PublisherProcessConfig config = config_for(fake.path());
   SECTION("wanted") {
     config.imu_poses.emplace();
@@ -161,7 +161,7 @@ TEST_CASE("a publisher that does not end on request is killed", "[publisher_proc
 }
 
 TEST_CASE("the signal that killed a publisher is reported", "[publisher_process]") {
-  const FakePublisher fake("exec sleep 100");
+  const FakePublisher fake("exec sleep 150");
   auto process = PublisherProcess::create(config_for(fake.path()));
   REQUIRE(process.ok());
   const auto pid = (*process)->start();
@@ -177,7 +177,7 @@ TEST_CASE("the signal that killed a publisher is reported", "[publisher_process]
 }
 
 TEST_CASE("a publisher that does not read waiting poses is killed", "[publisher_process]") {
-  const FakePublisher fake("exec sleep 100");
+  const FakePublisher fake("exec sleep 160");
   PublisherProcessConfig config = config_for(fake.path());
   config.hang_timeout = Duration::from_milliseconds(100.0);
   auto process = PublisherProcess::create(config);

@@ -86,7 +86,7 @@ TEST_CASE("a start that fails is repeated after the interval", "[restarted_proce
                            [&](bool again) -> nilio::core::Result<pid_t> {
                              CHECK(again == (attempts > 0));
                              if (++attempts < 3) return nilio::core::Error{"no such file"};
-                             return shell("sleep 100")(again);
+                             return shell("exec sleep 110")(again);
                            });
   CHECK_FALSE(process.start().ok());
   const ProcessEvent failed = wait_for_event(process);
@@ -97,7 +97,7 @@ TEST_CASE("a start that fails is repeated after the interval", "[restarted_proce
 }
 
 TEST_CASE("a stopped process stays stopped", "[restarted_process]") {
-  RestartedProcess process("program", Duration::from_milliseconds(10.0), shell("exec sleep 100"));
+  RestartedProcess process("program", Duration::from_milliseconds(10.0), shell("exec sleep 120"));
   REQUIRE(process.start().ok());
   const auto stopped = process.stop(Duration::from_seconds(10.0));
   REQUIRE(stopped.has_value());
