@@ -47,12 +47,20 @@ bool Odometry::State::is_plausible() const {
   return !relocalized || has_converged();
 }
 
+/// Whether the prediction shows the place behind a gap to a voxel of the map, and the scan does not
+/// contradict it.
+bool Odometry::State::bridges_gap() const {
+  return is_gap(motion_prior.span_s()) && !relocalized && kGateSigmas * sigma_m < plane_voxel_m &&
+         motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
+             kFarInnovation;
+}
+
 /// Mean agreement of the points with the map. A new view of half of the scene is normal; beyond, unknown
-/// places agree with nothing.
+/// places agree with nothing, unless the prediction leads there over a gap.
 double Odometry::State::agreement() const {
   if (registered_points == 0) return 0.0;
-  const double seen_before =
-      mean_known_share > 0.0 ? std::min(1.0, 2.0 * known_share / mean_known_share) : 1.0;
+  double seen_before = mean_known_share > 0.0 ? std::min(1.0, 2.0 * known_share / mean_known_share) : 1.0;
+  if (seen_before < 1.0 && bridges_gap()) seen_before = 1.0;
   return seen_before * registration.equations.agreement / static_cast<double>(registered_points);
 }
 
@@ -128,6 +136,11 @@ void Odometry::State::count_coarse_scan() {
 }
 
 void Odometry::State::accept(OdometryResult& result) {
+  // Of the prediction, which the update replaces.
+  const double agreed = agreement();
+  // A hidden view does not move a stationary vehicle.
+  doubtful =
+      (!is_in_family() && !motion_prior.is_stationary) || relocalized || (failures > 0 && !has_converged());
   if (relocalized) {
     relocate_motion();
   } else {
@@ -137,13 +150,12 @@ void Odometry::State::accept(OdometryResult& result) {
     T_stationary = motion_filter.state().T_map_base;
   follow(motion_filter.state());
   if (!motion_compensated) result.deskew_rate = motion_filter.state().angular_velocity;
-  // A hidden view does not move a stationary vehicle.
-  doubtful =
-      (!is_in_family() && !motion_prior.is_stationary) || relocalized || (failures > 0 && !has_converged());
   const double memory = mean_agreement == 0.0 ? 0.0 : kAgreementMemory;
   if (!doubtful) {
-    mean_agreement = memory * mean_agreement + (1.0 - memory) * agreement();
-    mean_known_share = memory * mean_known_share + (1.0 - memory) * known_share;
+    mean_agreement = memory * mean_agreement + (1.0 - memory) * agreed;
+    // Behind a gap the map begins anew.
+    const double known_memory = is_gap(motion_prior.span_s()) ? 0.0 : memory;
+    mean_known_share = known_memory * mean_known_share + (1.0 - known_memory) * known_share;
   }
   doubts = doubtful ? doubts + 1 : 0;
   if (!doubtful) relocalization_attempts = 0;

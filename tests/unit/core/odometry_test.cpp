@@ -180,6 +180,29 @@ TEST_CASE("missing scans do not lose the track", "[odometry]") {
   CHECK((truth.translation - (first.inverse() * last).translation).norm() < 0.45);
 }
 
+TEST_CASE("behind a gap, in a place that the map does not know, the pose is where the IMU says",
+          "[odometry]") {
+  const Room room = Room::with_pillars();
+  OdometryConfig config;
+  // Two seconds at 8 m/s lead to where hardly a point was seen before.
+  config.max_range_m = 25.0F;
+  Odometry odometry(config);
+  std::vector<SE3> poses;
+  int imu_index = -20;
+  for (int i = 0; i < 80; ++i) {
+    for (; imu_index * 0.005 < (i + 1) * kPeriod + 0.01; ++imu_index)
+      odometry.add_imu(imu_sample(winding, imu_index * 0.005, Vector3::Zero()));
+    if (i > 40 && i < 60) continue;
+    const OdometryResult result =
+        odometry.register_scan(scan_room(room, winding, i * kPeriod, static_cast<std::uint64_t>(i)));
+    if (i >= 60) CHECK(result.imu_used);
+    if (i >= 62) CHECK(result.state == TrackingState::kTracking);
+    poses.push_back(result.T_odom_base);
+  }
+  const SE3 truth = winding(4.1).inverse() * winding(8.0);
+  CHECK((truth.translation - (poses[40].inverse() * poses.back()).translation).norm() < 0.3);
+}
+
 TEST_CASE("the covariance covers the error of a tracked pose and is symmetric and positive", "[odometry]") {
   const Run run = run_odometry(driving, {});
   // Error of the motion since the map here was new; the attitude of the first scans does not count.
