@@ -170,6 +170,7 @@ struct Odometry::State {
   [[nodiscard]] bool is_drivable_step(const SE3& T_map_end, double seconds) const;
   [[nodiscard]] bool exceeds_motion_limits() const;
   [[nodiscard]] bool has_converged() const { return registration.stop_reason == StopReason::kConverged; }
+  [[nodiscard]] bool fits_prediction() const;
   [[nodiscard]] bool bridges_gap() const;
   [[nodiscard]] double agreement() const;
   [[nodiscard]] bool is_in_family() const;

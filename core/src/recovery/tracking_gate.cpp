@@ -47,12 +47,17 @@ bool Odometry::State::is_plausible() const {
   return !relocalized || has_converged();
 }
 
+/// Whether the registered pose is where the filter expects it.
+bool Odometry::State::fits_prediction() const {
+  return motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
+         kFarInnovation;
+}
+
 /// Whether the prediction shows the place behind a gap to a voxel of the map, and the scan does not
 /// contradict it.
 bool Odometry::State::bridges_gap() const {
   return is_gap(motion_prior.span_s()) && !relocalized && kGateSigmas * sigma_m < plane_voxel_m &&
-         motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
-             kFarInnovation;
+         fits_prediction();
 }
 
 /// Mean agreement of the points with the map. A new view of half of the scene is normal; beyond, unknown
@@ -122,8 +127,7 @@ void Odometry::State::update_motion() {
 /// A pose that recovery found: a measurement as any other where it is as expected.
 void Odometry::State::relocate_motion() {
   skip_motion();
-  if (motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
-      kFarInnovation) {
+  if (fits_prediction()) {
     motion_filter.update(registration.T_map_moving, registration.information);
   } else {
     motion_filter.relocate(registration.T_map_moving);

@@ -243,9 +243,7 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
 /// vehicle is stationary unless the map agrees much better with a motion.
 void Odometry::State::reconsider_stationary(OdometryResult& result) {
   if (!motion_prior.is_stationary || scans == 1) return;
-  if (motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information) <
-      kFarInnovation)
-    return;
+  if (fits_prediction()) return;
   const Hypothesis stationary = hypothesis();
   motion_prior.is_stationary = false;
   motion_filter = last_filter;
