@@ -24,6 +24,12 @@ Matrix6 inverse_ldlt(const Matrix6& A) { return A.ldlt().solve(Matrix6::Identity
 
 Matrix6 solve_lu(const Matrix6& A, const Matrix6& B) { return A.partialPivLu().solve(B); }
 
+Vector12 solve_ldlt(const Matrix12& A, const Vector12& b) { return A.ldlt().solve(b); }
+
+Matrix12 inverse_ldlt(const Matrix12& A) { return A.ldlt().solve(Matrix12::Identity()); }
+
+Matrix12 solve_lu(const Matrix12& A, const Matrix12& B) { return A.partialPivLu().solve(B); }
+
 Matrix6 inverse_lu(const Matrix6& A) { return A.inverse(); }
 
 SymmetricEigen6 symmetric_eigen(const Matrix6& A) {

@@ -12,6 +12,9 @@ Vector6 solve_ldlt(const Matrix6& A, const Vector6& b);
 Matrix6 inverse_ldlt(const Matrix6& A);
 /// Solves A X = B (LU with partial pivoting).
 Matrix6 solve_lu(const Matrix6& A, const Matrix6& B);
+Vector12 solve_ldlt(const Matrix12& A, const Vector12& b);
+Matrix12 inverse_ldlt(const Matrix12& A);
+Matrix12 solve_lu(const Matrix12& A, const Matrix12& B);
 /// Inverse of A (LU with partial pivoting).
 Matrix6 inverse_lu(const Matrix6& A);
 

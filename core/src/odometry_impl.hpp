@@ -89,7 +89,7 @@ struct Odometry::State {
     };
     prepare(config.max_filtered_points, sweep, first_sweep, deskewed, world_points, coarse_world_points,
             beams);
-    prepare(config.registration_points, selection, selected_sweep, selected);
+    prepare(config.registration_points, selection, selected_sweep, selected, point_times);
     prepare(kCoarsePoints, coarse_points, search_points);
   }
 
@@ -157,6 +157,7 @@ struct Odometry::State {
   void register_anew(OdometryResult& result);
   void relocalize(OdometryResult& result);
   void count_inliers(OdometryResult& result) const;
+  [[nodiscard]] SweepProblem sweep_problem();
   [[nodiscard]] bool refine_motion();
   void register_points(bool coarse, PlaneMetric metric, OdometryResult& result);
   void rebuild_first_map();
@@ -254,6 +255,7 @@ struct Odometry::State {
   MotionPrior motion_prior;  ///< of the scan that is registered
   bool coarse_was_due = false;
   bool motion_compensated = false;
+  bool is_manoeuvring = false;  ///< the registration contradicts the predicted motion
   /// The pose is relocalised, or follows a predicted one: the step is no motion of this scan.
   bool relocalized = false;
   /// Whether the last pose was relocalised or out of family, how many were so in a row (predicted ones
@@ -293,6 +295,7 @@ struct Odometry::State {
   std::vector<std::uint32_t> selection;
   std::vector<Eigen::Vector3f> deskewed;
   std::vector<Eigen::Vector3f> selected;
+  std::vector<float> point_times;  ///< of the selected points from the sweep's midpoint, s
   std::vector<Eigen::Vector3f> coarse_points;
   std::vector<Eigen::Vector3f> search_points;
   std::vector<Vector3> world_points;

@@ -309,7 +309,16 @@ bool MotionFilter::adapt_to_manoeuvre(const SE3& T_map_base, const MotionInputs&
 
 MotionState MotionFilter::conditioned_on(const SE3& T_map_base) const {
   const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
-  const Vector error = covariance_.leftCols<6>() * solve_ldlt(pose_covariance(), moved);
+  return conditioned_by(covariance_.leftCols<6>() * solve_ldlt(pose_covariance(), moved), T_map_base);
+}
+
+MotionState MotionFilter::conditioned_on(const SE3& T_map_base, const Vector6& twist) const {
+  Vector12 moved;
+  moved << se3_log(state_.T_map_base.inverse() * T_map_base), twist - state_.twist();
+  return conditioned_by(covariance_.leftCols<12>() * solve_ldlt(motion_covariance(), moved), T_map_base);
+}
+
+MotionState MotionFilter::conditioned_by(const Vector& error, const SE3& T_map_base) const {
   MotionFilter conditioned = *this;
   conditioned.apply(error);
   conditioned.state_.T_map_base = T_map_base;
@@ -336,6 +345,19 @@ void MotionFilter::update(const SE3& T_map_base, const Matrix6& information) {
   const Matrix6 gain = solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information);
   const Eigen::Matrix<double, kSize, 6> observed = covariance_.leftCols<6>();
   covariance_ -= observed * gain * observed.transpose();
+  end_update();
+}
+
+void MotionFilter::update(const SE3& T_map_base, const Vector6& twist, const Matrix12& information) {
+  state_ = conditioned_on(T_map_base, twist);
+  const Matrix12 gain =
+      solve_lu(Matrix12(Matrix12::Identity() + information * motion_covariance()), information);
+  const Eigen::Matrix<double, kSize, 12> observed = covariance_.leftCols<12>();
+  covariance_ -= observed * gain * observed.transpose();
+  end_update();
+}
+
+void MotionFilter::end_update() {
   symmetrise();
   const auto keep = [&](int from, double deviation) {
     for (int i = from; i < from + 3; ++i)

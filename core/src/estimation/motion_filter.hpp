@@ -86,9 +86,13 @@ class MotionFilter {
   void adapt_as(const MotionFilter& other) { manoeuvre_scale_ = other.manoeuvre_scale_; }
   /// The state given the pose (most probable): what is correlated with the pose follows it.
   [[nodiscard]] MotionState conditioned_on(const SE3& T_map_base) const;
+  /// The state given pose and twist.
+  [[nodiscard]] MotionState conditioned_on(const SE3& T_map_base, const Vector6& twist) const;
   /// Updates with the pose that registration found together with pose_covariance() as prior, and the
   /// information of the scan alone, in axes of base_link.
   void update(const SE3& T_map_base, const Matrix6& information);
+  /// The same with the twist, and the joint information of pose and twist; not for rates from a gyro.
+  void update(const SE3& T_map_base, const Vector6& twist, const Matrix12& information);
   /// Squared Mahalanobis distance of a pose from the prediction, 6 degrees of freedom: of the scan alone with
   /// `information`, at the pose that it and the prediction give together.
   [[nodiscard]] double normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const;
@@ -101,17 +105,20 @@ class MotionFilter {
 
   [[nodiscard]] const MotionState& state() const { return state_; }
   [[nodiscard]] const Matrix& covariance() const { return covariance_; }
+  [[nodiscard]] Matrix12 motion_covariance() const { return covariance_.topLeftCorner<12, 12>(); }
   [[nodiscard]] Matrix6 pose_covariance() const { return covariance_.topLeftCorner<6, 6>(); }
   [[nodiscard]] Matrix6 twist_covariance() const { return covariance_.block<6, 6>(kVelocity, kVelocity); }
 
  private:
   void step(const MotionInputs& inputs, Time to);
   void apply(const Vector& error);
+  [[nodiscard]] MotionState conditioned_by(const Vector& error, const SE3& T_map_base) const;
   /// Gives a block this covariance of its own, and no correlation with the others.
   void isolate(int block, const Matrix3& covariance);
   void forget_accelerations();
   void symmetrise();
   void estimate_accelerations();
+  void end_update();
 
   MotionState state_;
   Matrix covariance_ = Matrix::Zero();

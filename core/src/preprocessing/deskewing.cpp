@@ -5,7 +5,7 @@
 namespace nilio::core {
 
 SweepMotion::SweepMotion(const SweepSpan& span, const MotionState& at_middle, const MotionInputs& inputs)
-    : span_(span) {
+    : span_(span), middle_twist_(at_middle.twist()) {
   const double cell_s = span.seconds() / static_cast<double>(kSweepCells);
   const Duration half_cell = Duration::from_seconds(0.5 * cell_s);
   const SE3 T_middle_map = at_middle.T_map_base.inverse();

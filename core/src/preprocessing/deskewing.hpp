@@ -29,6 +29,7 @@ class SweepMotion {
 
   [[nodiscard]] const SweepSpan& span() const { return span_; }
   [[nodiscard]] const SE3& T_middle_end() const { return T_middle_end_; }
+  [[nodiscard]] const Vector6& middle_twist() const { return middle_twist_; }
   /// Twist at the end.
   [[nodiscard]] const Vector6& end_twist() const { return end_twist_; }
   /// Moves each point to the frame of base_link at the midpoint. `output` is resized to `points`.
@@ -44,6 +45,7 @@ class SweepMotion {
 
   SweepSpan span_;
   SE3 T_middle_end_;
+  Vector6 middle_twist_ = Vector6::Zero();
   Vector6 end_twist_ = Vector6::Zero();
   std::array<Cell, kSweepCells> cells_{};
 };

@@ -118,7 +118,10 @@ void Odometry::State::update_motion() {
   prediction_error_m = metres_of(prediction_error());
   weigh_accelerometer(
       motion_filter.normalised_innovation_squared(registration.T_map_moving, registration.information));
-  motion_filter.update(registration.T_map_moving, registration.information);
+  if (registration.sweep_information.isZero())
+    motion_filter.update(registration.T_map_moving, registration.information);
+  else
+    motion_filter.update(registration.T_map_moving, registration.twist, registration.sweep_information);
   const Duration shift = monitor.time_shift();
   monitor.observe(imu, motion_filter.state().gyro_bias, registered_motion());
   if (monitor.time_shift() != shift) imu.move_stamps(shift - monitor.time_shift());

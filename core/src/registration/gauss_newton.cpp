@@ -15,6 +15,8 @@ namespace {
 constexpr double kCorrelatedResiduals = 2.0;
 // Rotation that moves a point at 30 m by kScanErrorMetres.
 constexpr double kMinRadians = kScanErrorMetres / 30.0;
+// Lower bound of the unit of time of a sweep, s: numerical.
+constexpr double kMinSweepUnit = 1e-4;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction known worse than this from the scan alone is degenerate: 5 cm, the deviation of a point from a
 // plane, or the same at 30 m by rotation.
@@ -65,12 +67,15 @@ Matrix3 shrink_of(const Matrix3& block, double share) {
   return shrink;
 }
 
+bool is_small(const Vector6& step, const SolverOptions& options) {
+  return step.head<3>().norm() < options.translation_epsilon_m &&
+         step.tail<3>().norm() < options.rotation_epsilon_rad;
+}
+
 StepOutcome take_step(const Vector6& step, const SolverOptions& options, RegistrationResult& result) {
   if (!step.allFinite()) return StepOutcome::kNonFinite;
   result.T_map_moving = result.T_map_moving * se3_exp(step);
-  const bool small = step.head<3>().norm() < options.translation_epsilon_m &&
-                     step.tail<3>().norm() < options.rotation_epsilon_rad;
-  return small ? StepOutcome::kConverged : StepOutcome::kStepped;
+  return is_small(step, options) ? StepOutcome::kConverged : StepOutcome::kStepped;
 }
 
 /// Axes closest to the directions that the scan alone shows worse than required.
@@ -95,24 +100,47 @@ double residual_variance(const NormalEquations& equations, double spread) {
   return kCorrelatedResiduals * std::max(kMinResidualVariance, square);
 }
 
-/// Adds kScanErrorMetres (and the equivalent rotation at 30 m) to the covariance; returns its inverse.
-Matrix6 with_error(const Matrix6& information) {
+/// Variance of the error that all points share: kScanErrorMetres, and the equivalent rotation at 30 m.
+Vector6 shared_error() {
   Vector6 variance;
   variance << Vector3::Constant(kScanErrorMetres * kScanErrorMetres),
       Vector3::Constant(kMinRadians * kMinRadians);
-  const Matrix6 spread = Matrix6::Identity() + information * variance.asDiagonal();
+  return variance;
+}
+
+/// Adds kScanErrorMetres (and the equivalent rotation at 30 m) to the covariance; returns its inverse.
+Matrix6 with_error(const Matrix6& information) {
+  const Matrix6 spread = Matrix6::Identity() + information * shared_error().asDiagonal();
   const Matrix6 result = solve_lu(spread, information);
   return 0.5 * (result + result.transpose());
 }
 
-/// Information of the scan alone.
-Matrix6 scan_information(const NormalEquations& equations) {
+/// Matrix that removes from the equations what the errors of normals add to translations.
+Matrix6 shrink_of_normals(const NormalEquations& equations) {
   // Rotation has levers of many lengths, for which this bound does not hold.
   Matrix6 shrink = Matrix6::Identity();
   const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
   shrink.topLeftCorner<3, 3>() =
       shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
+  return shrink;
+}
+
+/// Information of the scan alone.
+Matrix6 scan_information(const NormalEquations& equations) {
+  const Matrix6 shrink = shrink_of_normals(equations);
   return shrink * equations.H * shrink / measurement_variance(equations);
+}
+
+/// The scan's part in a step: its information of the pose, the axes that it does not observe, and its share
+/// of the covariance after the step.
+void describe(const NormalEquations& equations, const Matrix6& prior, const Matrix6& after,
+              RegistrationResult& result) {
+  const Matrix6 information = scan_information(equations);
+  result.information = with_error(information);
+  const double noise = residual_variance(equations, equations.gaussian_square_excess);
+  result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
+  result.observability =
+      (1.0 - after.diagonal().array() / prior.diagonal().array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
 }
 
 /// Gauss-Newton step of scan and prior.
@@ -121,19 +149,57 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const PosePrior& prior = *options.prior;
   const Vector6 offset = se3_log(prior.T_map_moving.inverse() * result.T_map_moving);
   const Matrix6 held = inverse_ldlt(prior.covariance);
-  const Matrix6 information = scan_information(equations);
-  result.information = with_error(information);
-  const Matrix6 combined = result.information + held;
+  const Matrix6 information = with_error(scan_information(equations));
+  const Matrix6 combined = information + held;
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
-  const Vector6 step = solve_ldlt(combined, result.information * wanted - held * offset);
-  const double noise = residual_variance(equations, equations.gaussian_square_excess);
-  result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
-  const Matrix6 covariance = inverse_ldlt(combined);
-  result.observability = (1.0 - covariance.diagonal().array() / prior.covariance.diagonal().array())
-                             .cwiseMax(0.0)
-                             .cwiseMin(1.0)
-                             .matrix();
+  const Vector6 step = solve_ldlt(combined, information * wanted - held * offset);
+  describe(equations, prior.covariance, inverse_ldlt(combined), result);
   return take_step(step, options, result);
+}
+
+/// Information about pose and twist, the twist in units of `unit_s`, with the errors that points share.
+Matrix12 sweep_information(const NormalEquations& equations, const Matrix12& H) {
+  Matrix12 shrink = Matrix12::Zero();
+  shrink.topLeftCorner<6, 6>() = shrink.bottomRightCorner<6, 6>() = shrink_of_normals(equations);
+  const Matrix12 sharp = shrink * H * shrink / measurement_variance(equations);
+  Vector12 shared;
+  shared << shared_error(), shared_error();
+  const Matrix12 result = solve_lu(Matrix12(Matrix12::Identity() + sharp * shared.asDiagonal()), sharp);
+  return 0.5 * (result + result.transpose());
+}
+
+/// Gauss-Newton step of pose and twist. The twist is taken in units of the points' root mean square time, in
+/// which its errors are those of the pose.
+StepOutcome step_of_sweep(const NormalEquations& equations, const SolverOptions& options,
+                          RegistrationResult& result) {
+  const SweepPrior& prior = options.sweep->prior;
+  double square = 0.0;
+  for (const float t : options.sweep->times_s) square += static_cast<double>(t) * static_cast<double>(t);
+  const double count = static_cast<double>(options.sweep->times_s.size());
+  const double unit_s = std::max(std::sqrt(square / count), kMinSweepUnit);
+  Vector12 units;
+  units << Vector6::Ones(), Vector6::Constant(unit_s);
+  const Vector12 per_unit = units.cwiseInverse();
+  Matrix12 H;
+  H << equations.H, equations.H_cross, equations.H_cross, equations.H_twist;
+  H = (per_unit.asDiagonal() * H * per_unit.asDiagonal()).eval();
+  Vector12 b;
+  b << equations.b, equations.b_twist / unit_s;
+  Vector12 offset;
+  offset << se3_log(prior.T_map_middle.inverse() * result.T_map_moving),
+      unit_s * (result.twist - prior.twist);
+  const Matrix12 held = inverse_ldlt(Matrix12(units.asDiagonal() * prior.covariance * units.asDiagonal()));
+  const Matrix12 information = sweep_information(equations, H);
+  const Matrix12 combined = information + held;
+  const Vector12 wanted = -solve_ldlt(H, b);
+  const Vector12 step = solve_ldlt(combined, Vector12(information * wanted - held * offset));
+  describe(equations, prior.covariance.topLeftCorner<6, 6>(), inverse_ldlt(combined).topLeftCorner<6, 6>(),
+           result);
+  result.sweep_information = units.asDiagonal() * information * units.asDiagonal();
+  result.twist += step.tail<6>() / unit_s;
+  const StepOutcome outcome = take_step(step.head<6>(), options, result);
+  return outcome == StepOutcome::kConverged && !is_small(step.tail<6>(), options) ? StepOutcome::kStepped
+                                                                                  : outcome;
 }
 
 }  // namespace
@@ -142,6 +208,7 @@ double measurement_variance(const NormalEquations& equations) { return residual_
 
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result) {
+  if (options.sweep != nullptr) return step_of_sweep(equations, options, result);
   if (options.prior) return step_with_prior(equations, options, result);
   const BlockObservability translation =
       observe(equations.H.topLeftCorner<3, 3>(), options.degeneracy_threshold);

@@ -31,6 +31,8 @@ NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Acc
         sanitizer_acquire(&order);
         for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
         equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        equations.H_cross.triangularView<Eigen::StrictlyLower>() = equations.H_cross.transpose();
+        equations.H_twist.triangularView<Eigen::StrictlyLower>() = equations.H_twist.transpose();
         sanitizer_release(&order);
         return equations;
       },

@@ -82,6 +82,8 @@ RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vecto
   SolverOptions options;
   options.max_iterations = config.max_fine_iterations;
   options.prior = prior;
+  const SweepProblem problem = prior && is_manoeuvring ? sweep_problem() : SweepProblem{};
+  if (!problem.times_s.empty()) options.sweep = &problem;
   options.budget = &budget;
   const RegistrationMaps maps{&planes, &coarse_map, point_map ? &*point_map : nullptr};
   const RegistrationResult fine = method.refine(maps, points, T_guess, metric, options);
@@ -103,11 +105,23 @@ std::optional<PosePrior> Odometry::State::pose_prior() const {
   return PosePrior{T_predicted, motion_filter.pose_covariance()};
 }
 
+/// Twist of the sweep beside its pose: its points are seen one after the other.
+SweepProblem Odometry::State::sweep_problem() {
+  const auto half_s = static_cast<float>(0.5 * motion_prior.span.seconds());
+  point_times.clear();
+  for (const SweepPoint& point : selected_sweep) point_times.push_back(point.time_s + half_s);
+  return {point_times,
+          motion.middle_twist(),
+          {T_predicted, motion_filter.state().twist(), motion_filter.motion_covariance()}};
+}
+
 /// The motion follows the registered pose. Returns whether the end of the sweep moves by less than
 /// registration resolves.
 bool Odometry::State::refine_motion() {
   const SE3 T_middle_end = motion.T_middle_end();
-  follow(motion_filter.conditioned_on(registration.T_map_moving));
+  follow(registration.sweep_information.isZero()
+             ? motion_filter.conditioned_on(registration.T_map_moving)
+             : motion_filter.conditioned_on(registration.T_map_moving, registration.twist));
   const SE3 change = T_middle_end.inverse() * motion.T_middle_end();
   return change.translation.norm() < kMotionEpsilonMetres &&
          so3_log(change.rotation).norm() < kMotionEpsilonRadians;
@@ -126,6 +140,7 @@ void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryR
   const bool by_accelerometer = motion_prior.is_stationary || motion_prior.inputs.accelerometer;
   RegistrationResult by_coarse;
   int widenings = 0;
+  is_manoeuvring = false;
   for (int pass = 0; pass < config.max_passes; ++pass) {
     if (pass > 0 && !budget.allows(WorkKind::kIcp, selected_sweep.size())) {
       registration.stop_reason = StopReason::kBudget;
@@ -160,6 +175,7 @@ void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryR
       motion_filter.propagate(motion_prior.inputs, motion_prior.span.middle());
       metric = metric_of_prediction();
       ++widenings;
+      is_manoeuvring = !motion_prior.inputs.gyro && !motion_compensated && !is_gap(motion_prior.span_s());
       --pass;
       static_cast<void>(refine_motion());
       continue;

@@ -21,6 +21,50 @@ double familiarity(const GaussianVoxel& surface) {
   return std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
 }
 
+// Parts of a sweep with one covariance of the guess each.
+constexpr std::size_t kSweepParts = 8;
+
+/// Points of a sweep while its twist changes.
+class MovingPoints {
+ public:
+  MovingPoints(std::span<const Eigen::Vector3f> points, const SweepChange& change, const PlaneMetric& metric,
+               const Matrix6& D)
+      : points_(points), change_(change) {
+    covariance_[0] = D * metric.guess_covariance * D.transpose();
+    if (change.problem == nullptr) return;
+    for (const float time_s : change.problem->times_s)
+      latest_s_ = std::max(latest_s_, std::abs(static_cast<double>(time_s)));
+    const Matrix12& P = change.problem->prior.covariance;
+    const Matrix6 cross = P.topRightCorner<6, 6>() + P.bottomLeftCorner<6, 6>();
+    for (std::size_t i = 0; i < kSweepParts; ++i) {
+      const double t = latest_s_ * (2.0 * (static_cast<double>(i) + 0.5) / kSweepParts - 1.0);
+      const Matrix6 at_time = P.topLeftCorner<6, 6>() + t * cross + t * t * P.bottomRightCorner<6, 6>();
+      covariance_[i] = D * at_time * D.transpose();
+    }
+  }
+
+  [[nodiscard]] bool have_twist() const { return change_.problem != nullptr; }
+  [[nodiscard]] double time_s(std::size_t i) const {
+    return have_twist() ? static_cast<double>(change_.problem->times_s[i]) : 0.0;
+  }
+  [[nodiscard]] Vector3 operator[](std::size_t i) const {
+    const Vector3 p = points_[i].cast<double>();
+    if (!have_twist()) return p;
+    return p + time_s(i) * (change_.twist.head<3>() + change_.twist.tail<3>().cross(p));
+  }
+  [[nodiscard]] const Matrix6& guess_covariance(std::size_t i) const {
+    if (!(latest_s_ > 0.0)) return covariance_[0];
+    const double share = 0.5 * (1.0 + time_s(i) / latest_s_);
+    return covariance_[std::min(static_cast<std::size_t>(share * kSweepParts), kSweepParts - 1)];
+  }
+
+ private:
+  std::span<const Eigen::Vector3f> points_;
+  SweepChange change_;
+  double latest_s_ = 0.0;
+  std::array<Matrix6, kSweepParts> covariance_;
+};
+
 Matrix3 information_of(const GaussianVoxel& surface) {
   const float* packed = surface.information;
   Matrix3 information;
@@ -49,23 +93,24 @@ double agreement_of(double normalised_square) {
 
 /// Adds a point at `q` (map axes, from the origin of the moving frame) with Jacobian [I, -skew(q)];
 /// `information` and `gradient` are weighted.
-void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q,
-               NormalEquations& equations) {
+void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q, Matrix6& H,
+               Vector6& b) {
   const Matrix3 S = skew(q);
   const Matrix3 cross = information * S;
-  equations.H.topLeftCorner<3, 3>() += information;
-  equations.H.topRightCorner<3, 3>() -= cross;
-  equations.H.bottomRightCorner<3, 3>() += S.transpose() * cross;
-  equations.b.head<3>() += gradient;
-  equations.b.tail<3>() += q.cross(gradient);
+  H.topLeftCorner<3, 3>() += information;
+  H.topRightCorner<3, 3>() -= cross;
+  H.bottomRightCorner<3, 3>() += S.transpose() * cross;
+  b.head<3>() += gradient;
+  b.tail<3>() += q.cross(gradient);
 }
 
 /// Adds the residual vector of a point at `error` from the mean of a non-planar voxel. The weight along each
 /// axis of its Gaussian is that of a plane of that thickness, and zero where the points fill the voxel
 /// evenly: correspondences are voxels, so along such an axis the mean carries no information. Returns the
 /// equivalent squared residual, m^2.
-double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q, double voxel_size_m,
-                    const PlaneMetric& metric, const Matrix6& guess_covariance, NormalEquations& equations) {
+double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q, double time_s,
+                    double voxel_size_m, const PlaneMetric& metric, const Matrix6& guess_covariance,
+                    NormalEquations& equations) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const Matrix3 information = information_of(surface);
   const Matrix3 thinness =
@@ -82,7 +127,13 @@ double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Ve
   const double scale_square = metric.kernel_square(J.dot(guess_covariance * J));
   const double root = scale_square / (scale_square + square);
   const double weight = metric.gaussian_weight * root * root * familiarity(surface);
-  add_point(weight * weights, weight * gradient, q, equations);
+  add_point(weight * weights, weight * gradient, q, equations.H, equations.b);
+  if (time_s != 0.0) {
+    Vector6 unused = Vector6::Zero();
+    add_point(weight * time_s * weights, Vector3::Zero(), q, equations.H_cross, unused);
+    add_point(weight * time_s * time_s * weights, weight * time_s * gradient, q, equations.H_twist,
+              equations.b_twist);
+  }
   equations.weighted_square_error += weight * square;
   equations.weight_sum += weight * weights.trace();
   equations.gaussian_square_excess += weight * (square - weights.trace() * point_variance);
@@ -101,30 +152,34 @@ NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_m
   const Matrix6 D = block_rotation(R_map_moving);
   equations.H = D.transpose() * equations.H * D;
   equations.b = D.transpose() * equations.b;
+  equations.H_cross = D.transpose() * equations.H_cross * D;
+  equations.H_twist = D.transpose() * equations.H_twist * D;
+  equations.b_twist = D.transpose() * equations.b_twist;
   return equations;
 }
 
 }  // namespace
 
 NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
-                                const SE3& T_map_moving, const PlaneMetric& metric) {
+                                const SE3& T_map_moving, const PlaneMetric& metric,
+                                const SweepChange& change) {
   const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
   const Vector3 t = T_map_moving.translation;
-  const Matrix6 D = block_rotation(R);
-  const Matrix6 guess_covariance = D * metric.guess_covariance * D.transpose();
+  const MovingPoints moving(points, change, metric, block_rotation(R));
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const double inlier_square = metric.inlier_distance_m * metric.inlier_distance_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
   const NormalEquations sum =
       reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
-        const Vector3 q = R * point.cast<double>();
+        const auto i = static_cast<std::size_t>(&point - points.data());
+        const Vector3 q = R * moving[i];
         const VoxelIndex index = map.index_of(q + t);
         const GaussianVoxel* surface = map.find(index);
         if (surface == nullptr || !surface->has_shape()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
         if (surface->planarity > max_planarity) {
-          const double square = add_gaussian(*surface, offset, q, map.config().voxel_size_m, metric,
-                                             guess_covariance, equations);
+          const double square = add_gaussian(*surface, offset, q, moving.time_s(i), map.config().voxel_size_m,
+                                             metric, moving.guess_covariance(i), equations);
           equations.agreement += agreement_of(square / (3.0 * point_variance));
           ++equations.correspondences;
           if (square < inlier_square) ++equations.inliers;
@@ -134,7 +189,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         const double residual = normal.dot(offset);
         Vector6 J;
         J << normal, q.cross(normal);
-        const double guess_variance = J.dot(guess_covariance * J);
+        const double guess_variance = J.dot(moving.guess_covariance(i) * J);
         if (residual * residual > metric.gate_square(guess_variance)) return;
         const double scale_square = metric.kernel_square(guess_variance);
         const double root = scale_square / (scale_square + residual * residual);
@@ -143,6 +198,12 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         equations.agreement += agreement_of(certainty * residual * residual / point_variance);
         add_upper(equations.H, J, weight);
         equations.b += (weight * residual) * J;
+        if (moving.have_twist()) {
+          const double time_s = moving.time_s(i);
+          add_upper(equations.H_cross, J, weight * time_s);
+          add_upper(equations.H_twist, J, weight * time_s * time_s);
+          equations.b_twist += (weight * time_s * residual) * J;
+        }
         equations.weighted_square_error += weight * residual * residual;
         equations.weight_sum += weight;
         equations.normal_square += weight * static_cast<double>(surface->planarity) / surface->count;
@@ -186,7 +247,7 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
         }
         if (!matched) return;
         ++equations.correspondences;
-        add_point(information_sum, gradient, q, equations);
+        add_point(information_sum, gradient, q, equations.H, equations.b);
       });
   return in_moving_axes(sum, R);
 }

@@ -7,6 +7,9 @@ namespace nilio::core {
 NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   H += other.H;
   b += other.b;
+  H_cross += other.H_cross;
+  H_twist += other.H_twist;
+  b_twist += other.b_twist;
   weighted_square_error += other.weighted_square_error;
   weight_sum += other.weight_sum;
   gaussian_square_excess += other.gaussian_square_excess;
@@ -22,8 +25,13 @@ RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::V
                                    const SolverOptions& options) {
   RegistrationResult result;
   result.T_map_moving = T_map_guess;
-  iterate([&](const SE3& T_map_moving) { return plane_equations(map, points, T_map_moving, metric); },
-          {WorkKind::kIcp, points.size()}, options, result);
+  SweepChange change{options.sweep};
+  if (options.sweep != nullptr) result.twist = options.sweep->deskew_twist;
+  const auto linearise = [&](const SE3& T_map_moving) {
+    if (options.sweep != nullptr) change.twist = result.twist - options.sweep->deskew_twist;
+    return plane_equations(map, points, T_map_moving, metric, change);
+  };
+  iterate(linearise, {WorkKind::kIcp, points.size()}, options, result);
   return result;
 }
 

@@ -18,6 +18,11 @@ namespace nilio::core {
 struct NormalEquations {
   Matrix6 H = Matrix6::Zero();
   Vector6 b = Vector6::Zero();
+  /// Of the twist over the sweep, beside the pose: a point at the time t from the midpoint moves with it by t
+  /// times its motion with the pose.
+  Matrix6 H_cross = Matrix6::Zero();
+  Matrix6 H_twist = Matrix6::Zero();
+  Vector6 b_twist = Vector6::Zero();
   /// Sum of weight * squared residual (m^2 for planes, squared Mahalanobis distance for NDT), and of the
   /// weights.
   double weighted_square_error = 0.0;
@@ -68,11 +73,32 @@ struct PlaneMetric {
   }
 };
 
+/// Pose and twist of base_link at the midpoint of a sweep, with the joint covariance of their prior.
+struct SweepPrior {
+  SE3 T_map_middle;
+  Vector6 twist = Vector6::Zero();
+  Matrix12 covariance = Matrix12::Identity();
+};
+
+/// A sweep of which the twist is registered with the pose.
+struct SweepProblem {
+  std::span<const float> times_s;          ///< of the points, from the midpoint
+  Vector6 deskew_twist = Vector6::Zero();  ///< at the midpoint, by which the points are deskewed
+  SweepPrior prior;
+};
+
+/// Points move from where deskewing put them in proportion to their time.
+struct SweepChange {
+  const SweepProblem* problem = nullptr;
+  Vector6 twist = Vector6::Zero();  ///< since the points were deskewed
+};
+
 /// Point-to-plane equations against each point's home voxel (NI-LIO 3.3): r = n . (T p - mean).
 /// `points` in the moving frame. The sum has a fixed shape, so it is the same to the last bit at any number
-/// of threads.
+/// of threads. With a `change` also those of the twist.
 NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
-                                const SE3& T_map_moving, const PlaneMetric& metric);
+                                const SE3& T_map_moving, const PlaneMetric& metric,
+                                const SweepChange& change = {});
 
 struct NdtMetric {
   /// Scale of the Mahalanobis distance in the weight exp(-m^2 / (2 s^2)): large sees far, small is exact.
@@ -102,6 +128,8 @@ struct SolverOptions {
   double degeneracy_threshold = 0.005;
   /// Combines prior and scan in every direction by their information.
   std::optional<PosePrior> prior;
+  /// Registers the twist with the pose; its prior takes the place of the one above.
+  const SweepProblem* sweep = nullptr;
   /// Queried before each iteration; null = unlimited.
   ComputeBudget* budget = nullptr;
 };
@@ -118,6 +146,9 @@ struct RegistrationResult {
   Matrix6 information = Matrix6::Zero();
   /// Share of the step along each axis that the scan decided; 1 without a prior.
   Vector6 observability = Vector6::Ones();
+  /// With a sweep: its twist, and the information about pose and twist together; zero otherwise.
+  Vector6 twist = Vector6::Zero();
+  Matrix12 sweep_information = Matrix12::Zero();
 };
 
 /// Variance of a residual of plane_equations(), m^2: H divided by it is the information of the scan.

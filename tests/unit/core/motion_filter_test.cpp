@@ -155,6 +155,27 @@ TEST_CASE("a scan updates all states as the dense information filter, also besid
   }
 }
 
+TEST_CASE("a sweep that shows its twist updates all states as the dense information filter",
+          "[motion_filter]") {
+  const Matrix covariance = some_covariance();
+  Matrix12 information = Matrix12::Zero();
+  information.topLeftCorner<6, 6>() = information_of(0.05);
+  information.bottomRightCorner<6, 6>() = 0.03 * information_of(0.05);
+  information(0, 6) = information(6, 0) = 2.0;
+  MotionFilter filter({}, covariance);
+  const SE3 T_map_base = se3_exp((Vector6() << 0.1, -0.2, 0.05, 0.01, -0.02, 0.03).finished());
+  const Vector6 twist = (Vector6() << 1.0, 0.2, -0.1, 0.02, -0.03, 0.4).finished();
+  filter.update(T_map_base, twist, information);
+  Matrix dense = covariance.inverse();
+  dense.topLeftCorner<12, 12>() += information;
+  CHECK((filter.covariance() - dense.inverse()).cwiseAbs().maxCoeff() < 1e-8);
+  Vector12 moved;
+  moved << se3_log(T_map_base), twist;
+  const Vector expected = covariance.leftCols<12>() * covariance.topLeftCorner<12, 12>().inverse() * moved;
+  CHECK((filter.state().twist() - twist).norm() < 1e-9);
+  CHECK((filter.state().gravity - expected.tail<3>()).norm() < 1e-9);
+}
+
 TEST_CASE("the normalised innovation is that of the scan alone", "[motion_filter]") {
   const Matrix covariance = some_covariance();
   const Matrix6 P = covariance.topLeftCorner<6, 6>();
