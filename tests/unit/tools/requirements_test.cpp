@@ -92,6 +92,33 @@ TEST_CASE("requirements missed by the clock differ from failures that do not dep
   CHECK(any_failed(requirements));
 }
 
+TEST_CASE("a disk that does not take the report leaves a run unmeasured, but for the reader",
+          "[requirements]") {
+  RealtimeCell idle = good_cell();
+  idle.run.figures.budget_ms = 50.0;
+  idle.run.reader = ReaderFigures{100, latency(3000.0, 5000.0)};
+  RealtimeCell slow;
+  slow.condition = Condition::kSlowDisk;
+  slow.run.watch = idle.run.watch;
+  slow.run.reader = idle.run.reader;
+  const auto verdicts = [&](const std::string& beginning) {
+    const std::array<RealtimeCell, 2> cells{idle, slow};
+    std::vector<Verdict> found;
+    for (const Requirement& requirement : check_requirements({cells, {}, {}, nullptr})) {
+      if (requirement.name.starts_with(beginning)) found.push_back(requirement.verdict);
+    }
+    return found;
+  };
+  using Verdicts = std::vector<Verdict>;
+  CHECK(verdicts("one pose per scan") == Verdicts{Verdict::kMet, Verdict::kNotMeasured});
+  CHECK(verdicts("no packet lost") == Verdicts{Verdict::kMet, Verdict::kNotMeasured});
+  CHECK(verdicts("every pose at an independent reader") == Verdicts{Verdict::kMet});
+  CHECK(verdicts("last packet to an independent reader") == Verdicts{Verdict::kMet, Verdict::kMet});
+  CHECK(verdicts("every pose in trajectory.tum") == Verdicts{Verdict::kMissed});
+  slow.run.reader->poses = 99;
+  CHECK(verdicts("every pose at an independent reader") == Verdicts{Verdict::kMet, Verdict::kMissed});
+}
+
 TEST_CASE("accuracy by the clock has a verdict: at most twice the error of the whole computation",
           "[requirements]") {
   RealtimeCell cell = good_cell();

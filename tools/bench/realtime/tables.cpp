@@ -108,10 +108,13 @@ Table realtime_work_table(std::span<const RealtimeCell> cells) {
               {}};
   for (const RealtimeCell& cell : cells) {
     const RunFigures& f = cell.run.figures;
-    table.rows.push_back({budget_text(cell), condition_text(cell), whole(f.scans), whole(f.poses),
-                          cell.run.sent ? whole(cell.run.sent->packets) : "-", whole(f.packets),
-                          whole(f.packets_lost), whole(f.packets_dropped), whole(f.superseded),
-                          counts_text(f.degradation_levels), whole(f.late_poses), whole(f.scans_with_imu)});
+    // A run whose disk did not take the report has no counts.
+    const auto counted = [&](auto count) { return f.budget_ms ? whole(count) : "-"; };
+    table.rows.push_back({budget_text(cell), condition_text(cell), counted(f.scans), counted(f.poses),
+                          cell.run.sent ? whole(cell.run.sent->packets) : "-", counted(f.packets),
+                          counted(f.packets_lost), counted(f.packets_dropped), counted(f.superseded),
+                          counts_text(f.degradation_levels), counted(f.late_poses),
+                          counted(f.scans_with_imu)});
   }
   return table;
 }
