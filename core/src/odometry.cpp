@@ -91,7 +91,7 @@ Duration Odometry::State::recovery_budget(const Scan& scan) const {
 
 void Odometry::State::count_map(OdometryResult& result) const {
   result.map_voxels = static_cast<std::uint32_t>(planes.size());
-  result.map_refused = planes.refused() + coarse_map.refused();
+  result.map_refused = planes.refused() + ndt_map.refused();
 }
 
 /// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence. The map is

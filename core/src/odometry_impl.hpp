@@ -76,7 +76,7 @@ struct Odometry::State {
         imu(configuration.imu_capacity),
         monitor({config.T_base_imu.translation, config.max_imu_gap}),
         planes(plane_map_config(config)),
-        coarse_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
+        ndt_map({config.coarse_voxel_m, config.map_radius_m, config.coarse_map_capacity}),
         budget(config.budget, clock),
         filter(config.max_filtered_points),
         selector(config.max_filtered_points) {
@@ -228,7 +228,7 @@ struct Odometry::State {
   StationaryDetector stationary_detector;
   VoxelMap planes;
   std::optional<PointMap> point_map;  ///< only for methods that need it
-  VoxelMap coarse_map;
+  VoxelMap ndt_map;
   ComputeBudget budget;
   VoxelDownsampler filter;  ///< scratch, reused
   NormalSpaceSampler selector;

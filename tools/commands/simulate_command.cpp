@@ -145,7 +145,7 @@ void add_drive_options(CLI::App& command, Arguments& a) {
                   "cruising speed, m/s; default: the scene's own, 10 in the town")
       ->check(number_between(0.5, 40.0));
   command.add_flag("--moving-start", a.options.moving_start,
-                   "begin at speed instead of standing still for 2 s; always so in the tunnel");
+                   "begin at speed instead of being stationary for 2 s; always so in the tunnel");
 }
 
 void add_lidar_options(CLI::App& command, Arguments& a) {

@@ -45,7 +45,7 @@ double GyroConsistency::constant_rate_error() const {
   return weight_ > 0.0 ? std::sqrt(constant_squares_ / weight_) : 0.0;
 }
 
-bool GyroConsistency::contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const {
+bool GyroConsistency::is_inconsistent(const Vector3& gyro, const Vector3& registered, double seconds) const {
   if (!has_rate_) return false;
   const double gyro_angle = (gyro - registered).norm() * seconds;
   const double constant_angle = (rate_ - registered).norm() * seconds;

@@ -11,7 +11,7 @@ class GyroConsistency {
  public:
   /// Adds the mean rates over a scan of `seconds`, rad/s.
   void add(const Vector3& gyro, const Vector3& registered, double seconds);
-  [[nodiscard]] bool contradicted(const Vector3& gyro, const Vector3& registered, double seconds) const;
+  [[nodiscard]] bool is_inconsistent(const Vector3& gyro, const Vector3& registered, double seconds) const;
   void reject();
   /// Discards the statistics but keeps the decision: the gyro's stamps were corrected.
   void reset_evidence();

@@ -55,7 +55,7 @@ bool ImuMonitor::force_usable(Time since) const {
 bool ImuMonitor::contradicts(const ImuBuffer& imu, const Vector3& gyro_bias,
                              const RegisteredMotion& motion) const {
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to) - gyro_bias;
-  return gyro_consistency_.contradicted(gyro_rate, motion.mean_rate(), motion.seconds());
+  return gyro_consistency_.is_inconsistent(gyro_rate, motion.mean_rate(), motion.seconds());
 }
 
 void ImuMonitor::demote() {

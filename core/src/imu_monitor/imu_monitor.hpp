@@ -50,7 +50,7 @@ class ImuMonitor {
   /// of turning.
   [[nodiscard]] Duration time_shift() const { return shift_; }
 
-  /// Whether the gyro is used for the motion in [from, to]: not contradicted, and neither stuck nor clipped
+  /// Whether the gyro is used for the motion in [from, to]: consistent, and neither stuck nor clipped
   /// there.
   [[nodiscard]] bool usable(Time from, Time to) const;
   /// Whether turns have shown that scale and axes of the gyro are right.

@@ -111,7 +111,7 @@ void Odometry::State::rebuild_first_map() {
   motion = first_motion;
   planes.reset(plane_voxel_m);
   if (point_map) point_map->clear();
-  coarse_map.clear();
+  ndt_map.clear();
   insert(first_sweep, deskewed, T_map_last_middle);
 }
 
@@ -155,7 +155,7 @@ void Odometry::State::insert_coarse(const std::vector<Eigen::Vector3f>& points) 
   };
   filter.thin(points.size(), position_of,
               [&](std::size_t i) { coarse_world_points.push_back(world_points[i]); });
-  coarse_map.insert(coarse_world_points);
+  ndt_map.insert(coarse_world_points);
 }
 
 void Odometry::State::apply_pending_map_update() {
@@ -185,7 +185,7 @@ void Odometry::State::update_maps() {
   for (Eigen::Vector3f& point : deskewed) point = R * point + t;
   planes.evict_far_from(T_map_base.translation);
   if (point_map) point_map->evict_far_from(T_map_base.translation);
-  coarse_map.evict_far_from(T_map_base.translation);
+  ndt_map.evict_far_from(T_map_base.translation);
 }
 
 }  // namespace nilio::core

@@ -46,7 +46,7 @@ void Odometry::State::try_hypothesis(const SE3& T_guess, Search& search, Odometr
   RegistrationResult coarse;
   coarse.T_map_moving = T_guess;
   if (method.coarse)
-    coarse = register_coarsely(coarse_map, search_points, T_guess, config.max_coarse_iterations, &budget,
+    coarse = register_coarsely(ndt_map, search_points, T_guess, config.max_coarse_iterations, &budget,
                                kSearchEpsilon);
   const RegistrationResult fine =
       register_fine(search_points, coarse.T_map_moving, plane_metric(sigma_m), std::nullopt, result);
@@ -69,7 +69,7 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
   std::array<double, kStartDisplacements> scores{};
   for (std::size_t i = 0; i < scores.size(); ++i)
     scores[i] =
-        ndt_equations(coarse_map, search_points, start_hypothesis(i), {kNdtKernelSchedule[0]}).weight_sum;
+        ndt_equations(ndt_map, search_points, start_hypothesis(i), {kNdtKernelSchedule[0]}).weight_sum;
   Search search{T_predicted, 0};
   for (int trial = 0; trial < kStartTrials; ++trial) {
     const auto best =

@@ -21,7 +21,8 @@ constexpr double kMaxTurnRate = 6.0;
 // Maximum acceleration, short of an accident.
 constexpr double kMaxAcceleration = 50.0;
 constexpr double kMaxTurnAcceleration = 10.0;
-// The accelerometer is contradicted by three standard deviations over some scans, and left out for a while.
+// The accelerometer is left out for a while after innovations beyond three standard deviations over some
+// scans.
 constexpr double kInnovationMemory = 0.8;
 constexpr double kMaxInnovation = 9.0;
 constexpr Duration kAccelerometerBan = Duration::from_seconds(5.0);

@@ -30,7 +30,7 @@ constexpr double kNormalMargin = 2.0 * 2.0;
 /// Unobserved directions of one 3x3 block of H, normalised so that a well observed direction is near 1/3.
 struct BlockObservability {
   Matrix3 observed = Matrix3::Identity();  ///< projector onto the observed directions
-  std::uint8_t weak_axes = 0;
+  std::uint8_t unobserved_axes = 0;
 };
 
 BlockObservability observe(const Matrix3& block, double threshold) {
@@ -44,7 +44,7 @@ BlockObservability observe(const Matrix3& block, double threshold) {
     result.observed -= direction * direction.transpose();
     Eigen::Index axis = 0;
     direction.cwiseAbs().maxCoeff(&axis);
-    result.weak_axes = static_cast<std::uint8_t>(result.weak_axes | (1U << axis));
+    result.unobserved_axes = static_cast<std::uint8_t>(result.unobserved_axes | (1U << axis));
   }
   return result;
 }
@@ -214,7 +214,8 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
       observe(equations.H.topLeftCorner<3, 3>(), options.degeneracy_threshold);
   const BlockObservability rotation =
       observe(equations.H.bottomRightCorner<3, 3>(), options.degeneracy_threshold);
-  result.degenerate_axes = static_cast<std::uint8_t>(translation.weak_axes | (rotation.weak_axes << 3U));
+  result.degenerate_axes =
+      static_cast<std::uint8_t>(translation.unobserved_axes | (rotation.unobserved_axes << 3U));
   result.information = with_error(scan_information(equations));
   Vector6 step = -solve_ldlt(equations.H, equations.b);
   step.head<3>() = translation.observed * step.head<3>();

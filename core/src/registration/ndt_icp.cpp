@@ -85,14 +85,14 @@ RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vecto
   const SweepProblem problem = prior && is_manoeuvring ? sweep_problem() : SweepProblem{};
   if (!problem.times_s.empty()) options.sweep = &problem;
   options.budget = &budget;
-  const RegistrationMaps maps{&planes, &coarse_map, point_map ? &*point_map : nullptr};
+  const RegistrationMaps maps{&planes, &ndt_map, point_map ? &*point_map : nullptr};
   const RegistrationResult fine = method.refine(maps, points, T_guess, metric, options);
   result.fine_iterations += fine.iterations;
   return fine;
 }
 
 RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
-  const RegistrationResult coarse = register_coarsely(coarse_map, coarse_points, registration.T_map_moving,
+  const RegistrationResult coarse = register_coarsely(ndt_map, coarse_points, registration.T_map_moving,
                                                       config.max_coarse_iterations, &budget);
   result.coarse_iterations += coarse.iterations;
   if (has_found_pose(coarse)) registration.T_map_moving = coarse.T_map_moving;

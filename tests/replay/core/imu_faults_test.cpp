@@ -22,7 +22,7 @@ constexpr double kPeriod = 0.1;
 constexpr int kScans = 130;
 constexpr int kScansOfLongDrive = 330;
 
-/// 6 m/s in bends of 20 deg/s to both sides, after standing for a second.
+/// 6 m/s in bends of 20 deg/s to both sides, after a stationary second.
 SE3 winding(double t) {
   const double s = std::max(0.0, t - 1.0);
   const double along = s < 2.0 ? 1.5 * s * s : 6.0 * s - 6.0;

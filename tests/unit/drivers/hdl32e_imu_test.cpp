@@ -102,7 +102,7 @@ TEST_CASE("uneven packets become even samples, and faults are counted", "[hdl32e
 }
 
 TEST_CASE("recorded HDL-32E measure gravity upwards", "[hdl32e_imu]") {
-  // Standing and on a highway; the accelerometers' scale is good to 4 %.
+  // Stationary and on a highway; the accelerometers' scale is good to 4 %.
   for (const char* name :
        {"velodyne/hdl32e_monterey_stationary.pcap", "velodyne/hdl32e_highway_moving.pcap"}) {
     NILIO_REQUIRE_DATA(capture, name);

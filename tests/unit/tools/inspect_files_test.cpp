@@ -35,7 +35,7 @@ std::string imu_log(const std::string& preset_name, double seconds, const core::
   return text;
 }
 
-core::ImuSample standing() {
+core::ImuSample stationary_sample() {
   return {.stamp = {}, .angular_velocity = {0.01, -0.02, 0.03}, .linear_acceleration = {0.0, 0.0, 9.81}};
 }
 
@@ -84,7 +84,7 @@ TEST_CASE("the frames of every IMU preset are recognised, with rate, bias and at
     // Presets with fewer than six axes are not for odometry.
     if (!drivers::ImuDecoder::create(built_in.mapping, built_in.database)) continue;
     INFO(preset);
-    const RecordingFindings findings = inspect_bytes(imu_log(preset, 5.0, standing()), ".log");
+    const RecordingFindings findings = inspect_bytes(imu_log(preset, 5.0, stationary_sample()), ".log");
     REQUIRE(findings.can_logs.size() == 1);
     const ImuFindings* imu = findings.can_logs.front().imu();
     REQUIRE(imu != nullptr);
@@ -101,24 +101,24 @@ TEST_CASE("the frames of every IMU preset are recognised, with rate, bias and at
 }
 
 TEST_CASE("an inverted IMU, other units and missing IMU messages are reported", "[inspect_files]") {
-  core::ImuSample turned = standing();
+  core::ImuSample turned = stationary_sample();
   turned.linear_acceleration[2] = -9.81;
   CHECK_THAT(inspect_report(inspect_bytes(imu_log("xsens_mti", 3.0, turned), ".log")),
              Contains("UPSIDE DOWN"));
-  core::ImuSample in_g = standing();
+  core::ImuSample in_g = stationary_sample();
   in_g.linear_acceleration[2] = 1.0;
   const RecordingFindings other = inspect_bytes(imu_log("xsens_mti", 3.0, in_g), ".log");
   CHECK(other.can_logs.at(0).imu() == nullptr);
   CHECK_THAT(inspect_report(other), Contains("another device"));
   std::string half;
-  std::istringstream lines(imu_log("xsens_mti", 3.0, standing()));
+  std::istringstream lines(imu_log("xsens_mti", 3.0, stationary_sample()));
   for (std::string line; std::getline(lines, line);)
     if (line.find("034#") != std::string::npos) half += line + "\n";
   CHECK_THAT(inspect_report(inspect_bytes(half, ".log")), Contains("some of its messages are missing"));
 }
 
 TEST_CASE("broken lines, error frames and overlong lines of a CAN log are counted", "[inspect_files]") {
-  const std::string log = imu_log("xsens_mti", 1.0, standing()) + "(1700000001.5) can0 zzz\n" +
+  const std::string log = imu_log("xsens_mti", 1.0, stationary_sample()) + "(1700000001.5) can0 zzz\n" +
                           "(9000000000.000000) can0 032#000000000000\n" +
                           "(1700000001.600000) can0 20000004#0000000000000000\n(" +
                           std::string(100'000, 'x') + "\n" + "comment\n(1700000001.700000) can1 123#00\n";
@@ -138,7 +138,8 @@ TEST_CASE("a CAN log without overlap with the capture is reported with the time 
           "[inspect_files]") {
   const TemporaryFolder folder;
   write(folder.path() / "lidar.pcap", vlp16_capture(kFirstSensor, 2368));
-  write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing(), kEpochNs + 100'000'000'000));
+  write(folder.path() / "imu.log",
+        imu_log("xsens_mti", 2.0, stationary_sample(), kEpochNs + 100'000'000'000));
   const RecordingFindings apart = inspect_recording({folder.path().string()});
   REQUIRE((apart.captures.size() == 1 && apart.can_logs.size() == 1));
   const TimeRelation relation = relate(apart.can_logs[0], apart.captures[0]);
@@ -149,7 +150,7 @@ TEST_CASE("a CAN log without overlap with the capture is reported with the time 
   CHECK_THAT(
       make_recording_config({&apart.captures[0], &apart.captures[0].sensors.at(0), &apart.can_logs[0]}, {}),
       Contains("and the capture do not overlap: they are 99.602 s apart"));
-  write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, standing()));
+  write(folder.path() / "imu.log", imu_log("xsens_mti", 2.0, stationary_sample()));
   const RecordingFindings together = inspect_recording({folder.path().string()});
   CHECK(relate(together.can_logs[0], together.captures[0]).apart_s == 0.0);
   CHECK_THAT(inspect_report(together), Contains("covers 100.0 %"));
@@ -163,8 +164,8 @@ TEST_CASE("the configuration contains differing ports, sender and IMU, and a rep
   std::string both = vlp16_capture(kFirstSensor, 3000);
   both += vlp16_capture(kSecondSensor, 3000, 200).substr(24);
   write(capture, both);
-  write(folder.path() / "imu.log",
-        imu_log("oxts_rt3003", 1.0, standing(), kEpochNs, "can1") + "(1700000000.000000) can0 123#00\n");
+  write(folder.path() / "imu.log", imu_log("oxts_rt3003", 1.0, stationary_sample(), kEpochNs, "can1") +
+                                       "(1700000000.000000) can0 123#00\n");
   const CommandResult result = run_inspect(folder.path().string() + " --write-config " + yaml.string());
   INFO(result.errors);
   REQUIRE(result.status == 0);

@@ -108,8 +108,8 @@ std::vector<double> speed_profile(const Route& route, double stop_m, const Drivi
 std::vector<double> arc_length_over_time(const Route& route, const std::vector<double>& speed, double stop_m,
                                          const DrivingStyle& style) {
   std::vector<double> result;
-  const auto standing = static_cast<std::size_t>(std::lround(kStandingTimeS / kControlIntervalS));
-  if (!style.moving_start) result.assign(standing, 0.0);
+  const auto stationary = static_cast<std::size_t>(std::lround(kStationaryTimeS / kControlIntervalS));
+  if (!style.moving_start) result.assign(stationary, 0.0);
   double segment_start = 0.0;
   double next = 0.0;
   for (std::size_t i = 1; i < speed.size() && route.arc_length[i - 1] < stop_m; ++i) {
@@ -127,7 +127,7 @@ std::vector<double> arc_length_over_time(const Route& route, const std::vector<d
     for (std::size_t k = 0; halts && k < kHaltIntervals; ++k) result.push_back(route.arc_length[i]);
   }
   const double end = result.empty() ? 0.0 : result.back();
-  result.insert(result.end(), standing, end);
+  result.insert(result.end(), stationary, end);
   return smooth(std::move(result), style.pedal_half_width, 2);
 }
 

@@ -53,7 +53,7 @@ struct DrivingStyle {
   /// Half width of the moving average that limits the jerk, control intervals; it is applied twice. 6
   /// resembles normal use of the pedals.
   std::size_t pedal_half_width = 6;
-  /// Begin at cruising speed instead of standing still.
+  /// Begin at cruising speed instead of from a halt.
   bool moving_start = false;
 };
 

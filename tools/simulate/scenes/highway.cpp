@@ -257,7 +257,7 @@ void add_companions(const RoadLine& line, const SceneConfig& config, std::vector
       // It came to rest at time 0.
       const double braking_s = car.speed_m_s / kHaltAcceleration;
       car.halt_m = car.start_m;
-      car.halt_s = kStandingTimeS;
+      car.halt_s = kStationaryTimeS;
       car.start_m += 0.5 * car.speed_m_s * braking_s;
     }
     cars.push_back(std::move(car));
@@ -326,7 +326,7 @@ std::vector<double> queue_halts(double length_m, std::uint64_t seed) {
 core::Result<Scene> build_motorway(const SceneConfig& config, bool queue) {
   const double speed = *config.speed_m_s;
   // Acceleration to cruising speed takes half a minute.
-  const double setting_off_s = config.moving_start ? 0.0 : 0.5 * speed / kHaltAcceleration + kStandingTimeS;
+  const double setting_off_s = config.moving_start ? 0.0 : 0.5 * speed / kHaltAcceleration + kStationaryTimeS;
   const double duration_s =
       wanted_duration(config.extent, speed, 60.0) + (config.extent.duration_s > 0.0 ? 0.0 : setting_off_s);
   const double length = 1.02 * speed * duration_s + 2.0 * kBeyondM;

@@ -202,7 +202,7 @@ RoadSurface surface_of(const RoadsidePlan& plan, double length_m) {
 core::Result<Scene> build_roadside(SceneKind kind, const SceneConfig& config) {
   const RoadsidePlan& plan = plan_of(kind);
   const double speed = *config.speed_m_s;
-  const double setting_off_s = config.moving_start ? 0.0 : kStandingTimeS + 0.5 * speed / 1.8;
+  const double setting_off_s = config.moving_start ? 0.0 : kStationaryTimeS + 0.5 * speed / 1.8;
   const double duration_s =
       wanted_duration(config.extent, speed, 60.0) + (config.extent.duration_s > 0.0 ? 0.0 : setting_off_s);
   const double drive_m = 1.02 * speed * duration_s + 5.0;

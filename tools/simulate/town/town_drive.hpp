@@ -14,7 +14,7 @@ namespace nilio::tools::simulate {
 struct TownDriveConfig {
   std::uint64_t seed = 1;
   double cruise_speed_m_s = 10.0;
-  /// Begin at cruising speed instead of standing still.
+  /// Begin at cruising speed instead of from a halt.
   bool moving_start = false;
   DriveExtent extent;
   /// Brake with 1 g to a stop every 110 m and turn corners at 90 deg/s.

@@ -83,10 +83,10 @@ std::vector<SE3> smooth_poses(const std::vector<SE3>& poses) {
 std::vector<double> recorded_times(const VehicleTrajectory& recorded, bool moving_start) {
   const double speed = recorded.state(0.0).velocity.norm();
   const double ramp_s = moving_start ? 0.0 : std::max(0.5, speed / kSetOffAcceleration);
-  const double standing_s = moving_start ? 0.0 : kStandingTimeS;
+  const double stationary_s = moving_start ? 0.0 : kStationaryTimeS;
   std::vector<double> times;
   for (std::size_t i = 0;; ++i) {
-    const double t = static_cast<double>(i) * kControlIntervalS - standing_s;
+    const double t = static_cast<double>(i) * kControlIntervalS - stationary_s;
     double u = std::max(0.0, t - 0.5 * ramp_s);
     if (t <= 0.0) {
       u = 0.0;

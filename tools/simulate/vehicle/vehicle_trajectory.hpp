@@ -64,6 +64,6 @@ double path_length(const std::vector<core::SE3>& poses);
 /// Spacing of the control poses.
 inline constexpr double kControlIntervalS = 0.05;
 /// Stationary time at the start, in which an estimator initialises gravity and gyro bias.
-inline constexpr double kStandingTimeS = 2.0;
+inline constexpr double kStationaryTimeS = 2.0;
 
 }  // namespace nilio::tools::simulate

@@ -166,8 +166,8 @@ TEST_CASE("an ideal accelerometer measures the specific force at its own place",
 
 TEST_CASE("a stationary IMU measures gravity and no rotation, with the configured noise and bias",
           "[simulate_motion]") {
-  const std::vector<SE3> standing(400, SE3::identity());
-  const VehicleTrajectory trajectory(standing, kControlIntervalS);
+  const std::vector<SE3> stationary(400, SE3::identity());
+  const VehicleTrajectory trajectory(stationary, kControlIntervalS);
   ImuModelConfig config;
   config.gyroscope = {1e-4, 2e-3, 0.0};
   config.accelerometer = {1e-3, 0.02, 0.0};

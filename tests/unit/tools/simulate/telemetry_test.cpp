@@ -207,8 +207,8 @@ TEST_CASE("a recording has the same bytes with one or several threads", "[simula
 
 TEST_CASE("a clock 3 s off, 20 ppm fast, over a jittery network gives scans within 100 us after 10 s",
           "[simulate_telemetry]") {
-  std::vector<core::SE3> standing(272, core::SE3{{1.0, 0.0, 0.0, 0.0}, {0.0, 0.0, -1.75}});
-  const RoomWorld world = tests::make_room_world(standing);
+  std::vector<core::SE3> stationary(272, core::SE3{{1.0, 0.0, 0.0, 0.0}, {0.0, 0.0, -1.75}});
+  const RoomWorld world = tests::make_room_world(stationary);
   LidarModelConfig config = tests::room_config();
   config.gps = GpsReception::kNone;
   config.clock_offset = core::Duration::from_seconds(3.0);
