@@ -131,16 +131,17 @@ Matrix6 scan_information(const NormalEquations& equations) {
   return shrink * equations.H * shrink / measurement_variance(equations);
 }
 
-/// The scan's part in a step: its information of the pose, the axes that it does not observe, and its share
-/// of the covariance after the step.
-void describe(const NormalEquations& equations, const Matrix6& prior, const Matrix6& after,
-              RegistrationResult& result) {
+/// Information of the scan about the pose, and the axes that it does not observe.
+void set_information(const NormalEquations& equations, RegistrationResult& result) {
   const Matrix6 information = scan_information(equations);
   result.information = with_error(information);
   const double noise = residual_variance(equations, equations.gaussian_square_excess);
   result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
-  result.observability =
-      (1.0 - after.diagonal().array() / prior.diagonal().array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
+}
+
+/// Share of the covariance of each axis that a step removes.
+Vector6 observability_of(const Matrix6& before, const Matrix6& after) {
+  return (1.0 - after.diagonal().array() / before.diagonal().array()).cwiseMax(0.0).cwiseMin(1.0).matrix();
 }
 
 /// Gauss-Newton step of scan and prior.
@@ -149,15 +150,15 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const PosePrior& prior = *options.prior;
   const Vector6 offset = se3_log(prior.T_map_moving.inverse() * result.T_map_moving);
   const Matrix6 held = inverse_ldlt(prior.covariance);
-  const Matrix6 information = with_error(scan_information(equations));
-  const Matrix6 combined = information + held;
+  set_information(equations, result);
+  const Matrix6 combined = result.information + held;
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
-  const Vector6 step = solve_ldlt(combined, information * wanted - held * offset);
-  describe(equations, prior.covariance, inverse_ldlt(combined), result);
+  const Vector6 step = solve_ldlt(combined, result.information * wanted - held * offset);
+  result.observability = observability_of(prior.covariance, inverse_ldlt(combined));
   return take_step(step, options, result);
 }
 
-/// Information about pose and twist, the twist in units of `unit_s`, with the errors that points share.
+/// Information about pose and twist in the units of H, with the errors that points share.
 Matrix12 sweep_information(const NormalEquations& equations, const Matrix12& H) {
   Matrix12 shrink = Matrix12::Zero();
   shrink.topLeftCorner<6, 6>() = shrink.bottomRightCorner<6, 6>() = shrink_of_normals(equations);
@@ -193,8 +194,9 @@ StepOutcome step_of_sweep(const NormalEquations& equations, const SolverOptions&
   const Matrix12 combined = information + held;
   const Vector12 wanted = -solve_ldlt(H, b);
   const Vector12 step = solve_ldlt(combined, Vector12(information * wanted - held * offset));
-  describe(equations, prior.covariance.topLeftCorner<6, 6>(), inverse_ldlt(combined).topLeftCorner<6, 6>(),
-           result);
+  set_information(equations, result);
+  result.observability =
+      observability_of(prior.covariance.topLeftCorner<6, 6>(), inverse_ldlt(combined).topLeftCorner<6, 6>());
   result.sweep_information = units.asDiagonal() * information * units.asDiagonal();
   result.twist += step.tail<6>() / unit_s;
   const StepOutcome outcome = take_step(step.head<6>(), options, result);
