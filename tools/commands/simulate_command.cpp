@@ -336,6 +336,9 @@ std::optional<Error> find_unused_in_scene(const CLI::App& command, const Argumen
   std::optional<Error> error;
   if (scene.kind != SceneKind::kTunnel && command.count("--tunnel-lamps") > 0)
     return Error{"--tunnel-lamps is for --scene tunnel"};
+  for (const char* option : {"--visit", "--way-back"}) {
+    if (!in_town && command.count(option) > 0) return Error{std::string(option) + " is for the town"};
+  }
   if (scene.kind != SceneKind::kTown && a.options.trajectory != "town")
     return Error{"--trajectory: a pose file is driven through the town - leave --scene out"};
   if (!town_script(scene.kind, 1.0).empty()) error = unused("--moving-start", "the drive begins at a halt");
@@ -406,6 +409,12 @@ void add_simulate_command(CLI::App& app, int& status) {
   add_imu_options(*command, *arguments);
   command->add_option("--seed", arguments->options.seed, "seed of scene, traffic and noise")
       ->capture_default_str();
+  command->add_option(
+      "--visit", arguments->options.visit,
+      "the town of --seed at another time, by its number: other traffic, parked cars and noise, "
+      "20 % of the objects differ between two visits");
+  command->add_flag("--way-back", arguments->options.way_back,
+                    "in the town: drive the route backwards, in the oncoming lane");
   command->callback([arguments, command, &status] { status = run_simulate(*command, *arguments); });
 }
 

@@ -20,6 +20,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <numbers>
 #include <system_error>
 #include <utility>
 
@@ -103,19 +104,29 @@ std::string describe(const Town& town) {
          counted(s.walls, "garden walls, ") + counted(town.layout.side_streets().size(), "side streets");
 }
 
+/// The drive turned round, in the oncoming lane.
+std::vector<SE3> way_back(const std::vector<SE3>& poses) {
+  const SE3 T_base_turned{core::so3_exp({0.0, 0.0, std::numbers::pi}), {0.0, kOncomingLaneM, 0.0}};
+  std::vector<SE3> result;
+  for (auto pose = poses.rbegin(); pose != poses.rend(); ++pose) result.push_back(*pose * T_base_turned);
+  return result;
+}
+
 Result<Scene> make_town_scene(const Options& options, const SE3& T_base_lidar) {
   Result<std::vector<SE3>> poses = make_town_poses(options, T_base_lidar);
   if (!poses) return poses.error();
   const VehicleTrajectory trajectory(*poses, kControlIntervalS);
   Result<Town> town = build_town(
       trajectory, {options.seed, options.scene_density, effects_of(options).has(Effect::kVegetation),
-                   effects_of(options).has(Effect::kClutter)});
+                   effects_of(options).has(Effect::kClutter), options.visit});
   if (!town) return town.error();
   warn_off_ground(*town);
+  if (options.way_back) *poses = way_back(*poses);
+  const VehicleTrajectory drive(*poses, kControlIntervalS);
   const std::size_t wanted_cars =
       options.moving_cars.value_or(static_cast<unsigned>(path_length(*poses) / kMetresPerMovingCar));
   Scene scene;
-  scene.cars = make_traffic(trajectory, town->layout, town->ground, wanted_cars, options.seed);
+  scene.cars = make_traffic(drive, town->layout, town->ground, wanted_cars, visit_seed(options));
   scene.road = town_road(path_length(*poses), options.seed);
   scene.poses = std::move(*poses);
   scene.contents = describe(*town);
@@ -144,7 +155,7 @@ Result<fs::path> prepare_folder(const std::string& output) {
 ImuModelConfig imu_config(const Options& options) {
   constexpr double micro_g = 1e-6 * 9.80665;
   ImuModelConfig config;
-  config.seed = options.seed;
+  config.seed = visit_seed(options);
   config.start = kStart;
   config.T_base_imu = mounting_of(options.imu_extrinsic).T_base_sensor();
   config.rate_hz = options.imu_rate_hz;
@@ -207,7 +218,7 @@ Result<bool> write_inertial_data(const Options& options, const VehicleTrajectory
   const Result<ImuFaultConfig> faults = parse_imu_faults(options.imu_faults);
   if (!faults) return faults.error();
   const ImuModelConfig config = imu_config(options);
-  const ImuFaults imu_faults(*faults, kStart, trajectory.duration_s(), options.seed);
+  const ImuFaults imu_faults(*faults, kStart, trajectory.duration_s(), visit_seed(options));
   const auto write = [&](auto model) {
     return write_imu_recording([&model] { return model.next(); }, model.sample_count(), imu_faults, *preset,
                                path.string());
@@ -234,7 +245,9 @@ Result<bool> write_small_files(const Options& options, const VehicleTrajectory& 
     const auto imu = write_inertial_data(options, inertial, imu_path);
     if (!imu) return imu.error();
   }
-  const auto truth = write_truth(trajectory, kStart, (folder / "truth.tum").string());
+  // Visits have the frame of the town in common.
+  const SE3 T_truth_world = options.visit ? SE3{} : trajectory.pose(0.0).inverse();
+  const auto truth = write_truth(trajectory, T_truth_world, kStart, (folder / "truth.tum").string());
   if (!truth) return truth.error();
   std::printf("%s: %llu poses\n", (folder / "truth.tum").c_str(), static_cast<unsigned long long>(*truth));
   RecordedSensors sensors;
@@ -254,7 +267,7 @@ Result<LidarRecordingSummary> write_lidar(const Options& options, const LidarSet
                                           const VehicleTrajectory& trajectory, const RayScene& scene,
                                           const fs::path& path) {
   LidarModelConfig config;
-  config.seed = options.seed;
+  config.seed = visit_seed(options);
   config.start = kStart;
   config.T_base_lidar = T_base_actual_lidar(options);
   config.revolutions_per_minute = options.revolutions_per_minute;
@@ -283,7 +296,7 @@ VehicleTrajectory make_trajectory(const Options& options, const Scene& scene, co
   RoadSurface road = scene.road;
   // The next class of roughness.
   if (options.realism == Realism::kPoor) road.roughness_m3 *= 4.0;
-  return smooth.with_body(std::make_shared<BodyMotion>(road, smooth.travel(), options.seed));
+  return smooth.with_body(std::make_shared<BodyMotion>(road, smooth.travel(), visit_seed(options)));
 }
 
 }  // namespace

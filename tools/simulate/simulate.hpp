@@ -81,8 +81,15 @@ struct Options {
   double dirt_deg = 0.0;
 
   std::uint64_t seed = 1;
+  /// The town of `seed` at another time: other traffic, parked cars, sensor unit and noise, 20 % of the
+  /// objects changed.
+  std::optional<std::uint64_t> visit;
+  /// Drive the route backwards, in the oncoming lane.
+  bool way_back = false;
 };
 
+/// Seed of all that differs from one visit to the next.
+inline std::uint64_t visit_seed(const Options& options) { return options.visit.value_or(options.seed); }
 /// Effects and IMU grade (unset = constants) that the options stand for.
 Effects effects_of(const Options& options);
 std::optional<ImuGrade> imu_grade_of(const Options& options);

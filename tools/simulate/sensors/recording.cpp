@@ -90,15 +90,14 @@ Result<std::uint64_t> write_imu_recording(const std::function<core::ImuSample()>
   return written;
 }
 
-Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, core::Time start,
-                                  const std::string& path) {
-  const core::SE3 T_first_world = trajectory.pose(0.0).inverse();
+Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, const core::SE3& T_truth_world,
+                                  core::Time start, const std::string& path) {
   tools::Trajectory truth;
   truth.format = TrajectoryFormat::kTum;
   for (core::Duration offset{0}; offset.seconds() <= trajectory.duration_s();
        offset = offset + kTruthInterval) {
     truth.stamps.push_back(start + offset);
-    truth.poses.emplace_back((T_first_world * trajectory.pose(offset.seconds())).matrix());
+    truth.poses.emplace_back((T_truth_world * trajectory.pose(offset.seconds())).matrix());
   }
   const Result<std::size_t> written = write_trajectory(truth, path);
   if (!written) return written.error();

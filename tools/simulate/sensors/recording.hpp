@@ -34,9 +34,9 @@ core::Result<LidarRecordingSummary> write_lidar_recording(const LidarModel& mode
 core::Result<std::uint64_t> write_imu_recording(const std::function<core::ImuSample()>& next_sample,
                                                 std::uint64_t count, ImuFaults faults,
                                                 const drivers::ImuPreset& preset, const std::string& path);
-/// T_world_base every 5 ms as a TUM file; world is the first pose.
-core::Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, core::Time start,
-                                        const std::string& path);
+/// T_truth_base every 5 ms as a TUM file.
+core::Result<std::uint64_t> write_truth(const VehicleTrajectory& trajectory, const core::SE3& T_truth_world,
+                                        core::Time start, const std::string& path);
 
 /// Mounting of a sensor on the vehicle as in configuration files: R = Rz(yaw) Ry(pitch) Rx(roll).
 struct Mounting {

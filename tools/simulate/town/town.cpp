@@ -19,6 +19,8 @@ using core::Vector3;
 constexpr double kPavementWidthM = 2.2;
 constexpr double kKerbHeightM = 0.12;
 constexpr double kPi = std::numbers::pi;
+/// Two visits differ in 2 p (1 - p) of the objects.
+constexpr double kMissingShare = 0.113;
 
 /// Side of the driven path.
 enum class Side { kRight, kLeft };
@@ -80,6 +82,18 @@ class TownBuilder {
     return true;
   }
 
+  /// Where to put the next object: it may be missing at this visit. Its place is taken all the same, so that
+  /// the rest of the town does not change.
+  [[nodiscard]] TriangleMesh& mesh() {
+    const bool is_missing =
+        config_.visit && to_unit_interval(random_word(*config_.visit, 61, objects_++)) < kMissingShare;
+    if (!is_missing) return town_.mesh;
+    missing_ = {};
+    // Plants of both kinds draw different numbers.
+    missing_.porous_plants = town_.mesh.porous_plants;
+    return missing_;
+  }
+
   /// Upright frame on the ground.
   [[nodiscard]] SE3 frame_at(const Vector2& p, double yaw_rad) const {
     return upright_frame(town_.ground.on_ground(p), yaw_rad);
@@ -112,7 +126,7 @@ class TownBuilder {
   }
 
   void add_parked_cars(Side side) {
-    Random random = random_for(1, side);
+    Random random(config_.visit.value_or(config_.seed), side == Side::kLeft ? 111 : 110);
     std::array<TriangleMesh, kCarModels> cars;
     for (std::size_t model = 0; model < kCarModels; ++model) cars[model] = make_car(model);
     for_each_place(side, 5.2, 0.3, random, [&](const StreetSample& sample) {
@@ -182,9 +196,9 @@ class TownBuilder {
     const double height = random.uniform(0.5, 1.6);
     if (!claim(footprint, cell_use::kRoad, 0.2)) return;
     const double z = town_.ground.lowest(footprint);
-    town_.mesh.add_box(upright_frame({footprint.centre.x(), footprint.centre.y(), z}, yaw),
-                       {-0.5 * footprint.length_m, -0.12, -1.0}, {0.5 * footprint.length_m, 0.12, height},
-                       Material::kBrick);
+    mesh().add_box(upright_frame({footprint.centre.x(), footprint.centre.y(), z}, yaw),
+                   {-0.5 * footprint.length_m, -0.12, -1.0}, {0.5 * footprint.length_m, 0.12, height},
+                   Material::kBrick);
     ++town_.summary.walls;
   }
 
@@ -197,9 +211,9 @@ class TownBuilder {
       if (!random.chance(scaled(0.9)) || !claim(footprint, cell_use::kRoad, 0.0)) return;
       const double yaw = front_yaw(sample, side);
       if (lamp) {
-        add_lamp(town_.mesh, frame_at(footprint.centre, yaw - 0.5 * kPi), random);
+        add_lamp(mesh(), frame_at(footprint.centre, yaw - 0.5 * kPi), random);
       } else {
-        add_sign(town_.mesh, frame_at(footprint.centre, yaw + kPi), random);
+        add_sign(mesh(), frame_at(footprint.centre, yaw + kPi), random);
       }
       ++town_.summary.posts;
     });
@@ -242,9 +256,9 @@ class TownBuilder {
       const SE3 frame = upright_frame(
           {footprint.centre.x(), footprint.centre.y(), town_.ground.lowest(footprint)}, sample.yaw_rad);
       if (hedge) {
-        add_hedge(town_.mesh, frame, length, height);
+        add_hedge(mesh(), frame, length, height);
       } else {
-        add_fence(town_.mesh, frame, length, height);
+        add_fence(mesh(), frame, length, height);
       }
       ++town_.summary.clutter;
     });
@@ -268,7 +282,7 @@ class TownBuilder {
       if (!random.chance(scaled(0.8))) return;
       const Footprint footprint{sample.beside(sign_of(side) * out), sample.yaw_rad, 1.6, 0.6};
       if (!claim(footprint, cell_use::kRoad, 0.0)) return;
-      add_clutter(town_.mesh, frame_at(footprint.centre, sample.yaw_rad + random.uniform(-0.4, 0.4)), random);
+      add_clutter(mesh(), frame_at(footprint.centre, sample.yaw_rad + random.uniform(-0.4, 0.4)), random);
       ++town_.summary.clutter;
     });
   }
@@ -296,13 +310,13 @@ class TownBuilder {
     if (!town_.layout.is_free(crown, cell_use::kLane, 0.0)) return;
     // Crowns may touch each other and walls; trunks need free ground.
     if (!claim({place, 0.0, 0.8, 0.8}, cell_use::kRoad, 0.4)) return;
-    add_tree(town_.mesh, frame_at(place, random.uniform(0.0, kPi)), crown_radius_m, random);
+    add_tree(mesh(), frame_at(place, random.uniform(0.0, kPi)), crown_radius_m, random);
     ++town_.summary.trees;
   }
 
   void plant_bush(const Vector2& place, double radius_m, Random& random) {
     if (!claim({place, 0.0, 2.0 * radius_m, 2.0 * radius_m}, cell_use::kRoad, 0.0)) return;
-    add_bush(town_.mesh, frame_at(place, 0.0), radius_m, random);
+    add_bush(mesh(), frame_at(place, 0.0), radius_m, random);
     ++town_.summary.bushes;
   }
 
@@ -321,6 +335,8 @@ class TownBuilder {
 
   Town& town_;
   const TownConfig& config_;
+  std::uint64_t objects_ = 0;
+  TriangleMesh missing_;
 };
 
 }  // namespace

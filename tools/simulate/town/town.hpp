@@ -8,6 +8,7 @@
 #include "tools/simulate/vehicle/vehicle_trajectory.hpp"
 
 #include <cstdint>
+#include <optional>
 
 namespace nilio::tools::simulate {
 
@@ -19,6 +20,9 @@ struct TownConfig {
   bool porous_plants = false;
   /// Hedges, fences, wires, bins, bicycles and persons beside the street.
   bool clutter = false;
+  /// Another time: each object but houses is missing by chance, so that two visits differ in 20 % of them,
+  /// and other cars are parked.
+  std::optional<std::uint64_t> visit = std::nullopt;
 };
 
 struct TownSummary {

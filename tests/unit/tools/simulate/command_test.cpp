@@ -7,6 +7,7 @@
 #include "tools/commands/commands.hpp"
 #include "tools/common/trajectory.hpp"
 
+#include <array>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -43,6 +44,31 @@ TEST_CASE("the same seed gives the same bytes in every file, another seed does n
     CHECK(content != tests::read_file(c.path() / name));
   }
   CHECK(tests::read_file(a.path() / "nilio.yaml") == tests::read_file(b.path() / "nilio.yaml"));
+}
+
+TEST_CASE("visits of a town have a frame in common, also on the way back", "[simulate_command]") {
+  const TemporaryFolder folder;
+  std::array<Eigen::Vector3d, 2> there;
+  std::string captures;
+  for (const char* const options : {" --visit 1", " --visit 2", " --visit 2 --way-back"}) {
+    REQUIRE(simulate(folder.path().string() + kShort + options) == 0);
+    const std::string capture = tests::read_file(folder.path() / "lidar.pcap");
+    CHECK(capture != captures);
+    captures = capture;
+    const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
+    REQUIRE(truth.ok());
+    const std::array<Eigen::Vector3d, 2> now{truth->poses.front().translation(),
+                                             truth->poses.back().translation()};
+    INFO(options << ": from " << now[0].transpose() << " to " << now[1].transpose());
+    // 3.5 m to the left of the way there; bodies move by some centimetres.
+    const bool is_back = std::string(options).find("back") != std::string::npos;
+    if (std::string(options) != " --visit 1") {
+      CHECK((now[is_back ? 1 : 0] - there[0]).norm() == Approx(is_back ? 3.5 : 0.0).margin(0.2));
+      CHECK((now[is_back ? 0 : 1] - there[1]).norm() == Approx(is_back ? 3.5 : 0.0).margin(0.2));
+    }
+    if (!is_back) there = now;
+  }
+  CHECK(simulate(folder.path().string() + " --scene tunnel --visit 1") == 2);
 }
 
 TEST_CASE("a drive that is over before the vehicle has left its place is simulated", "[simulate_command]") {

@@ -1,7 +1,12 @@
 #include "tests/support/tools/simulate_support.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
+#include <set>
+#include <utility>
 
 #include <catch2/catch.hpp>
 
@@ -110,4 +115,34 @@ TEST_CASE("density 0 gives empty streets and density 1 buildings", "[simulate_sc
   REQUIRE(full.ok());
   CHECK(full->summary.buildings > 8);
   CHECK(full->mesh.triangles.size() > bare->mesh.triangles.size());
+}
+
+TEST_CASE("two visits of a town have the houses in common and four fifths of the plants",
+          "[simulate_scene]") {
+  TownDriveConfig config;
+  config.extent.length_m = 800.0;
+  const VehicleTrajectory trajectory(make_town_drive(config), kControlIntervalS);
+  // A bush and a crown stand where no other one does.
+  std::array<std::set<std::pair<float, float>>, 3> plants;
+  std::array<std::size_t, 3> buildings{};
+  for (const std::size_t visit : {0U, 1U, 2U}) {
+    const auto town =
+        build_town(trajectory, {1, 1.0, true, true, visit == 0 ? std::nullopt : std::optional(visit)});
+    REQUIRE(town.ok());
+    buildings[visit] = town->summary.buildings;
+    for (const PorousVolume& volume : town->mesh.volumes)
+      plants[visit].emplace(volume.centre.x(), volume.centre.y());
+  }
+  CHECK(buildings[0] > 15);
+  CHECK(buildings[1] == buildings[0]);
+  CHECK(buildings[2] == buildings[0]);
+  REQUIRE(plants[0].size() > 150);
+  std::size_t common = 0;
+  std::size_t either = 0;
+  for (const auto& plant : plants[0]) {
+    common += plants[1].count(plant) > 0 && plants[2].count(plant) > 0 ? 1 : 0;
+    either += plants[1].count(plant) > 0 || plants[2].count(plant) > 0 ? 1 : 0;
+  }
+  CHECK(std::includes(plants[0].begin(), plants[0].end(), plants[1].begin(), plants[1].end()));
+  CHECK(static_cast<double>(common) / static_cast<double>(either) == Approx(0.8).margin(0.06));
 }
