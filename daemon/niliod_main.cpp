@@ -9,6 +9,7 @@
 #include "daemon/service/service_notifier.hpp"
 #include "daemon/supervision/supervisor.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <csignal>
 #include <dlfcn.h>
@@ -60,6 +61,7 @@ struct Arguments {
   std::string speed = "max";
   std::string output;
   std::string record;
+  std::string map;
   std::string decisions;
   bool force = false;
   bool as_live = false;
@@ -96,6 +98,8 @@ void add_options(CLI::App& app, Arguments& arguments) {
       "config.yaml, map.ply, map, run.mcap, and under live rules decisions.jsonl. A replay refuses a folder "
       "with an earlier run; a live run "
       "writes to FOLDER-2, FOLDER-3, ... instead");
+  app.add_option("--map", arguments.map,
+                 "folder of a saved map to localise in; the same as --set mapper.localise_in=FOLDER");
   app.add_flag("--force", arguments.force, "replace the files of an earlier run in the output folder");
   app.add_option("--set", arguments.overrides,
                  "override one key, such as odometry.threads=2; may be repeated")
@@ -148,7 +152,17 @@ nilio::core::Result<Config> effective_config(const Arguments& arguments, const R
   if (!from_environment) return from_environment.error();
   const auto applied = nilio::daemon::apply_overrides(*config, arguments.overrides);
   if (!applied) return applied.error();
+  if (!arguments.map.empty()) config->mapper.localise_in = arguments.map;
   return config;
+}
+
+/// Whether the map to localise in lies in the output folder of a replay, which is cleared.
+bool clears_map(const Config& config, const Arguments& arguments) {
+  if (config.mapper.localise_in.empty() || arguments.output.empty() || arguments.replay.empty()) return false;
+  std::error_code ignored;
+  const auto map = std::filesystem::weakly_canonical(config.mapper.localise_in, ignored);
+  const auto output = std::filesystem::weakly_canonical(arguments.output, ignored);
+  return std::mismatch(output.begin(), output.end(), map.begin(), map.end()).first == output.end();
 }
 
 nilio::daemon::ThreadHook preloaded_hook() {
@@ -195,6 +209,10 @@ int run(Arguments arguments, const nilio::daemon::ServiceNotifier& service) {
   if (!plan) return fail(plan.error().message, nilio::kUsageError);
   if (arguments.check_config || arguments.print_config) return show_config(*config, arguments);
   const bool replay = !arguments.replay.empty();
+  if (clears_map(*config, arguments))
+    return fail("mapper.localise_in: " + config->mapper.localise_in +
+                    ": is in the output folder of this run - choose another --output",
+                nilio::kUsageError);
   const auto output =
       nilio::daemon::choose_output_folder(arguments.output, arguments.force ? EarlierRun::kOverwrite
                                                             : replay        ? EarlierRun::kRefuse

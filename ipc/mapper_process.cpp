@@ -34,6 +34,12 @@ std::string make_session() {
 
 }  // namespace
 
+const char* name_of(MapperLocalisation state) {
+  constexpr std::array<const char*, 6> names{"off",       "loading",       "searching",
+                                             "localised", "odometry only", "failed"};
+  return names.at(static_cast<std::size_t>(state));
+}
+
 core::Result<std::unique_ptr<MapperProcess>> MapperProcess::create(MapperProcessConfig config) {
   auto keyframes = OverwritingRing<ScanCloud>::in_shared_memory(kKeyframeSlots);
   if (!keyframes) return core::Error{"keyframe ring for the mapper: " + keyframes.error().message};
@@ -67,7 +73,6 @@ MapperProcess::MapperProcess(MapperProcessConfig config, OverwritingRing<ScanClo
 core::Result<pid_t> MapperProcess::spawn(bool publish) {
   std::vector<std::string> arguments{config_.executable.string(),
                                      "--parent-pid=" + std::to_string(getpid()),
-                                     "--folder=" + config_.folder.string(),
                                      "--session=" + session_,
                                      "--range=" + std::to_string(config_.range_m),
                                      "--max-voxels=" + std::to_string(config_.max_voxels),
@@ -75,6 +80,11 @@ core::Result<pid_t> MapperProcess::spawn(bool publish) {
                                      "--map-frame=" + config_.map_frame,
                                      "--odom-frame=" + config_.odom_frame,
                                      "--kept-submaps=" + std::to_string(config_.kept_submaps)};
+  if (!config_.folder.empty()) arguments.push_back("--folder=" + config_.folder.string());
+  if (!config_.saved_map.empty()) arguments.push_back("--map=" + config_.saved_map.string());
+  if (!config_.localisation_file.empty())
+    arguments.push_back("--localisation-file=" + config_.localisation_file.string());
+  if (config_.keeps_all) arguments.emplace_back("--keep-all");
   if (!publish) arguments.emplace_back("--no-publish");
   if (!config_.closes_loops) arguments.emplace_back("--no-loops");
   if (!config_.topic_prefix.empty()) arguments.push_back("--topic-prefix=" + config_.topic_prefix);
@@ -150,18 +160,36 @@ std::vector<ProcessEvent> MapperProcess::stop(core::Duration timeout) {
   }
 }
 
-core::Result<std::monostate> MapperProcess::correct_trajectory(const std::filesystem::path& trajectory,
-                                                               core::Duration timeout) const {
-  RestartedProcess process("mapper", config_.start_interval, [&](bool) {
-    return spawn_child({config_.executable.string(), "--parent-pid=" + std::to_string(getpid()),
-                        "--folder=" + config_.folder.string(), "--trajectory=" + trajectory.string()},
-                       {});
-  });
+/// Runs another mapper with these arguments to its end.
+core::Result<std::monostate> MapperProcess::run_once(std::vector<std::string> arguments,
+                                                     core::Duration timeout) const {
+  arguments.insert(arguments.begin(),
+                   {config_.executable.string(), "--parent-pid=" + std::to_string(getpid())});
+  RestartedProcess process("mapper", config_.start_interval,
+                           [&](bool) { return spawn_child(arguments, {}); });
   if (auto started = process.start(); !started) return started.error();
   const auto ended = process.wait(timeout);
   if (ended.exit_status == 0) return std::monostate{};
-  return core::Error{trajectory.string() + ": not corrected, the " + ended.message +
+  return core::Error{ended.message};
+}
+
+core::Result<std::monostate> MapperProcess::correct_trajectory(const std::filesystem::path& trajectory,
+                                                               core::Duration timeout) const {
+  const auto done =
+      run_once({"--folder=" + config_.folder.string(), "--trajectory=" + trajectory.string()}, timeout);
+  if (done) return done;
+  return core::Error{trajectory.string() + ": not corrected, the " + done.error().message +
                      " - nilio map close corrects it"};
+}
+
+core::Result<std::monostate> MapperProcess::localise_trajectory(const std::filesystem::path& trajectory,
+                                                                core::Duration timeout) const {
+  const auto done = run_once(
+      {"--localisation-file=" + config_.localisation_file.string(), "--trajectory=" + trajectory.string()},
+      timeout);
+  if (done) return done;
+  return core::Error{trajectory.string() + ": not moved into the frame of the saved map, the " +
+                     done.error().message + " - localisation.csv has the transforms"};
 }
 
 }  // namespace nilio::ipc

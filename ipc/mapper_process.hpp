@@ -25,9 +25,13 @@ namespace nilio::ipc {
 
 struct MapperProcessConfig {
   std::filesystem::path executable;  ///< nilio-mapper
-  std::filesystem::path folder;      ///< of the map
-  double range_m = 50.0;             ///< points farther from the sensor are left out
-  bool publish = true;               ///< over DDS
+  std::filesystem::path folder;      ///< of the map to write; empty: none
+  std::filesystem::path saved_map;   ///< to localise in; empty: none
+  /// Results of localisation, one line for each keyframe; empty: none.
+  std::filesystem::path localisation_file;
+  bool keeps_all = false;  ///< an unpaced replay: localisation gets every keyframe
+  double range_m = 50.0;   ///< points farther from the sensor are left out
+  bool publish = true;     ///< over DDS
   std::uint32_t domain = 0;
   std::vector<std::string> interface_whitelist;
   std::string map_frame = "map";
@@ -44,6 +48,11 @@ struct MapperProcessConfig {
   core::Duration stop_hang_timeout = core::Duration::from_seconds(5.0);
 };
 
+/// Localisation in a saved map, as the mapper last reported it.
+enum class MapperLocalisation : std::uint32_t { kOff, kLoading, kSearching, kLocalised, kOutside, kFailed };
+/// Name in latency.json.
+const char* name_of(MapperLocalisation state);
+
 /// Counters of nilio-mapper, in shared memory; a restarted mapper continues them. One thread records, any
 /// reads.
 struct MapperState {
@@ -53,6 +62,9 @@ struct MapperState {
   std::atomic<std::uint64_t> map_bytes{0};      ///< of their files
   std::atomic<std::uint64_t> failed_writes{0};  ///< submaps or keyframes that the disk refused
   std::atomic<std::uint64_t> loops{0};          ///< accepted
+  std::atomic<MapperLocalisation> localisation{MapperLocalisation::kOff};
+  std::atomic<std::uint64_t> localised_keyframes{0};
+  std::atomic<std::uint64_t> localisation_dropped{0};  ///< keyframes that localisation had no time for
   /// CLOCK_MONOTONIC at which a mapper that has been stopped is killed; 0: not stopped.
   std::atomic<std::int64_t> stop_deadline_ns{0};
 };
@@ -81,6 +93,9 @@ class MapperProcess {
   /// which is killed after `timeout`. Blocks for that time.
   [[nodiscard]] core::Result<std::monostate> correct_trajectory(const std::filesystem::path& trajectory,
                                                                 core::Duration timeout) const;
+  /// The same for trajectory_map.tum, the poses in the frame of the saved map.
+  [[nodiscard]] core::Result<std::monostate> localise_trajectory(const std::filesystem::path& trajectory,
+                                                                 core::Duration timeout) const;
 
   void push(const ScanCloud& keyframe) noexcept;
   /// False while push() would overwrite an unread keyframe.
@@ -101,6 +116,8 @@ class MapperProcess {
   MapperProcess(MapperProcessConfig config, OverwritingRing<ScanCloud> keyframes, WakeEvent wake,
                 SharedObject<MapperState> state, std::shared_ptr<OverwritingRing<SubmapCloud>> submaps);
   core::Result<pid_t> spawn(bool publish);
+  [[nodiscard]] core::Result<std::monostate> run_once(std::vector<std::string> arguments,
+                                                      core::Duration timeout) const;
 
   MapperProcessConfig config_;
   std::string session_;

@@ -86,33 +86,75 @@ SE3 corrected(const StampedPose& pose, const std::vector<PlaceCorrection>& corre
           (1.0 - share) * a.translation + share * b.translation};
 }
 
+/// Reads a file of poses; `read(pose, line)` gets each.
+template <class Read>
+Result<std::size_t> for_each_pose(const fs::path& path, const std::string& advice, const Read& read) {
+  std::ifstream file(path);
+  if (!file) return Error{path.string() + ": cannot be opened - check the path"};
+  std::size_t poses = 0;
+  for (std::string line; std::getline(file, line); ++poses) {
+    const auto pose = parse_line(line);
+    if (!pose)
+      return Error{path.string() + ":" + std::to_string(poses + 1) +
+                   ": not a pose as niliod writes it - use " + advice};
+    read(*pose, line);
+  }
+  return poses;
+}
+
+/// Appends a pose with the stamp of the line it comes from.
+void append(const std::string& line, const SE3& T, std::string& text) {
+  const Eigen::Quaterniond& q = T.rotation;
+  std::array<char, 320> numbers{};
+  std::snprintf(numbers.data(), numbers.size(), " %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
+                T.translation.x(), T.translation.y(), T.translation.z(), q.x(), q.y(), q.z(), q.w());
+  text += line.substr(0, line.find(' ')) + numbers.data();
+}
+
+core::Result<std::monostate> write_text(const fs::path& path, const std::string& text) {
+  return replace_file(path, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+}
+
+constexpr const char* kTrajectoryAdvice = "the trajectory.tum of the run";
+
 }  // namespace
 
 Result<std::size_t> correct_trajectory(const MapReader& map, const fs::path& trajectory,
                                        const fs::path& output) {
   const auto corrections = corrections_of(map);
   if (!corrections) return corrections.error();
-  std::ifstream file(trajectory);
-  if (!file) return Error{trajectory.string() + ": cannot be opened - check the path"};
   std::string text;
-  std::size_t poses = 0;
-  for (std::string line; std::getline(file, line);) {
-    const auto pose = parse_line(line);
-    if (!pose)
-      return Error{trajectory.string() + ":" + std::to_string(poses + 1) +
-                   ": not a pose as niliod writes it - use the trajectory.tum of the run"};
-    const SE3 T = corrected(*pose, *corrections);
-    const Eigen::Quaterniond& q = T.rotation;
-    std::array<char, 320> numbers{};
-    std::snprintf(numbers.data(), numbers.size(), " %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-                  T.translation.x(), T.translation.y(), T.translation.z(), q.x(), q.y(), q.z(), q.w());
-    text += line.substr(0, line.find(' ')) + numbers.data();
-    ++poses;
-  }
-  const auto written =
-      replace_file(output, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
-  if (!written) return written.error();
+  const auto poses =
+      for_each_pose(trajectory, kTrajectoryAdvice, [&](const StampedPose& pose, const std::string& line) {
+        append(line, corrected(pose, *corrections), text);
+      });
+  if (!poses) return poses;
+  if (auto written = write_text(output, text); !written) return written.error();
   return poses;
+}
+
+Result<std::size_t> localise_trajectory(const fs::path& localisation, const fs::path& trajectory,
+                                        const fs::path& output) {
+  // Their T_odom_base is T_map_odom.
+  std::vector<StampedPose> transforms;
+  const auto read =
+      for_each_pose(localisation, "the localisation.txt of the run",
+                    [&](const StampedPose& pose, const std::string&) { transforms.push_back(pose); });
+  if (!read) return read;
+  std::string text;
+  std::size_t localised = 0;
+  const auto poses =
+      for_each_pose(trajectory, kTrajectoryAdvice, [&](const StampedPose& pose, const std::string& line) {
+        const auto after = std::upper_bound(
+            transforms.begin(), transforms.end(), pose.stamp,
+            [](core::Time wanted, const StampedPose& transform) { return wanted < transform.stamp; });
+        if (after == transforms.begin()) return;
+        append(line, (after - 1)->T_odom_base * pose.T_odom_base, text);
+        ++localised;
+      });
+  if (!poses) return poses;
+  if (auto written = write_text(output, text); !written) return written.error();
+  return localised;
 }
 
 }  // namespace nilio::mapping

@@ -17,4 +17,11 @@ namespace nilio::mapping {
 core::Result<std::size_t> correct_trajectory(const MapReader& map, const std::filesystem::path& trajectory,
                                              const std::filesystem::path& output);
 
+/// Moves a trajectory into the frame of a saved map. `localisation`: lines of stamp and T_map_odom as in a
+/// trajectory, more columns may follow; a pose gets the last one before it, so that it depends on nothing
+/// later. Poses before the first one are left out. Returns the number of poses.
+core::Result<std::size_t> localise_trajectory(const std::filesystem::path& localisation,
+                                              const std::filesystem::path& trajectory,
+                                              const std::filesystem::path& output);
+
 }  // namespace nilio::mapping

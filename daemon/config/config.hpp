@@ -174,6 +174,7 @@ struct MapperSection {
   int max_voxels = 200'000;
   int kept_submaps = 20;
   bool loops = true;
+  std::string localise_in;
 };
 
 struct LogSection {

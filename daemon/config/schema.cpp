@@ -300,6 +300,8 @@ std::vector<ConfigKey> config_keys(Config& config) {
   mapper.add(
       "loops", &config.mapper.loops,
       "close loops while the run goes on: corrects the poses of the submaps and map -> odom, not odom");
+  mapper.add("localise_in", &config.mapper.localise_in,
+             "folder of a map to localise in, which gives map -> odom; empty = none. The map is only read");
   Section(keys, "log")
       .choice("level", config.log.level, {"debug", "info", "warn", "error"},
               "minimum severity of printed messages");

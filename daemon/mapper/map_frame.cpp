@@ -26,6 +26,19 @@ MapFrame::Change MapFrame::correct(std::span<const std::pair<std::uint32_t, core
     const bool is_corrected = corrected != poses.end() && corrected->first == submap.id;
     submap.T_map_submap = is_corrected ? corrected->second : T_map_odom * submap.T_odom_submap;
   }
+  return change_to(T_map_odom, T_odom_base);
+}
+
+MapFrame::Change MapFrame::localise(const core::SE3& T_map_odom, const core::SE3& T_odom_base, bool start) {
+  if (!start) return change_to(T_map_odom, T_odom_base);
+  for (Placed& submap : submaps_) submap.T_map_submap = T_map_odom * submap.T_odom_submap;
+  T_map_odom_ = published_ = T_map_odom;
+  limiter_ = make_limiter();
+  is_settled_ = true;
+  return {0.0, 0.0, true};
+}
+
+MapFrame::Change MapFrame::change_to(const core::SE3& T_map_odom, const core::SE3& T_odom_base) {
   const core::SE3 before = T_map_odom_ * T_odom_base;
   const core::SE3 after = T_map_odom * T_odom_base;
   T_map_odom_ = T_map_odom;

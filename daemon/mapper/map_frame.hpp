@@ -38,6 +38,9 @@ class MapFrame {
   /// Takes the poses of loop closure over: ids, T_map_submap. `T_odom_base`: of the vehicle.
   Change correct(std::span<const std::pair<std::uint32_t, core::SE3>> poses, const core::SE3& T_map_odom,
                  const core::SE3& T_odom_base);
+  /// Takes map -> odom over from localisation, which moves no submap: each stays where it was seen. At the
+  /// `start` all of them get it, and the vehicle jumps.
+  Change localise(const core::SE3& T_map_odom, const core::SE3& T_odom_base, bool start);
   /// map -> odom to publish, `since` the last call.
   const core::SE3& advance(const core::SE3& T_odom_base, core::Duration since);
 
@@ -49,17 +52,22 @@ class MapFrame {
   [[nodiscard]] const std::vector<Placed>& submaps() const { return submaps_; }
 
  private:
+  Change change_to(const core::SE3& T_map_odom, const core::SE3& T_odom_base);
   /// Whether what is left of the corrections is not worth a message.
   [[nodiscard]] bool is_small() const;
 
-  std::vector<Placed> submaps_;
-  core::SE3 T_map_odom_;  ///< of loop closure
-  core::SE3 published_;
-  core::PoseSlewLimiter limiter_{{.max_slew_m_s = 0.5,
+  static core::PoseSlewLimiter make_limiter() {
+    return core::PoseSlewLimiter({.max_slew_m_s = 0.5,
                                   .max_slew_rad_s = 0.02,
                                   .settle = core::Duration::from_seconds(1.0),
                                   .jump_m = 2.0,
-                                  .jump_rad = 0.035}};
+                                  .jump_rad = 0.035});
+  }
+
+  std::vector<Placed> submaps_;
+  core::SE3 T_map_odom_;  ///< of loop closure or localisation
+  core::SE3 published_;
+  core::PoseSlewLimiter limiter_ = make_limiter();
   bool is_settled_ = true;
 };
 

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <csignal>
 #include <cstdlib>
 #include <ctime>
@@ -67,6 +68,21 @@ void fill_points(const mapping::Submap& submap, const core::SE3& T_target_submap
   }
 }
 
+/// Line of localisation.txt: stamp and T_map_odom as in a trajectory, state, share of supported points,
+/// standard deviations of position (m) and orientation (deg).
+std::string line_of(const mapping::Localisation& result) {
+  const core::Vector3& t = result.T_map_odom.translation;
+  const Eigen::Quaterniond& q = result.T_map_odom.rotation;
+  const core::Matrix6& c = result.covariance;
+  return fmt::format(
+      "{}.{:09} {:.9f} {:.9f} {:.9f} {:.12f} {:.12f} {:.12f} {:.12f} {} {:.3f} {:.4f} {:.4f}\n",
+      result.stamp.ns / kNanosecondsPerSecond, result.stamp.ns % kNanosecondsPerSecond, t.x(), t.y(), t.z(),
+      q.x(), q.y(), q.z(), q.w(),
+      result.state == mapping::LocalisationState::kLocalised ? "localised" : "odometry_only",
+      result.supported, std::sqrt(c.topLeftCorner<3, 3>().trace()),
+      std::sqrt(c.bottomRightCorner<3, 3>().trace()) * kDegreesPerRadian);
+}
+
 /// Whether a cloud of the earlier pose is no longer right.
 bool is_moved(const core::SE3& before, const core::SE3& after) {
   return (after.translation - before.translation).norm() > kMovedMetres ||
@@ -75,36 +91,58 @@ bool is_moved(const core::SE3& before, const core::SE3& after) {
 
 }  // namespace
 
-MapperLoop::MapperLoop(pid_t parent, int signals, MapperInputs inputs, mapping::MapWriter writer,
-                       const MapperLoopConfig& config, std::unique_ptr<dds::MapPublisher> publisher)
+MapperLoop::MapperLoop(pid_t parent, int signals, MapperInputs inputs,
+                       std::optional<mapping::MapWriter> writer, const MapperLoopConfig& config,
+                       std::unique_ptr<dds::MapPublisher> publisher)
     : parent_(parent),
       signals_(signals),
       inputs_(std::move(inputs)),
       writer_(std::move(writer)),
-      open_keyframes_(writer_.folder()),
       builder_(
-          config.submaps, [this](const mapping::Submap& submap) { write(submap); }, writer_.next_id()),
+          config.submaps, [this](const mapping::Submap& submap) { write(submap); },
+          writer_ ? writer_->next_id() : 0),
       publisher_(std::move(publisher)),
       kept_submaps_(static_cast<std::size_t>(config.kept_submaps)) {
-  if (config.closes_loops) loops_ = std::make_unique<LoopThread>(writer_);
+  if (writer_) open_keyframes_.emplace(writer_->folder());
+  if (writer_ && config.closes_loops) loops_ = std::make_unique<LoopThread>(*writer_);
+  if (config.saved_map.empty()) return;
+  saved_map_ = config.saved_map.string();
+  localisation_ = std::make_unique<LocalisationThread>(
+      LocalisationThreadConfig{config.saved_map, config.submaps.range_m, config.keeps_all});
+  inputs_.state->localisation.store(ipc::MapperLocalisation::kLoading);
+  if (!config.localisation_file.empty()) localisation_file_.open(config.localisation_file, std::ios::app);
 }
 
 MapperLoop::~MapperLoop() = default;
 
 void MapperLoop::recover() {
-  const auto& submaps = writer_.content().submaps();
+  if (writer_) recover_map();
+  publish_poses();
+  if (!publisher_) return;
+  const bool is_new = frame_.submaps().empty();
+  const std::string cause = is_new ? "start" : "restart";
+  if (has_map_frame()) publisher_->publish_transform(keyframe_.stamp, frame_.published());
+  publisher_->publish_correction(
+      {.stamp = keyframe_.stamp,
+       .cause = localisation_ ? cause + "; searching in the map " + saved_map_ : cause,
+       .loops = inputs_.state->loops.load(),
+       .jumped = true});
+}
+
+void MapperLoop::recover_map() {
+  const auto& submaps = writer_->content().submaps();
   std::vector<MapFrame::Placed> placed;
   for (const mapping::SubmapEntry& entry : submaps) {
     placed.push_back({entry.id, entry.first_stamp, entry.T_odom_submap, entry.T_map_submap});
     if (loops_) loops_->add(entry);
   }
-  frame_.restore(std::move(placed), writer_.content().T_map_odom());
+  frame_.restore(std::move(placed), writer_->content().T_map_odom());
   // Late subscribers shall not miss what the earlier process has kept for them.
   const std::size_t kept = publisher_ ? kept_submaps_ : inputs_.submaps ? 1 : 0;
   for (std::size_t i = 0; i < submaps.size(); ++i) {
     const std::size_t age = submaps.size() - i;
     if (age > std::max(kept, mapping::SubmapBuilder::kNeighbours)) continue;
-    const auto submap = writer_.content().load(submaps[i]);
+    const auto submap = writer_->content().load(submaps[i]);
     if (!submap) {
       report_failure(submap.error().message);
       continue;
@@ -119,20 +157,12 @@ void MapperLoop::recover() {
     }
     if (age <= mapping::SubmapBuilder::kNeighbours) builder_.continue_after(*submap);
   }
-  const std::vector<mapping::Keyframe> keyframes = open_keyframes_.take(builder_.next_id());
+  const std::vector<mapping::Keyframe> keyframes = open_keyframes_->take(builder_.next_id());
   for (const mapping::Keyframe& keyframe : keyframes) {
     inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
     builder_.add(keyframe);
     keyframe_.stamp = keyframe.stamp;
     keyframe_.T_odom_base = keyframe.T_odom_base;
-  }
-  publish_poses();
-  if (publisher_) {
-    publisher_->publish_transform(keyframe_.stamp, frame_.published());
-    publisher_->publish_correction({.stamp = keyframe_.stamp,
-                                    .cause = submaps.empty() ? "start" : "restart",
-                                    .loops = inputs_.state->loops.load(),
-                                    .jumped = true});
   }
   if (!submaps.empty() || !keyframes.empty())
     spdlog::info("continues the map with {} submaps, {} loops and {} keyframes of open submaps",
@@ -145,6 +175,7 @@ int MapperLoop::run() {
     inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
     take_keyframes();
     take_loops();
+    take_localisation();
     const Time now = monotonic_now();
     publish_transform(now);
     if (publisher_) {
@@ -159,15 +190,39 @@ int MapperLoop::run() {
     stops = !wait();
   }
   builder_.finish();
-  open_keyframes_.remove_before(builder_.next_id() + 1);
+  if (open_keyframes_) open_keyframes_->remove_before(builder_.next_id() + 1);
+  finish_localisation();
   const bool is_closed = finish_loops();
-  spdlog::info("stopped: {} submaps, {:.1f} MB in {}; {} loops", writer_.content().submaps().size(),
-               static_cast<double>(writer_.bytes()) * 1e-6, writer_.folder().string(),
-               inputs_.state->loops.load());
+  if (writer_)
+    spdlog::info("stopped: {} submaps, {:.1f} MB in {}; {} loops", writer_->content().submaps().size(),
+                 static_cast<double>(writer_->bytes()) * 1e-6, writer_->folder().string(),
+                 inputs_.state->loops.load());
   const int status = failure_logged_ ? kFailed : kDone;
   // A search cannot be ended; the files are whole.
   if (!is_closed) std::_Exit(status);
   return status;
+}
+
+/// When the last work has to be over.
+std::int64_t MapperLoop::end_ns() const {
+  const std::int64_t told_ns = inputs_.state->stop_deadline_ns.load();
+  return told_ns > 0 ? told_ns - kEndReserve.ns : monotonic_now().ns + kUntoldPatience.ns;
+}
+
+/// Waits for the results of the last keyframes.
+void MapperLoop::finish_localisation() {
+  if (!localisation_) return;
+  const std::int64_t deadline_ns = end_ns();
+  while (!localisation_->is_done() && monotonic_now().ns < deadline_ns) {
+    inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
+    ::poll(nullptr, 0, kEndPeriodMs);
+  }
+  take_localisation();
+  if (localisation_ && !has_map_frame())
+    spdlog::warn(
+        "localisation: no place found in the map; last search: {} - drive on, or check that the map shows "
+        "these roads",
+        localisation_refusal_.empty() ? "not enough data" : localisation_refusal_);
 }
 
 /// Waits for the loops of the last submaps as long as niliod waits for this process. False if that is too
@@ -175,9 +230,7 @@ int MapperLoop::run() {
 bool MapperLoop::finish_loops() {
   if (!loops_) return true;
   loops_->finish();
-  const std::int64_t told_ns = inputs_.state->stop_deadline_ns.load();
-  const std::int64_t deadline_ns =
-      told_ns > 0 ? told_ns - kEndReserve.ns : monotonic_now().ns + kUntoldPatience.ns;
+  const std::int64_t deadline_ns = end_ns();
   while (!loops_->is_done() && monotonic_now().ns < deadline_ns) {
     inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
     take_loops();
@@ -187,7 +240,7 @@ bool MapperLoop::finish_loops() {
   take_loops();
   if (!is_done)
     spdlog::warn("loop closure: no time for the last {} submaps - complete it with nilio map close {}",
-                 loops_->waiting() + 1, writer_.folder().string());
+                 loops_->waiting() + 1, writer_->folder().string());
   return is_done;
 }
 
@@ -196,8 +249,14 @@ void MapperLoop::take_keyframes() {
     inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
     fill_keyframe(*scan_, keyframe_);
     const std::uint32_t stretch = builder_.add(keyframe_);
-    if (const auto written = open_keyframes_.add(keyframe_, stretch); !written)
-      report_failure(written.error().message);
+    while (localisation_ && !localisation_->add(keyframe_)) {
+      inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
+      ::poll(nullptr, 0, 1);
+      take_localisation();
+    }
+    const auto written = open_keyframes_ ? open_keyframes_->add(keyframe_, stretch)
+                                         : core::Result<std::monostate>(std::monostate{});
+    if (!written) report_failure(written.error().message);
     inputs_.state->keyframes.fetch_add(1, std::memory_order_relaxed);
     local_map_changed_ = true;
   }
@@ -209,6 +268,8 @@ void MapperLoop::take_loops() {
   const std::optional<LoopUpdate> update = loops_->take();
   if (!update) return;
   inputs_.state->loops.store(update->loops, std::memory_order_relaxed);
+  // The saved map is the frame then; loops correct the map that is written.
+  if (localisation_) return;
   const MapFrame::Change change = frame_.correct(update->poses, update->T_map_odom, keyframe_.T_odom_base);
   if (!update->cause.empty())
     spdlog::info("map: {}; the vehicle {} by {:.3f} m, {:.3f} deg", update->cause,
@@ -230,31 +291,95 @@ void MapperLoop::take_loops() {
   }
 }
 
+/// Whether it is known where the frame `map` is.
+bool MapperLoop::has_map_frame() const {
+  return !localisation_ || localisation_state_ != mapping::LocalisationState::kSearching;
+}
+
+void MapperLoop::take_localisation() {
+  if (!localisation_) return;
+  if (const auto loaded = localisation_->take_loaded()) {
+    if (!loaded->ok) {
+      spdlog::error("localisation: {}; poses go on without it", loaded->message);
+      inputs_.state->localisation.store(ipc::MapperLocalisation::kFailed);
+      localisation_.reset();
+      if (publisher_) {
+        publisher_->publish_transform(keyframe_.stamp, frame_.published());
+        publisher_->publish_correction(
+            {.stamp = keyframe_.stamp, .cause = "no localisation: " + loaded->message, .jumped = true});
+      }
+      return;
+    }
+    saved_map_ = loaded->message;
+    inputs_.state->localisation.store(ipc::MapperLocalisation::kSearching);
+    spdlog::info("localisation: {}", saved_map_);
+  }
+  for (const mapping::Localisation& result : localisation_->take()) apply(result);
+  inputs_.state->localisation_dropped.store(localisation_->dropped(), std::memory_order_relaxed);
+}
+
+void MapperLoop::apply(const mapping::Localisation& result) {
+  using State = mapping::LocalisationState;
+  localisation_refusal_ = result.refusal;
+  if (result.state == State::kSearching) return;
+  const bool is_start = localisation_state_ == State::kSearching;
+  localisation_state_ = result.state;
+  inputs_.state->localisation.store(result.state == State::kLocalised ? ipc::MapperLocalisation::kLocalised
+                                                                      : ipc::MapperLocalisation::kOutside);
+  if (result.state == State::kLocalised)
+    inputs_.state->localised_keyframes.fetch_add(1, std::memory_order_relaxed);
+  if (localisation_file_.is_open()) localisation_file_ << line_of(result);
+  const MapFrame::Change change = frame_.localise(result.T_map_odom, keyframe_.T_odom_base, is_start);
+  if (result.event.empty()) return;
+  spdlog::info("localisation: {}{}", result.event,
+               is_start ? ""
+                        : fmt::format("; the vehicle {} by {:.3f} m, {:.3f} deg",
+                                      change.jumped ? "jumps" : "moves gradually", change.distance_m,
+                                      change.angle_rad * kDegreesPerRadian));
+  if (!publisher_) return;
+  publisher_->publish_correction({.stamp = result.stamp,
+                                  .cause = "localisation: " + result.event + "; " + saved_map_,
+                                  .distance_m = change.distance_m,
+                                  .angle_rad = change.angle_rad,
+                                  .jumped = change.jumped});
+  if (!is_start) return;
+  publisher_->publish_transform(result.stamp, frame_.published());
+  publish_poses();
+  // Clouds have waited for their frame.
+  next_moved_ = frame_.submaps().size() - std::min(frame_.submaps().size(), kept_submaps_);
+}
+
 void MapperLoop::report_failure(const std::string& message) {
   inputs_.state->failed_writes.fetch_add(1, std::memory_order_relaxed);
   if (std::exchange(failure_logged_, true)) return;
   spdlog::error("{}; further failures are counted", message);
 }
 
+/// False if the disk refuses it.
+bool MapperLoop::write_file(const mapping::Submap& submap) {
+  if (const auto written = writer_->write(submap, wall_now()); !written) {
+    report_failure(written.error().message);
+    return false;
+  }
+  open_keyframes_->remove_before(submap.id + 1);
+  inputs_.state->submaps.store(writer_->content().submaps().size(), std::memory_order_relaxed);
+  inputs_.state->map_bytes.store(writer_->bytes(), std::memory_order_relaxed);
+  if (loops_) loops_->add(writer_->content().submaps().back());
+  return true;
+}
+
 void MapperLoop::write(const mapping::Submap& submap) {
   inputs_.state->heartbeat.fetch_add(1, std::memory_order_relaxed);
-  if (const auto written = writer_.write(submap, wall_now()); !written) {
-    report_failure(written.error().message);
-    return;
-  }
-  const mapping::SubmapEntry& entry = writer_.content().submaps().back();
-  open_keyframes_.remove_before(submap.id + 1);
-  inputs_.state->submaps.store(writer_.content().submaps().size(), std::memory_order_relaxed);
-  inputs_.state->map_bytes.store(writer_.bytes(), std::memory_order_relaxed);
-  if (loops_) loops_->add(entry);
-  frame_.add(submap.id, entry.first_stamp, submap.T_odom_submap);
+  if (writer_ && !write_file(submap)) return;
+  const Time first_stamp = submap.keyframes.empty() ? Time{} : submap.keyframes.front().stamp;
+  frame_.add(submap.id, first_stamp, submap.T_odom_submap);
   return_submap(submap);
   publish(submap, frame_.submaps().back().T_map_submap);
   publish_poses();
 }
 
 void MapperLoop::publish(const mapping::Submap& submap, const core::SE3& T_map_submap) {
-  if (submap.keyframes.empty() || !publisher_) return;
+  if (submap.keyframes.empty() || !publisher_ || !has_map_frame()) return;
   fill_points(submap, T_map_submap, points_);
   publisher_->publish_submap(submap.keyframes.front().stamp, points_);
   cloud_poses_[submap.id] = T_map_submap;
@@ -266,8 +391,9 @@ void MapperLoop::publish(const mapping::Submap& submap, const core::SE3& T_map_s
 void MapperLoop::publish_moved() {
   if (!next_moved_ || inputs_.keyframes.taken() != inputs_.keyframes.written()) return;
   const std::size_t i = (*next_moved_)++;
-  if (i >= frame_.submaps().size()) return next_moved_.reset();
-  const auto submap = writer_.content().load(writer_.content().submaps()[i]);
+  // Without files there is nothing to publish again.
+  if (!writer_ || i >= frame_.submaps().size()) return next_moved_.reset();
+  const auto submap = writer_->content().load(writer_->content().submaps()[i]);
   if (submap) publish(*submap, frame_.submaps()[i].T_map_submap);
 }
 
@@ -288,7 +414,7 @@ void MapperLoop::return_submap(const mapping::Submap& submap) {
 }
 
 void MapperLoop::publish_poses() {
-  if (!publisher_ || frame_.submaps().empty()) return;
+  if (!publisher_ || frame_.submaps().empty() || !has_map_frame()) return;
   dds::Path path;
   for (const MapFrame::Placed& submap : frame_.submaps()) {
     const core::Vector3& t = submap.T_map_submap.translation;
@@ -308,7 +434,9 @@ void MapperLoop::publish_transform(Time now) {
 }
 
 void MapperLoop::publish_local_map(Time now) {
-  if (!local_map_changed_ || now < local_map_due_ || publisher_->local_map_subscribers() == 0) return;
+  if (!has_map_frame() || !local_map_changed_ || now < local_map_due_ ||
+      publisher_->local_map_subscribers() == 0)
+    return;
   local_map_due_ = now + kLocalMapPeriod;
   local_map_changed_ = false;
   const std::optional<mapping::Submap> local_map = builder_.local_map();

@@ -2,6 +2,7 @@
 
 #include "nilio/core/time.hpp"
 
+#include "daemon/mapper/localisation_thread.hpp"
 #include "daemon/mapper/loop_thread.hpp"
 #include "daemon/mapper/map_frame.hpp"
 #include "ipc/dds/map_publisher.hpp"
@@ -14,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <optional>
@@ -38,6 +40,9 @@ struct MapperLoopConfig {
   mapping::SubmapConfig submaps;
   int kept_submaps = 20;  ///< clouds that the publisher keeps for late subscribers
   bool closes_loops = true;
+  std::filesystem::path saved_map;          ///< to localise in; empty: none
+  std::filesystem::path localisation_file;  ///< results of localisation; empty: none
+  bool keeps_all = false;                   ///< see LocalisationThreadConfig
 };
 
 /// Main loop of nilio-mapper: keyframes to submaps, submaps to disk and DDS, in one thread at normal
@@ -45,9 +50,9 @@ struct MapperLoopConfig {
 /// another thread.
 class MapperLoop {
  public:
-  /// `parent`: end with this process; 0 = none. `signals`: signalfd of the stop signals. `publisher` may be
-  /// null.
-  MapperLoop(pid_t parent, int signals, MapperInputs inputs, mapping::MapWriter writer,
+  /// `parent`: end with this process; 0 = none. `signals`: signalfd of the stop signals. `writer`: empty: no
+  /// map is written. `publisher` may be null.
+  MapperLoop(pid_t parent, int signals, MapperInputs inputs, std::optional<mapping::MapWriter> writer,
              const MapperLoopConfig& config, std::unique_ptr<dds::MapPublisher> publisher);
   MapperLoop(const MapperLoop&) = delete;
   MapperLoop& operator=(const MapperLoop&) = delete;
@@ -62,8 +67,15 @@ class MapperLoop {
  private:
   void take_keyframes();
   void take_loops();
+  void take_localisation();
+  void apply(const mapping::Localisation& result);
+  void finish_localisation();
+  [[nodiscard]] bool has_map_frame() const;
+  [[nodiscard]] std::int64_t end_ns() const;
   bool finish_loops();
+  void recover_map();
   void write(const mapping::Submap& submap);
+  bool write_file(const mapping::Submap& submap);
   void return_submap(const mapping::Submap& submap);
   void publish(const mapping::Submap& submap, const core::SE3& T_map_submap);
   void publish_moved();
@@ -76,8 +88,8 @@ class MapperLoop {
   pid_t parent_;
   int signals_;
   MapperInputs inputs_;
-  mapping::MapWriter writer_;
-  mapping::OpenKeyframes open_keyframes_;
+  std::optional<mapping::MapWriter> writer_;
+  std::optional<mapping::OpenKeyframes> open_keyframes_;
   mapping::SubmapBuilder builder_;
   std::unique_ptr<dds::MapPublisher> publisher_;
   std::size_t kept_submaps_;
@@ -93,6 +105,11 @@ class MapperLoop {
   core::Time transform_at_;
   bool local_map_changed_ = false;
   bool failure_logged_ = false;
+  std::unique_ptr<LocalisationThread> localisation_;  ///< null: no saved map, or it cannot be used
+  std::string saved_map_;                             ///< its name and identity
+  mapping::LocalisationState localisation_state_ = mapping::LocalisationState::kSearching;
+  std::string localisation_refusal_;  ///< of the last search
+  std::ofstream localisation_file_;
   std::unique_ptr<LoopThread> loops_;  ///< reads writer_; null: loops are not closed
 };
 

@@ -17,6 +17,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <unistd.h>
 #include <utility>
@@ -54,11 +55,17 @@ void add_options(CLI::App& app, MapperOptions& options) {
   app.add_option("--submap-ring-fd", options.submap_ring_descriptor,
                  "Inherited memfd that takes complete submaps; default: none");
   app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
-  app.add_option("--folder", options.folder, "Folder of the map")->required();
+  app.add_option("--folder", options.folder, "Folder of the map to write; default: none");
+  app.add_option("--map", options.loop.saved_map, "Folder of a saved map to localise in; only read");
+  app.add_option("--localisation-file", options.loop.localisation_file,
+                 "File for the results of localisation, one line for each keyframe");
+  app.add_flag("--keep-all", options.loop.keeps_all, "Localisation gets every keyframe, as in a replay");
   app.add_option("--session", options.session, "Run that writes the map; the same run continues it");
-  app.add_option("--trajectory", options.trajectory,
-                 "Only move the poses of this trajectory.tum along with the submaps, into "
-                 "trajectory_optimised.tum beside it");
+  app.add_option(
+      "--trajectory", options.trajectory,
+      "Only move the poses of this trajectory.tum along with the submaps of --folder, into "
+      "trajectory_optimised.tum beside it, or with --localisation-file into the frame of the saved "
+      "map, into trajectory_map.tum");
   app.add_option("--range", options.loop.submaps.range_m, "Maximum range of points, m")
       ->check(CLI::Range(1.0, 65.0));
   app.add_option("--max-voxels", options.loop.submaps.max_voxels, "Maximum voxels of an open submap")
@@ -105,6 +112,13 @@ std::unique_ptr<dds::MapPublisher> make_publisher(const MapperOptions& options) 
 
 int correct(const MapperOptions& options) {
   const std::filesystem::path trajectory = options.trajectory;
+  if (options.folder.empty()) {
+    const auto localised = mapping::localise_trajectory(options.loop.localisation_file, trajectory,
+                                                        trajectory.parent_path() / "trajectory_map.tum");
+    if (localised) return kDone;
+    spdlog::error("{}", localised.error().message);
+    return kFailed;
+  }
   const auto map = mapping::MapReader::open(options.folder);
   const auto poses = map ? mapping::correct_trajectory(*map, trajectory,
                                                        trajectory.parent_path() / "trajectory_optimised.tum")
@@ -131,15 +145,19 @@ int run(const MapperOptions& options) {
     spdlog::error("inherited descriptors: {}", inputs.error().message);
     return kFailed;
   }
-  auto writer =
-      mapping::MapWriter::open(options.folder, options.session, core::Time{clock_ns(CLOCK_REALTIME)});
-  if (!writer) {
-    spdlog::error("{}", writer.error().message);
-    return kFailed;
+  std::optional<mapping::MapWriter> writer;
+  if (!options.folder.empty()) {
+    auto opened =
+        mapping::MapWriter::open(options.folder, options.session, core::Time{clock_ns(CLOCK_REALTIME)});
+    if (!opened) {
+      spdlog::error("{}", opened.error().message);
+      return kFailed;
+    }
+    writer = std::move(opened).value();
   }
   MapperLoopConfig config = options.loop;
   config.kept_submaps = options.publisher.kept_submaps;
-  MapperLoop loop(options.parent, signals, std::move(inputs).value(), std::move(writer).value(), config,
+  MapperLoop loop(options.parent, signals, std::move(inputs).value(), std::move(writer), config,
                   make_publisher(options));
   loop.recover();
   return loop.run();

@@ -166,9 +166,21 @@ Result<std::monostate> Supervisor::open_publisher() {
 }
 
 Result<std::monostate> Supervisor::open_mapper() {
-  if (options_.output_folder.empty() || !config_.output.map) return std::monostate{};
+  const bool writes_map = !options_.output_folder.empty() && config_.output.map;
+  const std::filesystem::path saved_map = config_.mapper.localise_in;
+  if (!writes_map && saved_map.empty()) return std::monostate{};
   ipc::MapperProcessConfig config;
-  config.folder = std::filesystem::absolute(options_.output_folder) / "map";
+  const std::filesystem::path output = std::filesystem::absolute(options_.output_folder);
+  if (writes_map) config.folder = output / "map";
+  if (!saved_map.empty()) {
+    config.saved_map = std::filesystem::absolute(saved_map);
+    config.keeps_all = !options_.rules.are_live() && !options_.rules.is_paced();
+    if (!options_.output_folder.empty()) {
+      config.localisation_file = output / "localisation.txt";
+      std::error_code ignored;
+      std::filesystem::remove(config.localisation_file, ignored);
+    }
+  }
   config.executable = options_.mapper_executable;
   config.range_m = config_.mapper.range_m;
   config.max_voxels = config_.mapper.max_voxels;
@@ -185,7 +197,8 @@ Result<std::monostate> Supervisor::open_mapper() {
   mapper_ = std::move(mapper).value();
   const Result<pid_t> pid = mapper_->start();
   if (pid) {
-    spdlog::info("nilio-mapper started, pid {}, map in {}", *pid, mapper_->folder().string());
+    spdlog::info("nilio-mapper started, pid {}{}{}", *pid, writes_map ? ", map in " : "",
+                 mapper_->folder().string());
   } else {
     spdlog::error(
         "{}; poses continue without the folder map - install nilio-mapper beside niliod, or set output.map "
@@ -318,6 +331,7 @@ void Supervisor::log_mapper(const ipc::ProcessEvent& event) {
 void Supervisor::stop_mapper(Duration timeout) {
   const std::vector<ipc::ProcessEvent> events = mapper_->stop(timeout);
   for (const ipc::ProcessEvent& event : events) log_mapper(event);
+  if (mapper_->folder().empty()) return;
   if (events.empty() || events.back().exit_status < 0)
     spdlog::warn(
         "{}: the map lacks its end, whose keyframes are in its folder open - complete it with nilio map "
@@ -326,10 +340,14 @@ void Supervisor::stop_mapper(Duration timeout) {
 }
 
 void Supervisor::correct_trajectory(Duration timeout) {
-  if (!mapper_ || !config_.mapper.loops) return;
-  const auto corrected =
-      mapper_->correct_trajectory(std::filesystem::path(options_.output_folder) / "trajectory.tum", timeout);
-  if (!corrected) spdlog::warn("{}", corrected.error().message);
+  if (!mapper_ || options_.output_folder.empty()) return;
+  const std::filesystem::path trajectory = std::filesystem::path(options_.output_folder) / "trajectory.tum";
+  const auto report = [](const Result<std::monostate>& done) {
+    if (!done) spdlog::warn("{}", done.error().message);
+  };
+  if (config_.mapper.loops && config_.output.map) report(mapper_->correct_trajectory(trajectory, timeout));
+  if (mapper_->state().localised_keyframes.load() > 0)
+    report(mapper_->localise_trajectory(trajectory, timeout));
 }
 
 void Supervisor::watch_can() {
@@ -544,10 +562,13 @@ nlohmann::json Supervisor::summary() const {
       {"mapper_keyframes_dropped", mapper_ ? mapper_->keyframes().dropped() : 0},
       {"mapper_submaps", mapper_ ? mapper_->state().submaps.load() : 0},
       {"mapper_loops", mapper_ ? mapper_->state().loops.load() : 0},
+      {"mapper_localised_keyframes", mapper_ ? mapper_->state().localised_keyframes.load() : 0},
+      {"mapper_localisation_dropped", mapper_ ? mapper_->state().localisation_dropped.load() : 0},
       {"mapper_bytes", mapper_ ? mapper_->state().map_bytes.load() : 0},
       {"mapper_failed_writes", mapper_ ? mapper_->state().failed_writes.load() : 0},
       {"watchdog_hangs", watchdog_.hangs()},
   });
+  if (mapper_) json["localisation"] = ipc::name_of(mapper_->state().localisation.load());
   if (can_watch_) json["counters"].update(nlohmann::json(can_watch_->counters()));
   if (publisher_) {
     json["published"] = ipc::publisher_json(publisher_->state());

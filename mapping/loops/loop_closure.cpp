@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 namespace nilio::mapping {
@@ -19,68 +18,15 @@ using core::Vector6;
 
 /// A revisit is at least this far along the path.
 constexpr double kMinPathMetres = 60.0;
-/// Centres of two places of one road are nearer; farther ones have better partners.
-constexpr double kMaxCentreMetres = 20.0;
-constexpr double kMaxPathsMetres = 12.0;
 constexpr std::uint32_t kMinInliers = 10;
 constexpr std::size_t kFeatureCandidates = 6;
 constexpr std::size_t kGraphCandidates = 2;
 // 99.9 % of 6 and of 3 degrees of freedom.
 constexpr double kMaxDriftSquare = 22.46;
 constexpr double kMaxTiltSquare = 16.27;
-constexpr std::uint32_t kMinCompared = 300;
-constexpr double kMinOverlap = 0.4;
-constexpr double kMinSupportShare = 0.75;
-constexpr double kMaxContradiction = 0.08;
-constexpr double kMaxAmbiguity = 0.8;
-// A direction with a larger deviation is not observed.
-constexpr double kObservedMetres = 0.3;
-constexpr double kObservedRadians = 0.02;
 // Two loops that agree: 99 % of 6 degrees of freedom, over this path at most.
 constexpr double kMaxCycleSquare = 16.81;
 constexpr double kMaxCycleMetres = 500.0;
-// Surfaces of a place share errors: drift inside of it, voxels that lie differently. Calibrated on simulated
-// drives, see docs/map.md.
-constexpr double kLoopMetres = 0.08;
-constexpr double kLoopRadians = 0.001;
-
-/// Information of the alignment with the errors that its surfaces share.
-Matrix6 with_common_errors(const Matrix6& information) {
-  Vector6 variance;
-  variance << Vector3::Constant(kLoopMetres * kLoopMetres), Vector3::Constant(kLoopRadians * kLoopRadians);
-  const Matrix6 spread = Matrix6::Identity() + information * variance.asDiagonal();
-  const Matrix6 result = core::solve_lu(spread, information);
-  // A direction that is not observed at all still needs an invertible matrix.
-  return 0.5 * (result + result.transpose()) + 1e-6 * Matrix6::Identity();
-}
-
-std::size_t unobserved_directions(const Matrix6& information) {
-  Vector6 scale;
-  scale << Vector3::Constant(kObservedMetres), Vector3::Constant(kObservedRadians);
-  const Vector6 values =
-      core::symmetric_eigen(Matrix6(scale.asDiagonal() * information * scale.asDiagonal())).values;
-  return static_cast<std::size_t>((values.array() < 1.0).count());
-}
-
-/// Gives a planar guess the height at which both paths are equally high where they are nearest. Empty if they
-/// are not near.
-std::optional<SE3> with_height(SE3 guess, const Place& reference, const Place& moving) {
-  double nearest = kMaxPathsMetres * kMaxPathsMetres;
-  double height = 0.0;
-  bool found = false;
-  for (const SE3& pose : moving.path) {
-    const Vector3 p = guess * pose.translation;
-    for (const SE3& other : reference.path) {
-      const double square = (p - other.translation).head<2>().squaredNorm();
-      if (square >= nearest) continue;
-      nearest = square;
-      height = other.translation.z() - p.z();
-      found = true;
-    }
-  }
-  guess.translation.z() += height;
-  return found ? std::optional(guess) : std::nullopt;
-}
 
 double path_after_middle(const Submap& submap) {
   double path = 0.0;
@@ -91,13 +37,6 @@ double path_after_middle(const Submap& submap) {
 }
 
 }  // namespace
-
-const char* verdict_name(LoopVerdict verdict) {
-  constexpr std::array<const char*, kLoopVerdicts> names{
-      "accepted",  "far",        "drift", "overlap", "support",     "free space",
-      "ambiguous", "unobserved", "tilt",  "alone",   "inconsistent"};
-  return names.at(static_cast<std::size_t>(verdict));
-}
 
 void LoopCloser::add(const Submap& submap, const std::vector<Loop>* known) {
   Node node;
@@ -220,19 +159,13 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   loop.alignment.T_reference_moving = *guess;
   if (loop.drift_square > kMaxDriftSquare) return refuse(LoopVerdict::kDrift);
 
-  loop.alignment = align_places(reference, moving, *guess);
-  loop.alignment.information = with_common_errors(loop.alignment.information);
+  const CheckedAlignment checked = check_alignment(reference, moving, *guess);
+  loop.alignment = checked.alignment;
+  loop.support_share = checked.support_share;
+  loop.ambiguity = checked.ambiguity;
+  if (checked.verdict != LoopVerdict::kAccepted) return refuse(checked.verdict);
   const PlaceAlignment& alignment = loop.alignment;
   const SE3& T = alignment.T_reference_moving;
-  if (T.translation.head<2>().norm() > kMaxCentreMetres) return refuse(LoopVerdict::kFar);
-  loop.support_share = alignment.support / std::max({self_support(reference), self_support(moving), 1e-3});
-  if (alignment.overlap < kMinOverlap || alignment.compared < kMinCompared)
-    return refuse(LoopVerdict::kOverlap);
-  if (loop.support_share < kMinSupportShare) return refuse(LoopVerdict::kSupport);
-  if (alignment.contradiction > kMaxContradiction) return refuse(LoopVerdict::kFreeSpace);
-  loop.ambiguity = ambiguity(reference, moving, T);
-  if (loop.ambiguity > kMaxAmbiguity) return refuse(LoopVerdict::kAmbiguous);
-  if (unobserved_directions(alignment.information) > 1) return refuse(LoopVerdict::kUnobserved);
   const Matrix6 covariance = core::inverse_ldlt(alignment.information);
   loop.drift_square = drift_square(T, covariance);
   if (loop.drift_square > kMaxDriftSquare) return refuse(LoopVerdict::kDrift);

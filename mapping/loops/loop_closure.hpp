@@ -9,28 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "mapping/loops/place_registration.hpp"
+#include "mapping/loops/place_checks.hpp"
 #include "mapping/loops/pose_graph.hpp"
 
 namespace nilio::mapping {
-
-/// Outcome of a candidate; all but the first are reasons against it, in the order of the checks.
-enum class LoopVerdict : std::uint8_t {
-  kAccepted,
-  kFar,           ///< the paths do not come near each other
-  kDrift,         ///< odometry cannot have drifted that far
-  kOverlap,       ///< the places share too little
-  kSupport,       ///< surfaces do not lie on each other as those of one place do
-  kFreeSpace,     ///< surfaces lie where the other place has seen free space
-  kAmbiguous,     ///< another shift or heading fits nearly as well
-  kUnobserved,    ///< more than one direction is not observed
-  kTilt,          ///< height, roll or pitch contradict gravity and odometry
-  kAlone,         ///< no second loop agrees; may be accepted later
-  kInconsistent,  ///< contradicts odometry and the other loops
-};
-/// Name in reports.
-const char* verdict_name(LoopVerdict verdict);
-inline constexpr std::size_t kLoopVerdicts = 11;
 
 /// Candidate of a loop between two places. Transforms are between places, see place_origin().
 struct Loop {

@@ -9,6 +9,7 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "mapping/loops/surface_index.hpp"
 #include "mapping/voxel_key.hpp"
 
 namespace nilio::mapping {
@@ -20,7 +21,6 @@ using core::SE3;
 using core::Vector3;
 using Eigen::Vector3f;
 
-constexpr float kMinNormalCosine = 0.8F;
 constexpr double kPlaneDeviationMetres = 0.05;
 // The means of an irregular voxel depend on where its grid lies.
 constexpr double kIrregularDeviationMetres = 0.3;
@@ -33,54 +33,6 @@ constexpr float kOverlapVoxelMetres = 1.0F;
 /// matter, and ends before the surface.
 constexpr float kFreeFrom = 0.5F;
 constexpr float kFreeEndMetres = 1.5F;
-
-/// Surfaces by voxel, for searches within the size of a voxel.
-class SurfaceIndex {
- public:
-  SurfaceIndex(std::span<const Surface> surfaces, float voxel_m) : voxel_m_(voxel_m) {
-    std::vector<std::pair<VoxelKey, std::uint32_t>> rows;
-    for (std::uint32_t i = 0; i < surfaces.size(); ++i) {
-      if (const auto key = key_of(index_at(surfaces[i].mean, voxel_m))) rows.emplace_back(*key, i);
-    }
-    std::sort(rows.begin(), rows.end());
-    for (std::uint32_t i = 0; i < rows.size(); ++i) {
-      surfaces_.push_back(surfaces[rows[i].second]);
-      ++voxels_.try_emplace(rows[i].first, i, i).first->second.second;
-    }
-  }
-
-  [[nodiscard]] bool has_voxel(const Eigen::Vector3i& index) const {
-    const auto key = key_of(index);
-    return key && voxels_.count(*key) > 0;
-  }
-  [[nodiscard]] std::size_t voxels() const { return voxels_.size(); }
-
-  /// Nearest surface of the same kind with a similar normal; null if there is none within the voxel size.
-  [[nodiscard]] const Surface* nearest(const Vector3f& mean, const Vector3f& normal, bool is_plane) const {
-    const Surface* best = nullptr;
-    float best_square = voxel_m_ * voxel_m_;
-    const Eigen::Vector3i centre = index_at(mean, voxel_m_);
-    for (int i = 0; i < 27; ++i) {
-      const auto key = key_of(centre + Eigen::Vector3i(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
-      const auto found = key ? voxels_.find(*key) : voxels_.end();
-      if (found == voxels_.end()) continue;
-      for (std::uint32_t k = found->second.first; k < found->second.second; ++k) {
-        const Surface& surface = surfaces_[k];
-        const float square = (surface.mean - mean).squaredNorm();
-        if (surface.is_plane != is_plane || square >= best_square) continue;
-        if (is_plane && surface.normal.dot(normal) < kMinNormalCosine) continue;
-        best_square = square;
-        best = &surface;
-      }
-    }
-    return best;
-  }
-
- private:
-  float voxel_m_;
-  std::vector<Surface> surfaces_;  ///< sorted by voxel
-  std::unordered_map<VoxelKey, std::pair<std::uint32_t, std::uint32_t>> voxels_;
-};
 
 struct FloatTransform {
   explicit FloatTransform(const SE3& T)
@@ -226,7 +178,8 @@ core::Matrix6 guess_covariance() {
 
 }  // namespace
 
-PlaceAlignment align_places(const Place& reference, const Place& moving, const SE3& guess) {
+PlaceAlignment align_places(const Place& reference, const Place& moving, const SE3& guess,
+                            std::size_t surfaces) {
   core::RegistrationResult result;
   result.T_map_moving = guess;
   core::SolverOptions options;
@@ -234,9 +187,13 @@ PlaceAlignment align_places(const Place& reference, const Place& moving, const S
   options.prior = core::PosePrior{guess, guess_covariance()};
   // A part of the surfaces is enough to come near.
   std::vector<Surface> part;
-  const std::size_t stride = std::max<std::size_t>(1, moving.surfaces.size() / 4000);
+  const std::size_t stride = std::max<std::size_t>(1, moving.surfaces.size() / surfaces);
   for (std::size_t i = 0; i < moving.surfaces.size(); i += stride) part.push_back(moving.surfaces[i]);
-  const SurfaceIndex wide(reference.surfaces, 2.0F);
+  std::vector<Surface> wide_part;
+  const std::size_t wide_stride = std::max<std::size_t>(1, kRegisteredSurfaces / surfaces);
+  for (std::size_t i = 0; i < reference.surfaces.size(); i += wide_stride)
+    wide_part.push_back(reference.surfaces[i]);
+  const SurfaceIndex wide(wide_part, 2.0F);
   const SurfaceIndex narrow(reference.surfaces, kSupportMetres);
   for (const auto& [index, kernel_m] :
        {std::pair{&wide, 1.0}, std::pair{&narrow, 0.4}, std::pair{&narrow, 0.15}})
@@ -253,6 +210,7 @@ PlaceAlignment align_places(const Place& reference, const Place& moving, const S
   const Comparison backward = compare(moving, moving_voxels, reference, T.inverse());
   alignment.compared = std::min(forward.compared, backward.compared);
   alignment.support = std::min(forward.share(forward.supported), backward.share(backward.supported));
+  alignment.larger_support = std::max(forward.share(forward.supported), backward.share(backward.supported));
   alignment.contradiction =
       std::max(forward.share(forward.contradicted), backward.share(backward.contradicted));
   return alignment;

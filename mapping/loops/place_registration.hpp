@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+
 #include "mapping/loops/place.hpp"
 
 namespace nilio::mapping {
@@ -16,14 +18,20 @@ struct PlaceAlignment {
   /// reference.
   std::uint32_t compared = 0;
   double support = 0.0;
+  /// The same, the larger of both directions: structure that one place has not seen does not count.
+  double larger_support = 0.0;
   /// Share of the compared structure of one place that lies where the other one has seen free space; the
   /// larger of both directions.
   double contradiction = 0.0;
 };
 
+inline constexpr std::size_t kRegisteredSurfaces = 4000;
+
 /// Registers `moving` against `reference` from a guess that is right to about 2 m and 5 degrees: planes to
-/// planes, irregular surfaces to irregular surfaces, wide to narrow.
-PlaceAlignment align_places(const Place& reference, const Place& moving, const core::SE3& guess);
+/// planes, irregular surfaces to irregular surfaces, wide to narrow. About `surfaces` of the moving ones
+/// enter, and, where these are fewer, as small a part of the reference as long as the search is wide.
+PlaceAlignment align_places(const Place& reference, const Place& moving, const core::SE3& guess,
+                            std::size_t surfaces = kRegisteredSurfaces);
 
 /// Support of a place by itself: the share of structure that one half of its keyframes has seen and that
 /// lies on surfaces seen by the other half. A scale for PlaceAlignment::support.

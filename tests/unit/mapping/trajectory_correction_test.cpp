@@ -98,3 +98,24 @@ TEST_CASE("a trajectory that niliod has not written is refused with its line", "
   CHECK_FALSE(correct_trajectory(map, folder.file("none.tum"), folder.file("out.tum")).ok());
   CHECK_FALSE(std::filesystem::exists(folder.file("out.tum")));
 }
+
+TEST_CASE("a pose in the frame of a saved map has the last transform before it, and none before the first",
+          "[trajectory_correction]") {
+  const tests::TemporaryFolder folder;
+  const std::string trajectory = folder.write("trajectory.tum", street_trajectory());
+  const std::string localisation = folder.write("localisation.txt",
+                                                "1001.000000000 0 5 0 0 0 0 1 localised 0.9 0.05 0.1\n"
+                                                "1002.000000000 0 7 0 0 0 0 1 odometry_only 0.1 0.05 0.1\n");
+  const std::string output = folder.file("map.tum");
+  REQUIRE(localise_trajectory(localisation, trajectory, output).value() == 81);
+  const auto rows = rows_of(output);
+  REQUIRE(rows.size() == 81);
+  CHECK(rows.front().stamp == "1001.000000000");
+  CHECK(rows.front().y == Approx(5.3));
+  CHECK(rows[9].y == Approx(5.3));
+  CHECK(rows[10].y == Approx(7.3));
+  CHECK(rows.back().y == Approx(7.3));
+  const auto refused = localise_trajectory(folder.write("bad.txt", "localised\n"), trajectory, output);
+  REQUIRE_FALSE(refused.ok());
+  CHECK_THAT(refused.error().message, Contains("bad.txt:1: not a pose"));
+}
