@@ -29,14 +29,15 @@ constexpr CheckLimits kLimits{.max_centre_m = 35.0,
                               .max_contradiction = 0.2,
                               .max_ambiguity = 1.0,
                               .registered_surfaces = 600};
-// Simulated drives with 16 and 64 beams and a fifth of the objects changed: right places have a fit of 0.8 to
-// 1.1, the best other ones 0.75.
+// A place that differs in every fifth object from the map has 0.8 of the fit of an unchanged one.
 constexpr double kMinFit = 0.78;
 // A hypothesis elsewhere with more of the best one's fit makes it ambiguous. So does one with this support in
 // one direction, however well the best one fits: nothing is wrong with it, the map shows a part only of what
 // the vehicle sees there.
 constexpr double kMaxRivalFit = 0.8;
 constexpr double kMaxRivalSupport = 0.9;
+// A hypothesis that fits worse and has this much more of its structure in free space is refuted.
+constexpr double kRefutingContradiction = 0.03;
 
 struct Candidate {
   std::size_t place = 0;
@@ -92,6 +93,15 @@ StartHypothesis verify(const std::optional<Place>& reference, const Place& recen
   return hypothesis;
 }
 
+/// Whether nothing tells which of two hypotheses is wrong.
+bool is_rival(const StartHypothesis& other, const StartHypothesis& best) {
+  if (other.fit() > kMaxRivalFit * best.fit()) return true;
+  if (other.checked.alignment.contradiction > best.checked.alignment.contradiction + kRefutingContradiction)
+    return false;
+  return other.passes() || other.checked.larger_support_share >
+                               kMaxRivalSupport * std::min(1.0, best.checked.larger_support_share);
+}
+
 bool is_better(const StartHypothesis& a, const StartHypothesis& b) {
   return a.passes() != b.passes() ? a.passes() : a.fit() > b.fit();
 }
@@ -135,10 +145,7 @@ StartSearch find_start(const SavedMap& map, const Place& recent) {
   const StartHypothesis& best = search.hypotheses.front();
   search.is_found =
       std::none_of(search.hypotheses.begin() + 1, search.hypotheses.end(), [&](const StartHypothesis& other) {
-        const bool is_rival = other.passes() || other.fit() > kMaxRivalFit * best.fit() ||
-                              other.checked.larger_support_share >
-                                  kMaxRivalSupport * std::min(1.0, best.checked.larger_support_share);
-        return is_rival &&
+        return is_rival(other, best) &&
                is_apart(best.T_map_odom * recent.T_odom_place, other.T_map_odom * recent.T_odom_place);
       });
   return search;
