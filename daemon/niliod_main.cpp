@@ -213,6 +213,8 @@ int run(Arguments arguments, const nilio::daemon::ServiceNotifier& service) {
     return fail("mapper.localise_in: " + config->mapper.localise_in +
                     ": is in the output folder of this run - choose another --output",
                 nilio::kUsageError);
+  const std::string killed_run =
+      replay || arguments.force ? std::string() : nilio::daemon::find_killed_run(arguments.output);
   const auto output =
       nilio::daemon::choose_output_folder(arguments.output, arguments.force ? EarlierRun::kOverwrite
                                                             : replay        ? EarlierRun::kRefuse
@@ -224,6 +226,7 @@ int run(Arguments arguments, const nilio::daemon::ServiceNotifier& service) {
   options.files = files;
   options.decisions_file = arguments.decisions;
   options.output_folder = *output;
+  options.killed_run = killed_run;
   options.record_folder = arguments.record;
   options.recording = arguments.replay;
   options.thread_hook = preloaded_hook();

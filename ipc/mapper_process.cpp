@@ -84,6 +84,7 @@ core::Result<pid_t> MapperProcess::spawn(bool publish) {
   if (!config_.saved_map.empty()) arguments.push_back("--map=" + config_.saved_map.string());
   if (!config_.localisation_file.empty())
     arguments.push_back("--localisation-file=" + config_.localisation_file.string());
+  if (config_.continues_run) arguments.emplace_back("--continue");
   if (config_.keeps_all) arguments.emplace_back("--keep-all");
   if (!publish) arguments.emplace_back("--no-publish");
   if (!config_.closes_loops) arguments.emplace_back("--no-loops");
@@ -189,7 +190,7 @@ core::Result<std::monostate> MapperProcess::localise_trajectory(const std::files
       timeout);
   if (done) return done;
   return core::Error{trajectory.string() + ": not moved into the frame of the saved map, the " +
-                     done.error().message + " - localisation.csv has the transforms"};
+                     done.error().message + " - localisation.txt has the transforms"};
 }
 
 }  // namespace nilio::ipc

@@ -27,6 +27,7 @@ struct MapperProcessConfig {
   std::filesystem::path executable;  ///< nilio-mapper
   std::filesystem::path folder;      ///< of the map to write; empty: none
   std::filesystem::path saved_map;   ///< to localise in; empty: none
+  bool continues_run = false;        ///< saved_map is of a run that was killed
   /// Results of localisation, one line for each keyframe; empty: none.
   std::filesystem::path localisation_file;
   bool keeps_all = false;  ///< an unpaced replay: localisation gets every keyframe

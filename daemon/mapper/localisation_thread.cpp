@@ -3,6 +3,7 @@
 #include "nilio/core/clock.hpp"
 
 #include <array>
+#include <chrono>
 #include <cstdio>
 #include <memory>
 #include <pthread.h>
@@ -11,6 +12,7 @@
 #include <utility>
 
 #include "mapping/map_folder.hpp"
+#include "mapping/map_recovery.hpp"
 
 namespace nilio::daemon {
 namespace {
@@ -18,6 +20,8 @@ namespace {
 constexpr int kNice = 10;
 // About 10 MB of keyframes.
 constexpr std::size_t kQueue = 64;
+constexpr core::Duration kRecoveryPatience = core::Duration::from_seconds(5.0);
+constexpr std::chrono::milliseconds kRecoveryInterval{200};
 
 std::string text_of(const mapping::MapId& id) {
   std::string text;
@@ -74,9 +78,23 @@ std::optional<LocalisationThread::Loaded> LocalisationThread::take_loaded() {
   return std::exchange(loaded_, std::nullopt);
 }
 
+/// Completes the map; its mapper may be about to end.
+void LocalisationThread::recover() const {
+  for (std::int64_t end_ns = monotonic_ns() + kRecoveryPatience.ns; monotonic_ns() < end_ns;
+       std::this_thread::sleep_for(kRecoveryInterval)) {
+    if (mapping::recover_map(config_.map, {clock_ns(CLOCK_REALTIME)}) || ends()) return;
+  }
+}
+
+bool LocalisationThread::ends() const {
+  const std::lock_guard lock(mutex_);
+  return ends_;
+}
+
 /// Empty if the map cannot be used, or the thread has to end.
 std::optional<mapping::SavedMap> LocalisationThread::load() {
   const std::int64_t begin_ns = monotonic_ns();
+  if (config_.continues_run) recover();
   auto opened = mapping::MapReader::open(config_.map);
   const auto finish = [this](bool ok, std::string message) {
     const std::lock_guard lock(mutex_);
@@ -105,9 +123,9 @@ std::optional<mapping::SavedMap> LocalisationThread::load() {
     return std::optional<mapping::Submap>();
   });
   while (map.prepare_next()) {
-    const std::lock_guard lock(mutex_);
-    if (ends_) return std::nullopt;
+    if (ends()) return std::nullopt;
   }
+  if (config_.continues_run) last_pose_ = mapping::last_pose(*reader);
   if (map.is_empty()) {
     finish(false, *damage + "; no submap of the map can be read - use a copy of the map");
     return std::nullopt;
@@ -125,7 +143,7 @@ void LocalisationThread::run() {
   setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kNice);
   const std::optional<mapping::SavedMap> map = load();
   if (!map) return;
-  mapping::Localiser localiser(*map, config_.range_m);
+  mapping::Localiser localiser(*map, config_.range_m, last_pose_);
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [&] { return ends_ || !queue_.empty(); });

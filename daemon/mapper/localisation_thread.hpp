@@ -18,6 +18,8 @@ namespace nilio::daemon {
 
 struct LocalisationThreadConfig {
   std::filesystem::path map;  ///< folder of the saved map
+  /// The map is of a run that was killed: it is completed first.
+  bool continues_run = false;
   double range_m = 50.0;
   /// add() refuses keyframes without room, so that results do not depend on the computing time; else the
   /// oldest waiting ones are dropped.
@@ -25,7 +27,7 @@ struct LocalisationThreadConfig {
 };
 
 /// Localisation in a saved map, in a thread of its own, so that loading and searching delay no submap. The
-/// files of the map are opened for reading only.
+/// files of the map are opened for reading only, unless it has to be completed.
 class LocalisationThread {
  public:
   explicit LocalisationThread(LocalisationThreadConfig config);
@@ -53,6 +55,8 @@ class LocalisationThread {
  private:
   void run();
   [[nodiscard]] std::optional<mapping::SavedMap> load();
+  void recover() const;
+  [[nodiscard]] bool ends() const;
 
   const LocalisationThreadConfig config_;
   std::atomic<std::uint64_t> dropped_{0};
@@ -65,6 +69,7 @@ class LocalisationThread {
   bool has_failed_ = false;
   bool ends_ = false;
 
+  std::optional<core::SE3> last_pose_;  ///< of the thread
   std::thread thread_;
 };
 

@@ -107,10 +107,10 @@ MapperLoop::MapperLoop(pid_t parent, int signals, MapperInputs inputs,
   if (writer_ && config.closes_loops) loops_ = std::make_unique<LoopThread>(*writer_);
   if (config.saved_map.empty()) return;
   saved_map_ = config.saved_map.string();
-  localisation_ = std::make_unique<LocalisationThread>(
-      LocalisationThreadConfig{config.saved_map, config.submaps.range_m, config.keeps_all});
+  localisation_ = std::make_unique<LocalisationThread>(LocalisationThreadConfig{
+      config.saved_map, config.continues_run, config.submaps.range_m, config.keeps_all});
   inputs_.state->localisation.store(ipc::MapperLocalisation::kLoading);
-  if (!config.localisation_file.empty()) localisation_file_.open(config.localisation_file, std::ios::app);
+  localisation_path_ = config.localisation_file;
 }
 
 MapperLoop::~MapperLoop() = default;
@@ -301,34 +301,51 @@ void MapperLoop::take_localisation() {
   if (const auto loaded = localisation_->take_loaded()) {
     if (!loaded->ok) {
       spdlog::error("localisation: {}; poses go on without it", loaded->message);
-      inputs_.state->localisation.store(ipc::MapperLocalisation::kFailed);
-      localisation_.reset();
-      if (publisher_) {
-        publisher_->publish_transform(keyframe_.stamp, frame_.published());
-        publisher_->publish_correction(
-            {.stamp = keyframe_.stamp, .cause = "no localisation: " + loaded->message, .jumped = true});
-      }
-      return;
+      return end_localisation("no localisation: " + loaded->message);
     }
     saved_map_ = loaded->message;
     inputs_.state->localisation.store(ipc::MapperLocalisation::kSearching);
     spdlog::info("localisation: {}", saved_map_);
   }
-  for (const mapping::Localisation& result : localisation_->take()) apply(result);
+  for (const mapping::Localisation& result : localisation_->take()) {
+    apply(result);
+    if (!localisation_) return;
+  }
   inputs_.state->localisation_dropped.store(localisation_->dropped(), std::memory_order_relaxed);
+}
+
+/// `map` is a frame of this run from here on.
+void MapperLoop::end_localisation(const std::string& cause) {
+  inputs_.state->localisation.store(ipc::MapperLocalisation::kFailed);
+  localisation_.reset();
+  if (!publisher_) return;
+  publisher_->publish_transform(keyframe_.stamp, frame_.published());
+  publisher_->publish_correction({.stamp = keyframe_.stamp, .cause = cause, .jumped = true});
+}
+
+/// The folder is made by the run, which may begin later than this process.
+void MapperLoop::write_localisation(const mapping::Localisation& result) {
+  if (!localisation_file_.is_open()) localisation_file_.open(localisation_path_, std::ios::app);
+  if (!(localisation_file_ << line_of(result)).flush())
+    report_failure(localisation_path_.string() + ": cannot be written - check the disk");
 }
 
 void MapperLoop::apply(const mapping::Localisation& result) {
   using State = mapping::LocalisationState;
   localisation_refusal_ = result.refusal;
   if (result.state == State::kSearching) return;
+  if (result.state == State::kElsewhere) {
+    spdlog::warn("localisation: the map starts anew, the earlier run has not been here; last search: {}",
+                 result.refusal);
+    return end_localisation("starts anew, the earlier run has not been here");
+  }
   const bool is_start = localisation_state_ == State::kSearching;
   localisation_state_ = result.state;
   inputs_.state->localisation.store(result.state == State::kLocalised ? ipc::MapperLocalisation::kLocalised
                                                                       : ipc::MapperLocalisation::kOutside);
   if (result.state == State::kLocalised)
     inputs_.state->localised_keyframes.fetch_add(1, std::memory_order_relaxed);
-  if (localisation_file_.is_open()) localisation_file_ << line_of(result);
+  if (!localisation_path_.empty()) write_localisation(result);
   const MapFrame::Change change = frame_.localise(result.T_map_odom, keyframe_.T_odom_base, is_start);
   if (result.event.empty()) return;
   spdlog::info("localisation: {}{}", result.event,

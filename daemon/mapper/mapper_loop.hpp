@@ -41,6 +41,7 @@ struct MapperLoopConfig {
   int kept_submaps = 20;  ///< clouds that the publisher keeps for late subscribers
   bool closes_loops = true;
   std::filesystem::path saved_map;          ///< to localise in; empty: none
+  bool continues_run = false;               ///< see LocalisationThreadConfig
   std::filesystem::path localisation_file;  ///< results of localisation; empty: none
   bool keeps_all = false;                   ///< see LocalisationThreadConfig
 };
@@ -69,6 +70,8 @@ class MapperLoop {
   void take_loops();
   void take_localisation();
   void apply(const mapping::Localisation& result);
+  void write_localisation(const mapping::Localisation& result);
+  void end_localisation(const std::string& cause);
   void finish_localisation();
   [[nodiscard]] bool has_map_frame() const;
   [[nodiscard]] std::int64_t end_ns() const;
@@ -109,6 +112,7 @@ class MapperLoop {
   std::string saved_map_;                             ///< its name and identity
   mapping::LocalisationState localisation_state_ = mapping::LocalisationState::kSearching;
   std::string localisation_refusal_;  ///< of the last search
+  std::filesystem::path localisation_path_;
   std::ofstream localisation_file_;
   std::unique_ptr<LoopThread> loops_;  ///< reads writer_; null: loops are not closed
 };

@@ -15,6 +15,8 @@ namespace fs = std::filesystem;
 constexpr std::array kFiles{"trajectory.tum",
                             "trajectory_optimised.tum",
                             "trajectory_mid.tum",
+                            "trajectory_map.tum",
+                            "localisation.txt",
                             "trajectory.kitti",
                             "scans.csv",
                             "latency.json",
@@ -33,6 +35,21 @@ bool holds_run(const fs::path& folder) {
   });
 }
 
+/// FOLDER, FOLDER-2, FOLDER-3, ...
+std::string numbered(const std::string& folder, int number) {
+  // A path that ends in '/' has an empty last component.
+  fs::path base(folder);
+  if (!base.has_filename()) base = base.parent_path();
+  return number == 1 ? base.string() : base.string() + "-" + std::to_string(number);
+}
+
+/// Number of the first one without a run.
+int next_number(const std::string& folder) {
+  int number = 1;
+  while (holds_run(numbered(folder, number))) ++number;
+  return number;
+}
+
 }  // namespace
 
 core::Result<std::string> choose_output_folder(const std::string& folder, EarlierRun earlier) {
@@ -40,15 +57,7 @@ core::Result<std::string> choose_output_folder(const std::string& folder, Earlie
   if (earlier == EarlierRun::kRefuse)
     return core::Error{folder +
                        ": holds the files of an earlier run - choose another --output, or add --force"};
-  if (earlier == EarlierRun::kKeep) {
-    // A path that ends in '/' has an empty last component.
-    fs::path base(folder);
-    if (!base.has_filename()) base = base.parent_path();
-    std::string next;
-    for (int number = 2; next.empty() || holds_run(next); ++number)
-      next = base.string() + "-" + std::to_string(number);
-    return next;
-  }
+  if (earlier == EarlierRun::kKeep) return numbered(folder, next_number(folder));
   for (const char* name : kFiles) {
     std::error_code error;
     fs::remove_all(fs::path(folder) / name, error);
@@ -57,6 +66,16 @@ core::Result<std::string> choose_output_folder(const std::string& folder, Earlie
                          ") - check its permissions"};
   }
   return folder;
+}
+
+std::string find_killed_run(const std::string& folder) {
+  const int runs = folder.empty() ? 0 : next_number(folder) - 1;
+  if (runs == 0) return {};
+  const std::string last = numbered(folder, runs);
+  std::error_code ignored;
+  const bool is_killed = fs::exists(fs::path(last) / "map" / "map.log", ignored) &&
+                         !fs::exists(fs::path(last) / "latency.json", ignored);
+  return is_killed ? last : std::string();
 }
 
 }  // namespace nilio::daemon

@@ -16,4 +16,8 @@ enum class EarlierRun {
 /// name stays empty.
 core::Result<std::string> choose_output_folder(const std::string& folder, EarlierRun earlier);
 
+/// Folder of the last run that was told to write to `folder` and has a map, if it was killed: it has no
+/// report. Else empty.
+std::string find_killed_run(const std::string& folder);
+
 }  // namespace nilio::daemon

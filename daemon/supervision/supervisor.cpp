@@ -167,13 +167,16 @@ Result<std::monostate> Supervisor::open_publisher() {
 
 Result<std::monostate> Supervisor::open_mapper() {
   const bool writes_map = !options_.output_folder.empty() && config_.output.map;
-  const std::filesystem::path saved_map = config_.mapper.localise_in;
+  const bool continues_run = config_.mapper.localise_in.empty() && writes_map && !options_.killed_run.empty();
+  const std::filesystem::path saved_map =
+      continues_run ? options_.killed_run + "/map" : config_.mapper.localise_in;
   if (!writes_map && saved_map.empty()) return std::monostate{};
   ipc::MapperProcessConfig config;
   const std::filesystem::path output = std::filesystem::absolute(options_.output_folder);
   if (writes_map) config.folder = output / "map";
   if (!saved_map.empty()) {
     config.saved_map = std::filesystem::absolute(saved_map);
+    config.continues_run = continues_run;
     config.keeps_all = !options_.rules.are_live() && !options_.rules.is_paced();
     if (!options_.output_folder.empty()) {
       config.localisation_file = output / "localisation.txt";
@@ -196,6 +199,9 @@ Result<std::monostate> Supervisor::open_mapper() {
   if (!mapper) return mapper.error();
   mapper_ = std::move(mapper).value();
   const Result<pid_t> pid = mapper_->start();
+  if (continues_run)
+    spdlog::info("{}: was killed; its map is continued if the vehicle finds itself there",
+                 options_.killed_run);
   if (pid) {
     spdlog::info("nilio-mapper started, pid {}{}{}", *pid, writes_map ? ", map in " : "",
                  mapper_->folder().string());

@@ -22,6 +22,7 @@ struct RunOptions {
   ReplayFiles files;
   std::string decisions_file;  ///< decision log to repeat; empty: none
   std::string output_folder;   ///< empty: no files
+  std::string killed_run;      ///< output folder of an earlier run to continue; empty: none
   std::string record_folder;   ///< black box of the run; empty: none
   /// Files and folders that were named for the replay, for the decision log.
   std::vector<std::string> recording;

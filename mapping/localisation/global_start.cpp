@@ -76,20 +76,21 @@ std::vector<Candidate> candidates_of(const SavedMap& map, const Place& recent) {
 
 bool is_upright(const SE3& T) { return (T.rotation * core::Vector3::UnitZ()).z() > kMinVerticalCosine; }
 
-StartHypothesis verify(const std::optional<Place>& reference, const Place& recent,
+StartHypothesis verify(const std::optional<ComparablePlace>& reference, const ComparablePlace& recent,
                        const Candidate& candidate) {
   StartHypothesis hypothesis;
   hypothesis.place = candidate.place;
   hypothesis.score = candidate.match.score;
   hypothesis.checked.verdict = LoopVerdict::kFar;
-  const auto guess =
-      reference ? with_height(candidate.match.T_image_template, *reference, recent) : std::nullopt;
+  const auto guess = reference
+                         ? with_height(candidate.match.T_image_template, reference->place(), recent.place())
+                         : std::nullopt;
   if (!guess) return hypothesis;
   hypothesis.checked = check_alignment(*reference, recent, *guess, kLimits);
   const SE3& T = hypothesis.checked.alignment.T_reference_moving;
   if (hypothesis.passes() && hypothesis.fit() < kMinFit) hypothesis.checked.verdict = LoopVerdict::kSupport;
   if (hypothesis.passes() && !is_upright(T)) hypothesis.checked.verdict = LoopVerdict::kTilt;
-  hypothesis.T_map_odom = reference->T_odom_place * T * recent.T_odom_place.inverse();
+  hypothesis.T_map_odom = reference->place().T_odom_place * T * recent.place().T_odom_place.inverse();
   return hypothesis;
 }
 
@@ -134,11 +135,16 @@ StartSearch find_start(const SavedMap& map, const Place& recent) {
   // Each place is loaded once.
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.place < b.place; });
-  std::optional<Place> reference;
+  const ComparablePlace comparable(recent);
+  std::optional<Place> place;
+  std::optional<ComparablePlace> reference;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (i == 0 || candidates[i].place != candidates[i - 1].place)
-      reference = map.load_place(candidates[i].place);
-    search.hypotheses.push_back(verify(reference, recent, candidates[i]));
+    if (i == 0 || candidates[i].place != candidates[i - 1].place) {
+      reference.reset();
+      place = map.load_place(candidates[i].place);
+      if (place) reference.emplace(*place);
+    }
+    search.hypotheses.push_back(verify(reference, comparable, candidates[i]));
   }
   std::stable_sort(search.hypotheses.begin(), search.hypotheses.end(), is_better);
   if (search.hypotheses.empty() || !search.hypotheses.front().passes()) return search;

@@ -1,7 +1,10 @@
 #include "mapping/localisation/localiser.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/linear_algebra.hpp"
 
+#include <array>
 #include <cstdio>
 #include <utility>
 #include <vector>
@@ -20,6 +23,8 @@ constexpr std::size_t kMinKeyframes = 5;
 // While more of the surroundings appears with each metre, and later.
 constexpr double kFirstStepMetres = 2.0;
 constexpr double kStepMetres = 10.0;
+// A run that was killed continues within this path, or not at all.
+constexpr double kContinuedMetres = 100.0;
 // Keyframes in a row without support after which the map does not show the surroundings.
 constexpr std::size_t kMaxUnsupported = 10;
 
@@ -34,6 +39,13 @@ std::string described(const SavedMap& map, const StartHypothesis& found) {
   return text;
 }
 
+std::string from_last_pose(const SE3& moved) {
+  std::array<char, 80> text{};
+  std::snprintf(text.data(), text.size(), "; %.1f m, %.1f deg from the last pose of the earlier run",
+                moved.translation.norm(), core::so3_log(moved.rotation).norm() * kDegreesPerRadian);
+  return text.data();
+}
+
 }  // namespace
 
 const char* name_of(LocalisationState state) {
@@ -42,6 +54,8 @@ const char* name_of(LocalisationState state) {
       return "localised";
     case LocalisationState::kOutside:
       return "odometry only";
+    case LocalisationState::kElsewhere:
+      return "elsewhere";
     case LocalisationState::kSearching:
       break;
   }
@@ -60,6 +74,7 @@ Localisation Localiser::add(const Keyframe& keyframe) {
   if (!recent_.empty()) {
     const double step = distance(recent_.back(), keyframe);
     path_m_ += step;
+    searched_m_ += step;
     recent_path_m_ += step;
   }
   recent_.push_back(keyframe);
@@ -80,7 +95,7 @@ Localisation Localiser::add(const Keyframe& keyframe) {
       state_.state = LocalisationState::kOutside;
       state_.event = "the map does not show the surroundings: odometry only";
     }
-  } else if (is_search_due()) {
+  } else if (state_.state != LocalisationState::kElsewhere && is_search_due()) {
     search(keyframe);
   }
   return state_;
@@ -94,6 +109,8 @@ void Localiser::search(const Keyframe& keyframe) {
   const StartSearch search = find_start(map_, place);
   const std::optional<SE3> before = std::exchange(found_, std::nullopt);
   if (!search.is_found) {
+    if (state_.state == LocalisationState::kSearching && last_pose_ && searched_m_ > kContinuedMetres)
+      state_.state = LocalisationState::kElsewhere;
     state_.refusal = search.hypotheses.empty()            ? "nothing in the map is similar"
                      : search.hypotheses.front().passes() ? "several places fit"
                                                           : "the best place fails the check: ";
@@ -109,6 +126,8 @@ void Localiser::search(const Keyframe& keyframe) {
   }
   state_.state = LocalisationState::kLocalised;
   state_.event = described(map_, found);
+  if (last_pose_)
+    state_.event += from_last_pose(last_pose_->inverse() * found.T_map_odom * keyframe.T_odom_base);
   unsupported_ = 0;
   const SE3 T_map_base = found.T_map_odom * keyframe.T_odom_base;
   // From the place to the vehicle.

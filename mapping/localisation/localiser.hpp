@@ -17,6 +17,7 @@ enum class LocalisationState {
   kSearching,  ///< where the vehicle is in the map is not known
   kLocalised,  ///< the registration against the map corrects the pose
   kOutside,    ///< the map does not show the surroundings: odometry only, from the last correction
+  kElsewhere,  ///< the drive does not continue the run of the map: no more searches
 };
 /// Name in logs and reports.
 const char* name_of(LocalisationState state);
@@ -40,8 +41,10 @@ struct Localisation {
 /// begins again. Results depend on the keyframes and the map only. One thread.
 class Localiser {
  public:
-  /// `map` outlives this and has to be prepared.
-  Localiser(const SavedMap& map, double range_m) : map_(map), range_m_(range_m), tracker_(map) {}
+  /// `map` outlives this and has to be prepared. `last_pose`: T_map_base at the end of a run that was killed,
+  /// which the drive may continue; without an answer in its first 100 m, it does not.
+  Localiser(const SavedMap& map, double range_m, std::optional<core::SE3> last_pose = std::nullopt)
+      : map_(map), range_m_(range_m), last_pose_(last_pose), tracker_(map) {}
 
   Localisation add(const Keyframe& keyframe);
 
@@ -51,9 +54,11 @@ class Localiser {
 
   const SavedMap& map_;
   double range_m_;
+  std::optional<core::SE3> last_pose_;
   MapTracker tracker_;
   std::deque<Keyframe> recent_;
   double path_m_ = 0.0;         ///< since the last search
+  double searched_m_ = 0.0;     ///< of the drive
   double recent_path_m_ = 0.0;  ///< of the recent keyframes
   std::size_t since_search_ = 0;
   std::size_t unsupported_ = 0;  ///< keyframes in a row

@@ -133,17 +133,17 @@ std::optional<Place> LoopCloser::load_place(std::size_t node) const {
   return make_place(pointers, middle);
 }
 
-Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, const Place& moving,
+Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, const ComparablePlace& moving,
                         std::size_t moving_node) const {
   Loop loop;
   loop.reference = reference.id;
-  loop.moving = moving.id;
+  loop.moving = moving.place().id;
   loop.inliers = candidate.guess.inliers;
   const auto refuse = [&](LoopVerdict verdict) {
     loop.verdict = verdict;
     return loop;
   };
-  const auto guess = with_height(candidate.guess.T_reference_moving, reference, moving);
+  const auto guess = with_height(candidate.guess.T_reference_moving, reference, moving.place());
   if (!guess || guess->translation.head<2>().norm() > kMaxCentreMetres) return refuse(LoopVerdict::kFar);
   const auto chain = std::span(edges_).subspan(candidate.node, moving_node - candidate.node);
   const SE3 T_chain = chain_transform(chain);
@@ -159,7 +159,7 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   loop.alignment.T_reference_moving = *guess;
   if (loop.drift_square > kMaxDriftSquare) return refuse(LoopVerdict::kDrift);
 
-  const CheckedAlignment checked = check_alignment(reference, moving, *guess);
+  const CheckedAlignment checked = check_alignment(ComparablePlace(reference), moving, *guess);
   loop.alignment = checked.alignment;
   loop.support_share = checked.support_share;
   loop.ambiguity = checked.ambiguity;
@@ -181,6 +181,7 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
 bool LoopCloser::halves_agree(const Loop& loop, const Place& moving) const {
   const std::optional<Place> reference = load_place(index_of(loop.reference));
   if (!reference) return false;
+  const ComparablePlace comparable(*reference);
   std::array<PlaceAlignment, 2> alignments;
   for (const std::size_t half : {0U, 1U}) {
     Place part;
@@ -190,7 +191,7 @@ bool LoopCloser::halves_agree(const Loop& loop, const Place& moving) const {
       part.surfaces.push_back(moving.surfaces[i]);
       part.viewers.push_back(moving.viewers[i]);
     }
-    alignments[half] = align_places(*reference, part, loop.alignment.T_reference_moving);
+    alignments[half] = align_places(comparable, ComparablePlace(part), loop.alignment.T_reference_moving);
     alignments[half].information = with_common_errors(alignments[half].information);
   }
   const Vector6 error =
@@ -206,9 +207,10 @@ bool LoopCloser::halves_agree(const Loop& loop, const Place& moving) const {
 void LoopCloser::search(std::size_t node, const Place& place, bool is_end) {
   searched_ = node + 1;
   const std::size_t first = loops_.size();
+  const ComparablePlace comparable(place);
   for (const Candidate& candidate : candidates(node)) {
     const std::optional<Place> reference = load_place(candidate.node);
-    if (reference) loops_.push_back(verify(*reference, candidate, place, node));
+    if (reference) loops_.push_back(verify(*reference, candidate, comparable, node));
   }
   // The same two places in two ways: neither is to be trusted. The same way twice counts once.
   for (std::size_t i = first; i < loops_.size(); ++i) {

@@ -74,7 +74,7 @@ class LoopCloser {
 
   [[nodiscard]] std::optional<Place> load_place(std::size_t node) const;
   [[nodiscard]] std::vector<Candidate> candidates(std::size_t node) const;
-  [[nodiscard]] Loop verify(const Place& reference, const Candidate& candidate, const Place& moving,
+  [[nodiscard]] Loop verify(const Place& reference, const Candidate& candidate, const ComparablePlace& moving,
                             std::size_t moving_node) const;
   [[nodiscard]] bool halves_agree(const Loop& loop, const Place& moving) const;
   void search(std::size_t node, const Place& place, bool is_end);

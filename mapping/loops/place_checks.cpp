@@ -69,8 +69,8 @@ std::optional<SE3> with_height(SE3 guess, const Place& reference, const Place& m
   return found ? std::optional(guess) : std::nullopt;
 }
 
-CheckedAlignment check_alignment(const Place& reference, const Place& moving, const SE3& guess,
-                                 const CheckLimits& limits) {
+CheckedAlignment check_alignment(const ComparablePlace& reference, const ComparablePlace& moving,
+                                 const SE3& guess, const CheckLimits& limits) {
   CheckedAlignment result;
   result.alignment = align_places(reference, moving, guess, limits.registered_surfaces);
   result.alignment.information = with_common_errors(result.alignment.information);
@@ -81,14 +81,14 @@ CheckedAlignment check_alignment(const Place& reference, const Place& moving, co
     return result;
   };
   if (T.translation.head<2>().norm() > limits.max_centre_m) return refuse(LoopVerdict::kFar);
-  const double self = std::max({self_support(reference), self_support(moving), 1e-3});
+  const double self = std::max({reference.self_support(), moving.self_support(), 1e-3});
   result.support_share = alignment.support / self;
   result.larger_support_share = alignment.larger_support / self;
   if (alignment.overlap < kMinOverlap || alignment.compared < kMinCompared)
     return refuse(LoopVerdict::kOverlap);
   if (result.support_share < limits.min_support_share) return refuse(LoopVerdict::kSupport);
   if (alignment.contradiction > limits.max_contradiction) return refuse(LoopVerdict::kFreeSpace);
-  if (limits.max_ambiguity < 1.0) result.ambiguity = ambiguity(reference, moving, T);
+  if (limits.max_ambiguity < 1.0) result.ambiguity = ambiguity(reference.place(), moving.place(), T);
   if (result.ambiguity > limits.max_ambiguity) return refuse(LoopVerdict::kAmbiguous);
   if (unobserved_directions(alignment.information) > 1) return refuse(LoopVerdict::kUnobserved);
   return result;

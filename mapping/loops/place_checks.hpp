@@ -54,8 +54,8 @@ struct CheckLimits {
 };
 
 /// Registers the places from a guess and checks the result.
-CheckedAlignment check_alignment(const Place& reference, const Place& moving, const core::SE3& guess,
-                                 const CheckLimits& limits = {});
+CheckedAlignment check_alignment(const ComparablePlace& reference, const ComparablePlace& moving,
+                                 const core::SE3& guess, const CheckLimits& limits = {});
 
 /// Information of the alignment with the errors that its surfaces share.
 core::Matrix6 with_common_errors(const core::Matrix6& information);

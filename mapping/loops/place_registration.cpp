@@ -8,9 +8,7 @@
 #include <optional>
 #include <unordered_map>
 #include <unordered_set>
-
-#include "mapping/loops/surface_index.hpp"
-#include "mapping/voxel_key.hpp"
+#include <utility>
 
 namespace nilio::mapping {
 
@@ -100,7 +98,7 @@ bool is_supported(const SurfaceIndex& index, const Vector3f& mean, const Vector3
 }
 
 /// Voxels of 1 m that rays of the place have crossed and that hold no surface of it, nor do their neighbours.
-std::unordered_set<VoxelKey> free_space(const Place& place, const SurfaceIndex& index) {
+std::unordered_set<VoxelKey> free_space_of(const Place& place, const SurfaceIndex& index) {
   std::unordered_set<VoxelKey> free;
   for (std::size_t i = 0; i < place.surfaces.size(); ++i) {
     const Vector3f end = place.surfaces[i].mean;
@@ -133,8 +131,7 @@ struct Comparison {
 };
 
 /// Structure of `moving` in the reference.
-Comparison compare(const Place& reference, const SurfaceIndex& index, const Place& moving, const SE3& T) {
-  const std::unordered_set<VoxelKey> free = free_space(reference, index);
+Comparison compare(const ComparablePlace& reference, const Place& moving, const SE3& T) {
   const FloatTransform F(T);
   std::vector<SE3> path;
   for (const SE3& pose : moving.path) path.push_back(T * pose);
@@ -142,21 +139,20 @@ Comparison compare(const Place& reference, const SurfaceIndex& index, const Plac
   for (const Surface& surface : moving.surfaces) {
     if (!is_structure(surface)) continue;
     const Vector3f mean = F.R * surface.mean + F.t;
-    if (!is_near(reference.path, mean) || !is_near(path, mean)) continue;
+    if (!is_near(reference.place().path, mean) || !is_near(path, mean)) continue;
     ++result.compared;
-    if (is_supported(index, mean, F.R * surface.normal, surface.is_plane)) ++result.supported;
+    if (is_supported(reference.voxels(), mean, F.R * surface.normal, surface.is_plane)) ++result.supported;
     const auto key = key_of(index_at(mean, kOverlapVoxelMetres));
-    if (key && free.count(*key) > 0) ++result.contradicted;
+    if (key && reference.is_free(*key)) ++result.contradicted;
   }
   return result;
 }
 
-double overlap_of(const SurfaceIndex& reference, const SurfaceIndex& moving_index, const Place& moving,
-                  const SE3& T) {
+double overlap_of(const SurfaceIndex& reference, const ComparablePlace& moving, const SE3& T) {
   const FloatTransform F(T);
   std::unordered_set<VoxelKey> seen;
   std::size_t common = 0;
-  for (const Surface& surface : moving.surfaces) {
+  for (const Surface& surface : moving.place().surfaces) {
     const auto own = key_of(index_at(surface.mean, kOverlapVoxelMetres));
     if (!own || !seen.insert(*own).second) continue;
     const Eigen::Vector3i centre = index_at(F.R * surface.mean + F.t, kOverlapVoxelMetres);
@@ -165,58 +161,11 @@ double overlap_of(const SurfaceIndex& reference, const SurfaceIndex& moving_inde
       found = reference.has_voxel(centre + Eigen::Vector3i(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
     common += found ? 1 : 0;
   }
-  const std::size_t smaller = std::min(reference.voxels(), moving_index.voxels());
+  const std::size_t smaller = std::min(reference.voxels(), moving.voxels().voxels());
   return smaller > 0 ? std::min(1.0, static_cast<double>(common) / static_cast<double>(smaller)) : 0.0;
 }
 
-/// Covariance of the guess: position from features, heading from features, tilt from gravity.
-core::Matrix6 guess_covariance() {
-  core::Vector6 sigma;
-  sigma << 2.0, 2.0, 1.0, 0.02, 0.02, 0.08;
-  return sigma.cwiseAbs2().asDiagonal();
-}
-
-}  // namespace
-
-PlaceAlignment align_places(const Place& reference, const Place& moving, const SE3& guess,
-                            std::size_t surfaces) {
-  core::RegistrationResult result;
-  result.T_map_moving = guess;
-  core::SolverOptions options;
-  options.max_iterations = 12;
-  options.prior = core::PosePrior{guess, guess_covariance()};
-  // A part of the surfaces is enough to come near.
-  std::vector<Surface> part;
-  const std::size_t stride = std::max<std::size_t>(1, moving.surfaces.size() / surfaces);
-  for (std::size_t i = 0; i < moving.surfaces.size(); i += stride) part.push_back(moving.surfaces[i]);
-  std::vector<Surface> wide_part;
-  const std::size_t wide_stride = std::max<std::size_t>(1, kRegisteredSurfaces / surfaces);
-  for (std::size_t i = 0; i < reference.surfaces.size(); i += wide_stride)
-    wide_part.push_back(reference.surfaces[i]);
-  const SurfaceIndex wide(wide_part, 2.0F);
-  const SurfaceIndex narrow(reference.surfaces, kSupportMetres);
-  for (const auto& [index, kernel_m] :
-       {std::pair{&wide, 1.0}, std::pair{&narrow, 0.4}, std::pair{&narrow, 0.15}})
-    core::iterate([&](const SE3& T) { return linearise(*index, part, T, kernel_m); },
-                  {core::WorkKind::kIcp, part.size()}, options, result);
-  PlaceAlignment alignment;
-  alignment.T_reference_moving = result.T_map_moving;
-  alignment.information = result.information;
-  const SE3& T = result.T_map_moving;
-  const SurfaceIndex reference_voxels(reference.surfaces, kOverlapVoxelMetres);
-  const SurfaceIndex moving_voxels(moving.surfaces, kOverlapVoxelMetres);
-  alignment.overlap = overlap_of(reference_voxels, moving_voxels, moving, T);
-  const Comparison forward = compare(reference, reference_voxels, moving, T);
-  const Comparison backward = compare(moving, moving_voxels, reference, T.inverse());
-  alignment.compared = std::min(forward.compared, backward.compared);
-  alignment.support = std::min(forward.share(forward.supported), backward.share(backward.supported));
-  alignment.larger_support = std::max(forward.share(forward.supported), backward.share(backward.supported));
-  alignment.contradiction =
-      std::max(forward.share(forward.contradicted), backward.share(backward.contradicted));
-  return alignment;
-}
-
-double self_support(const Place& place) {
+double self_support_of(const Place& place) {
   std::array<std::vector<Surface>, 2> halves;
   for (std::size_t i = 0; i < place.surfaces.size(); ++i)
     halves[place.viewers[i] % 2].push_back(place.surfaces[i]);
@@ -228,6 +177,60 @@ double self_support(const Place& place) {
     if (is_supported(even, surface.mean, surface.normal, surface.is_plane)) ++result.supported;
   }
   return result.share(result.supported);
+}
+
+/// Every `stride`th surface.
+std::vector<Surface> part_of(const Place& place, std::size_t stride) {
+  std::vector<Surface> part;
+  for (std::size_t i = 0; i < place.surfaces.size(); i += std::max<std::size_t>(1, stride))
+    part.push_back(place.surfaces[i]);
+  return part;
+}
+
+/// Covariance of the guess: position from features, heading from features, tilt from gravity.
+core::Matrix6 guess_covariance() {
+  core::Vector6 sigma;
+  sigma << 2.0, 2.0, 1.0, 0.02, 0.02, 0.08;
+  return sigma.cwiseAbs2().asDiagonal();
+}
+
+}  // namespace
+
+ComparablePlace::ComparablePlace(const Place& place)
+    : place_(place),
+      surfaces_(place.surfaces, kSupportMetres),
+      voxels_(place.surfaces, kOverlapVoxelMetres),
+      free_(free_space_of(place, voxels_)),
+      self_support_(self_support_of(place)) {}
+
+PlaceAlignment align_places(const ComparablePlace& reference, const ComparablePlace& moving, const SE3& guess,
+                            std::size_t surfaces) {
+  core::RegistrationResult result;
+  result.T_map_moving = guess;
+  core::SolverOptions options;
+  options.max_iterations = 12;
+  options.prior = core::PosePrior{guess, guess_covariance()};
+  // A part of the surfaces is enough to come near.
+  const std::vector<Surface> part = part_of(moving.place(), moving.place().surfaces.size() / surfaces);
+  const SurfaceIndex wide(part_of(reference.place(), kRegisteredSurfaces / surfaces), 2.0F);
+  const SurfaceIndex* const narrow = &reference.surfaces();
+  for (const auto& [index, kernel_m] :
+       {std::pair{&std::as_const(wide), 1.0}, std::pair{narrow, 0.4}, std::pair{narrow, 0.15}})
+    core::iterate([&](const SE3& T) { return linearise(*index, part, T, kernel_m); },
+                  {core::WorkKind::kIcp, part.size()}, options, result);
+  PlaceAlignment alignment;
+  alignment.T_reference_moving = result.T_map_moving;
+  alignment.information = result.information;
+  const SE3& T = result.T_map_moving;
+  alignment.overlap = overlap_of(reference.voxels(), moving, T);
+  const Comparison forward = compare(reference, moving.place(), T);
+  const Comparison backward = compare(moving, reference.place(), T.inverse());
+  alignment.compared = std::min(forward.compared, backward.compared);
+  alignment.support = std::min(forward.share(forward.supported), backward.share(backward.supported));
+  alignment.larger_support = std::max(forward.share(forward.supported), backward.share(backward.supported));
+  alignment.contradiction =
+      std::max(forward.share(forward.contradicted), backward.share(backward.contradicted));
+  return alignment;
 }
 
 double ambiguity(const Place& reference, const Place& moving, const SE3& T) {

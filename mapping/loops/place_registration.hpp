@@ -1,8 +1,11 @@
 #pragma once
 
 #include <cstddef>
+#include <unordered_set>
 
 #include "mapping/loops/place.hpp"
+#include "mapping/loops/surface_index.hpp"
+#include "mapping/voxel_key.hpp"
 
 namespace nilio::mapping {
 
@@ -27,15 +30,35 @@ struct PlaceAlignment {
 
 inline constexpr std::size_t kRegisteredSurfaces = 4000;
 
+/// A place with what every comparison with another one needs of it.
+class ComparablePlace {
+ public:
+  /// Refers to the place.
+  explicit ComparablePlace(const Place& place);
+
+  [[nodiscard]] const Place& place() const { return place_; }
+  /// Surfaces by voxels for correspondences, and by voxels of 1 m.
+  [[nodiscard]] const SurfaceIndex& surfaces() const { return surfaces_; }
+  [[nodiscard]] const SurfaceIndex& voxels() const { return voxels_; }
+  /// Voxels of 1 m that rays have crossed and that hold no surface, nor do their neighbours.
+  [[nodiscard]] bool is_free(VoxelKey voxel) const { return free_.count(voxel) > 0; }
+  /// Support of the place by itself: the share of structure that one half of its keyframes has seen and that
+  /// lies on surfaces seen by the other half. A scale for PlaceAlignment::support.
+  [[nodiscard]] double self_support() const { return self_support_; }
+
+ private:
+  const Place& place_;
+  SurfaceIndex surfaces_;
+  SurfaceIndex voxels_;
+  std::unordered_set<VoxelKey> free_;
+  double self_support_;
+};
+
 /// Registers `moving` against `reference` from a guess that is right to about 2 m and 5 degrees: planes to
 /// planes, irregular surfaces to irregular surfaces, wide to narrow. About `surfaces` of the moving ones
 /// enter, and, where these are fewer, as small a part of the reference as long as the search is wide.
-PlaceAlignment align_places(const Place& reference, const Place& moving, const core::SE3& guess,
-                            std::size_t surfaces = kRegisteredSurfaces);
-
-/// Support of a place by itself: the share of structure that one half of its keyframes has seen and that
-/// lies on surfaces seen by the other half. A scale for PlaceAlignment::support.
-double self_support(const Place& place);
+PlaceAlignment align_places(const ComparablePlace& reference, const ComparablePlace& moving,
+                            const core::SE3& guess, std::size_t surfaces = kRegisteredSurfaces);
 
 /// How much better the alignment fits than others at other places within 40 m: correlation of the
 /// structure's voxels at the best other shift over that at the alignment, 0 to 1 and above.

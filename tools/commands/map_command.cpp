@@ -1,3 +1,5 @@
+#include "nilio/core/clock.hpp"
+
 #include "daemon/exit_status.hpp"
 #include "tools/commands/command_line.hpp"
 #include "tools/commands/commands.hpp"
@@ -20,6 +22,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "mapping/map_recovery.hpp"
 #include "mapping/trajectory_correction.hpp"
 
 namespace nilio::tools {
@@ -113,7 +116,7 @@ Result<std::monostate> export_map(const ExportOptions& options) {
 }
 
 Result<std::monostate> recover_map(const std::string& folder) {
-  const auto keyframes = map::recover(map_folder(folder));
+  const auto keyframes = mapping::recover_map(map_folder(folder), {nilio::clock_ns(CLOCK_REALTIME)});
   if (!keyframes) return keyframes.error();
   std::printf("%zu keyframes of open submaps\n", *keyframes);
   return std::monostate{};

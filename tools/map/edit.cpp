@@ -11,8 +11,6 @@
 #include <unordered_map>
 #include <utility>
 
-#include "mapping/submap_builder.hpp"
-
 namespace nilio::tools::map {
 
 namespace {
@@ -181,34 +179,6 @@ Result<std::monostate> merge(const std::vector<MapReader>& maps, const std::file
     }
   }
   return std::monostate{};
-}
-
-Result<std::size_t> recover(const std::filesystem::path& folder) {
-  const auto map = MapReader::open(folder);
-  if (!map) return map.error();
-  auto writer = MapWriter::open(folder, map->header().session, now());
-  if (!writer) return writer.error();
-  Result<std::monostate> written = std::monostate{};
-  mapping::SubmapBuilder builder(
-      {},
-      [&](const Submap& submap) {
-        if (written) written = writer->write(submap, now());
-      },
-      writer->next_id());
-  const auto& submaps = writer->content().submaps();
-  const std::size_t neighbours = std::min(submaps.size(), mapping::SubmapBuilder::kNeighbours);
-  for (std::size_t i = submaps.size() - neighbours; i < submaps.size(); ++i) {
-    const auto submap = writer->content().load(submaps[i]);
-    if (!submap) return submap.error();
-    builder.continue_after(*submap);
-  }
-  mapping::OpenKeyframes open(folder);
-  const std::vector<mapping::Keyframe> keyframes = open.take(builder.next_id());
-  for (const mapping::Keyframe& keyframe : keyframes) builder.add(keyframe);
-  builder.finish();
-  if (!written) return written.error();
-  open.remove_before(builder.next_id() + 1);
-  return keyframes.size();
 }
 
 Result<MapDifference> diff(const MapReader& first, const MapReader& second, double reach_m) {

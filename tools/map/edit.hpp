@@ -33,10 +33,6 @@ core::Result<std::monostate> crop(const mapping::MapReader& map, const Box& box,
 core::Result<std::monostate> merge(const std::vector<mapping::MapReader>& maps,
                                    const std::filesystem::path& output);
 
-/// Completes a map whose mapper was killed from the keyframes of its open submaps. Returns their number.
-/// Fails while a mapper writes the map.
-core::Result<std::size_t> recover(const std::filesystem::path& folder);
-
 /// Differences between two maps of the same frame.
 struct MapDifference {
   std::size_t both = 0;        ///< surfaces of the first with one of the second within a voxel

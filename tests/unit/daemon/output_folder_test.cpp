@@ -52,3 +52,18 @@ TEST_CASE("overwriting removes the files of the earlier run and nothing else", "
   CHECK_FALSE(fs::exists(folder.file("run/latency")));
   CHECK(fs::exists(folder.file("run/notes.txt")));
 }
+
+TEST_CASE("the run to continue is the last one, if it has a map and was killed", "[output_folder]") {
+  const TemporaryFolder folder;
+  CHECK(find_killed_run("").empty());
+  CHECK(find_killed_run(folder.file("run")).empty());
+  REQUIRE_FALSE(folder.write("run/map/map.log", "x").empty());
+  CHECK(find_killed_run(folder.file("run")) == folder.file("run"));
+  CHECK(find_killed_run(folder.file("run/")) == folder.file("run"));
+  REQUIRE_FALSE(folder.write("run-2/trajectory.tum", "x").empty());
+  CHECK(find_killed_run(folder.file("run")).empty());
+  REQUIRE_FALSE(folder.write("run-2/map/map.log", "x").empty());
+  CHECK(find_killed_run(folder.file("run")) == folder.file("run-2"));
+  REQUIRE_FALSE(folder.write("run-2/latency.json", "x").empty());
+  CHECK(find_killed_run(folder.file("run")).empty());
+}

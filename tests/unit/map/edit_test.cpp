@@ -12,6 +12,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "mapping/map_recovery.hpp"
 #include "mapping/submap_builder.hpp"
 
 namespace {
@@ -105,13 +106,13 @@ TEST_CASE("a map whose mapper was killed is completed from the keyframes of its 
       const mapping::Keyframe keyframe = tests::street_keyframe(i);
       REQUIRE(open.add(keyframe, builder.add(keyframe)).ok());
     }
-    CHECK_THAT(recover(broken).error().message, Contains("another process writes this map"));
+    CHECK_THAT(mapping::recover_map(broken, {}).error().message, Contains("another process writes this map"));
   }
   const auto before = summarise(MapReader::open(broken).value());
   REQUIRE(before.ok());
   CHECK(before->keyframes < 80);
   CHECK(mapping::OpenKeyframes(broken).count() >= 90 - before->keyframes);
-  const auto recovered = recover(broken);
+  const auto recovered = mapping::recover_map(broken, {});
   REQUIRE(recovered.ok());
   CHECK(*recovered >= 90 - before->keyframes);
   const auto after = summarise(MapReader::open(broken).value());
@@ -121,8 +122,8 @@ TEST_CASE("a map whose mapper was killed is completed from the keyframes of its 
   // Irregular surfaces of the stored submap may be stored twice.
   CHECK(static_cast<double>(after->surfaces) == Approx(static_cast<double>(whole->surfaces)).epsilon(0.05));
   CHECK(mapping::OpenKeyframes(broken).count() == 0);
-  CHECK(recover(broken).value() == 0);
-  CHECK_FALSE(recover(folder.path() / "nothing").ok());
+  CHECK(mapping::recover_map(broken, {}).value() == 0);
+  CHECK_FALSE(mapping::recover_map(folder.path() / "nothing", {}).ok());
 }
 
 TEST_CASE("a picture from above shows walls and ground where they are, and colours what is high differently",

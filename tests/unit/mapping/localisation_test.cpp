@@ -155,7 +155,7 @@ TEST_CASE(
   INFO("right " << answers.right << ", wrong " << answers.wrong << ", none " << answers.none);
   CHECK(answers.wrong == 0);
   // Within 20 m: 16 beams of 240 points see little of these streets.
-  CHECK(answers.right >= answers.none);
+  CHECK(answers.right >= 2 * answers.none);
 }
 
 TEST_CASE("a drive elsewhere gets no answer", "[localisation]") {
@@ -210,9 +210,7 @@ TEST_CASE("two equal crossings give no answer, the road that leaves them does", 
   CHECK(answer->keyframes > 20);
 }
 
-TEST_CASE(
-    "tracking corrects the drift of odometry, with the same bits each time, and ends outside of the map",
-    "[localisation]") {
+TEST_CASE("tracking corrects the drift of odometry and ends outside of the map", "[localisation]") {
   ScannedWorld world;
   std::mt19937 random(kSeed);
   line_road(world, {0.0, 0.0}, {320.0, 0.0}, random);
@@ -222,16 +220,11 @@ TEST_CASE(
   drift.scale = 1.01;
   const ScannedDrive later = drive(changed(world), {{{20, 0}}, {{250, 0}}}, drift, kSeed + 1);
   Localiser localiser(map.map, 50.0);
-  Localiser again(map.map, 50.0);
   double worst_m = 0.0;
   std::size_t compared = 0;
   std::optional<double> outside_m;
   for (std::size_t i = 0; i < later.keyframes.size() && !outside_m; ++i) {
     const Localisation result = localiser.add(later.keyframes[i]);
-    const Localisation same = again.add(later.keyframes[i]);
-    REQUIRE(same.state == result.state);
-    REQUIRE(same.T_map_odom.translation == result.T_map_odom.translation);
-    REQUIRE(same.T_map_odom.rotation.coeffs() == result.T_map_odom.rotation.coeffs());
     const double x = later.truth[i].translation.x();
     if (result.state == LocalisationState::kOutside) outside_m = x;
     if (result.state != LocalisationState::kLocalised || x > 130.0) continue;
@@ -239,7 +232,42 @@ TEST_CASE(
     worst_m = std::max(worst_m, answer_of(result, later.keyframes[i].T_odom_base, later.truth[i], 0).error_m);
   }
   CHECK(compared > 40);
-  CHECK(worst_m < 0.15);
+  CHECK(worst_m < 0.06);
   REQUIRE(outside_m);
   CHECK(*outside_m > 150.0);
+}
+
+namespace {
+
+/// Localisation of a drive along the street of `map`, which the run that was killed has left at `last_pose`,
+/// from its first keyframe on; the result that is not searching any more, or the last one.
+Localisation continued(const SavedMap& map, const ScannedDrive& drive, const core::SE3& last_pose) {
+  Localiser localiser(map, 50.0, last_pose);
+  Localisation result;
+  for (std::size_t i = 0; i < drive.keyframes.size(); ++i) {
+    result = localiser.add(keyframe_of(drive, 0, i));
+    if (result.state != LocalisationState::kSearching) break;
+  }
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("a run that was killed is continued where the vehicle finds itself, or not at all",
+          "[localisation]") {
+  ScannedWorld world;
+  std::mt19937 random(kSeed);
+  line_road(world, {0.0, 0.0}, {200.0, 0.0}, random);
+  const ScannedDrive first = drive(world, {{{0, 0}}, {{120, 0}}}, {}, kSeed);
+  const MapOfDrive map(first);
+  const core::SE3& last_pose = first.truth.back();
+
+  const ScannedDrive back = drive(world, {{{60, 0}}, {{110, 0}}}, {}, kSeed + 2);
+  const Localisation found = continued(map.map, back, last_pose);
+  REQUIRE(found.state == LocalisationState::kLocalised);
+  CHECK((found.T_map_odom.translation - back.truth.front().translation).norm() < 0.3);
+  CHECK_THAT(found.event, Catch::Matchers::Contains(" deg from the last pose of the earlier run"));
+
+  const ScannedDrive towed = drive(block(kSeed + 1), {{{0, 0}}, {{120, 0}}}, {}, kSeed + 3);
+  CHECK(continued(map.map, towed, last_pose).state == LocalisationState::kElsewhere);
 }
