@@ -183,6 +183,14 @@ core::Result<std::monostate> MapperProcess::correct_trajectory(const std::filesy
                      " - nilio map close corrects it"};
 }
 
+core::Result<std::monostate> MapperProcess::export_map(const std::filesystem::path& output,
+                                                       core::Duration timeout) const {
+  const auto done = run_once({"--folder=" + config_.folder.string(), "--export=" + output.string()}, timeout);
+  if (done) return done;
+  return core::Error{output.string() + ": not complete, the " + done.error().message +
+                     " - nilio map export writes it"};
+}
+
 core::Result<std::monostate> MapperProcess::localise_trajectory(const std::filesystem::path& trajectory,
                                                                 core::Duration timeout) const {
   const auto done = run_once(

@@ -94,6 +94,10 @@ class MapperProcess {
   /// which is killed after `timeout`. Blocks for that time.
   [[nodiscard]] core::Result<std::monostate> correct_trajectory(const std::filesystem::path& trajectory,
                                                                 core::Duration timeout) const;
+  /// The same for the map as a point cloud, of which `output` holds the first submaps if there is too little
+  /// time.
+  [[nodiscard]] core::Result<std::monostate> export_map(const std::filesystem::path& output,
+                                                        core::Duration timeout) const;
   /// The same for trajectory_map.tum, the poses in the frame of the saved map.
   [[nodiscard]] core::Result<std::monostate> localise_trajectory(const std::filesystem::path& trajectory,
                                                                  core::Duration timeout) const;

@@ -165,7 +165,6 @@ struct RecordingSection {
 
 struct OutputSection {
   bool map = true;
-  double map_voxel_m = 0.3;
   bool mcap = true;
 };
 

@@ -63,6 +63,8 @@ std::vector<std::string> meant_paths(const std::string& wanted, const std::vecto
 /// End of the message about the unknown key `path`. `known`: keys and sections. A key of the same section is
 /// meant before one further below, and that before one of another section.
 std::string nearest_key_hint(const std::string& path, const std::vector<std::string>& known) {
+  if (path == "output.map_voxel_m")
+    return " - remove it: map.ply is the export of the map, nilio map export --spacing chooses its density";
   const std::string parent = path.substr(0, path.rfind('.') + 1);
   std::vector<std::string> siblings;
   std::vector<std::string> below;

@@ -286,8 +286,7 @@ std::vector<ConfigKey> config_keys(Config& config) {
   add_recording({keys, "recording"}, config.recording);
   Section output(keys, "output");
   output.add("map", &config.output.map,
-             "write map.ply and the folder map (nilio-mapper) into the output folder");
-  output.number("map_voxel_m", &config.output.map_voxel_m, "m", 0.05, 10, "voxel size of map.ply");
+             "write the folder map and its export map.ply (nilio-mapper) into the output folder");
   output.add("run_mcap", &config.output.mcap,
              "write run.mcap into the output folder: poses, path, thinned scans, submaps, diagnostics");
   Section mapper(keys, "mapper");

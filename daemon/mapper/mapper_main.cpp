@@ -12,6 +12,7 @@
 #include "ipc/mapper_process.hpp"
 
 #include <cerrno>
+#include <cstdint>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
@@ -26,6 +27,7 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include "mapping/ply_file.hpp"
 #include "mapping/trajectory_correction.hpp"
 
 namespace nilio::daemon {
@@ -40,7 +42,8 @@ struct MapperOptions {
   pid_t parent = 0;
   std::string folder;
   std::string session;
-  std::string trajectory;  ///< to correct; else keyframes are mapped
+  std::string trajectory;   ///< to correct; else keyframes are mapped
+  std::string point_cloud;  ///< to export; else keyframes are mapped
   bool publish = true;
   MapperLoopConfig loop;
   dds::MapPublisherConfig publisher;
@@ -68,6 +71,7 @@ void add_options(CLI::App& app, MapperOptions& options) {
       "Only move the poses of this trajectory.tum along with the submaps of --folder, into "
       "trajectory_optimised.tum beside it, or with --localisation-file into the frame of the saved "
       "map, into trajectory_map.tum");
+  app.add_option("--export", options.point_cloud, "Only write the map of --folder as this point cloud, .ply");
   app.add_option("--range", options.loop.submaps.range_m, "Maximum range of points, m")
       ->check(CLI::Range(1.0, 65.0));
   app.add_option("--max-voxels", options.loop.submaps.max_voxels, "Maximum voxels of an open submap")
@@ -130,6 +134,15 @@ int correct(const MapperOptions& options) {
   return kFailed;
 }
 
+int export_map(const MapperOptions& options) {
+  const auto map = mapping::MapReader::open(options.folder);
+  const auto points = map ? mapping::write_ply(*map, mapping::kRunPlySpacingMetres, options.point_cloud)
+                          : core::Result<std::uint64_t>(map.error());
+  if (points) return kDone;
+  spdlog::error("{}", points.error().message);
+  return kFailed;
+}
+
 int run(const MapperOptions& options) {
   const int signals = take_signals();
   if (signals < 0) {
@@ -142,6 +155,7 @@ int run(const MapperOptions& options) {
   }
   yield_memory();
   if (!options.trajectory.empty()) return correct(options);
+  if (!options.point_cloud.empty()) return export_map(options);
   auto inputs = attach(options);
   if (!inputs) {
     spdlog::error("inherited descriptors: {}", inputs.error().message);

@@ -24,7 +24,7 @@
 
 namespace nilio::daemon {
 
-/// Subset of a registered scan in the odom frame for map.ply and run.mcap; passed between threads by value.
+/// Subset of a registered scan in the odom frame for run.mcap; passed between threads by value.
 struct CloudRecord {
   static constexpr std::size_t kCapacity = 1024;
   std::int64_t stamp_ns = 0;  ///< of the pose

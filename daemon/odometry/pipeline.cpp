@@ -191,7 +191,7 @@ OdometryLoopConfig Pipeline::loop_config() const {
 std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   OdometryOutputs outputs;
   outputs.poses = &poses_;
-  outputs.clouds = options_.collect_map ? &clouds_ : nullptr;
+  outputs.clouds = options_.collect_clouds ? &clouds_ : nullptr;
   outputs.event = &output_event_;
   outputs.publisher = publisher_;
   outputs.mapper = options_.mapper;

@@ -27,7 +27,7 @@ struct PipelineOptions {
   /// Decisions of an earlier run to repeat.
   std::vector<ScanDecision> decisions{};
   ipc::MapperProcess* mapper = nullptr;  ///< gets keyframes; outlives the pipeline
-  bool collect_map = false;              ///< fill clouds()
+  bool collect_clouds = false;           ///< fill clouds()
   bool record = false;                   ///< fill LidarInput::recorded and recorded_frames()
   /// Clock of the odometry's stage stamps.
   core::Odometry::ClockFunction clock = monotonic_ns;

@@ -136,7 +136,6 @@ RunOutput::RunOutput(const Options& options, drivers::DiskState::Report report)
       middle_tum_(folder_ / "trajectory_mid.tum", {}),
       kitti_(folder_ / "trajectory.kitti", {}),
       scans_(folder_ / "scans.csv", header_of(scan_table_header())) {
-  if (options.map) map_.emplace(folder_ / "map.ply", options.map_voxel_m);
   if (options.mcap) mcap_ = std::make_unique<RunMcap>(folder_ / "run.mcap", options.frames);
 }
 
@@ -177,7 +176,6 @@ void RunOutput::add(const ScanDecision& decision) {
 }
 
 void RunOutput::add(const CloudRecord& cloud) {
-  if (map_) map_->add(cloud);
   if (mcap_) mcap_->add(cloud);
 }
 
@@ -190,13 +188,8 @@ void RunOutput::take_submaps() {
 void RunOutput::flush(std::int64_t now_ns) {
   if (mcap_) mcap_->close_old_chunk(now_ns);
   if (!disk_.is_due(now_ns)) return;
-  std::array<drivers::RecordFile*, 7> files{&tum_,
-                                            &middle_tum_,
-                                            &kitti_,
-                                            &scans_,
-                                            &decisions_,
-                                            map_ ? &map_->file() : nullptr,
-                                            mcap_ ? &mcap_->file() : nullptr};
+  std::array<drivers::RecordFile*, 6> files{&tum_,   &middle_tum_, &kitti_,
+                                            &scans_, &decisions_,  mcap_ ? &mcap_->file() : nullptr};
   int error = 0;
   for (drivers::RecordFile* const file : files) {
     if (file == nullptr || error != 0) continue;
@@ -204,10 +197,6 @@ void RunOutput::flush(std::int64_t now_ns) {
     if (error != 0) disk_.note_failure(file->path(), error, now_ns, lost_.total());
   }
   if (mcap_) lost_.messages = mcap_->lost();
-  if (map_) {
-    lost_.map_points = map_->lost();
-    if (error == 0) error = map_->update_count();
-  }
   if (error == 0) disk_.note_success(tum_.path(), lost_.total());
 }
 

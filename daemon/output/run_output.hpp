@@ -5,7 +5,6 @@
 #include "nilio/drivers/capture/record_file.hpp"
 
 #include "daemon/odometry/odometry_loop.hpp"
-#include "daemon/output/map_file.hpp"
 #include "daemon/output/run_mcap.hpp"
 #include "ipc/overwriting_ring.hpp"
 #include "ipc/records.hpp"
@@ -26,7 +25,7 @@ std::string tum_line(const ipc::PoseRecord& record);
 std::string middle_tum_line(const ipc::PoseRecord& record);
 
 /// Files of one run: trajectory.tum, trajectory_mid.tum, trajectory.kitti, scans.csv, decisions.jsonl,
-/// map.ply and run.mcap grow during the run, config.yaml is written at the start, latency.json and
+/// and run.mcap grow during the run, config.yaml is written at the start, latency.json and
 /// latency/<stage>.hgrm at the end. While the disk does not accept data, a bounded amount waits in memory and
 /// the rest is dropped and counted. One thread.
 class RunOutput {
@@ -36,8 +35,6 @@ class RunOutput {
     /// If set, trajectory.kitti is stated in the camera frame.
     std::optional<core::SE3> T_camera_lidar;
     core::SE3 T_base_lidar;
-    bool map = true;
-    double map_voxel_m = 0.3;
     bool mcap = true;
     /// Complete submaps for run.mcap; may be null.
     std::shared_ptr<ipc::OverwritingRing<ipc::SubmapCloud>> submaps{};
@@ -49,9 +46,8 @@ class RunOutput {
   struct Lost {
     std::uint64_t poses = 0;
     std::uint64_t decisions = 0;
-    std::uint64_t map_points = 0;
     std::uint64_t messages = 0;  ///< of run.mcap
-    [[nodiscard]] std::uint64_t total() const { return poses + decisions + map_points + messages; }
+    [[nodiscard]] std::uint64_t total() const { return poses + decisions + messages; }
   };
 
   /// Creates the folder, which must not hold an earlier run; the error names the file that cannot be written.
@@ -86,7 +82,6 @@ class RunOutput {
   drivers::RecordFile kitti_;
   drivers::RecordFile scans_;
   drivers::RecordFile decisions_;
-  std::optional<MapFile> map_;
   std::unique_ptr<RunMcap> mcap_;
   std::unique_ptr<ipc::SubmapCloud> submap_;  ///< refilled
   std::optional<core::SE3> T_base_odom_;      ///< inverse of the first pose

@@ -52,6 +52,9 @@ constexpr Duration kReplayDiskPatience = Duration::from_seconds(60.0);
 // Of the SIGTERM's 2 s.
 constexpr Duration kTrajectoryPatience = Duration::from_seconds(0.2);
 constexpr Duration kReplayTrajectoryPatience = Duration::from_seconds(20.0);
+// map.ply gets what is left of it.
+constexpr Duration kStopPatience = Duration::from_seconds(1.8);
+constexpr Duration kReplayExportPatience = Duration::from_seconds(60.0);
 // Beside publisher and disk: threads that end, and a reserve.
 constexpr Duration kStopReserve = Duration::from_seconds(5.0);
 constexpr std::int64_t kServicePeriodNs = 100'000'000;
@@ -87,6 +90,7 @@ class Supervisor {
   void log_mapper(const ipc::ProcessEvent& event);
   void stop_mapper(Duration timeout);
   void correct_trajectory(Duration timeout);
+  void export_map(Duration timeout);
   void watch_can();
   void watch_files();
   void report_status();
@@ -207,9 +211,7 @@ Result<std::monostate> Supervisor::open_mapper() {
                  mapper_->folder().string());
   } else {
     spdlog::error(
-        "{}; poses continue without the folder map - install nilio-mapper beside niliod, or set output.map "
-        "to "
-        "false",
+        "{}; poses continue without a map - install nilio-mapper beside niliod, or set output.map to false",
         pid.error().message);
     mapper_.reset();
   }
@@ -226,8 +228,7 @@ Result<std::monostate> Supervisor::open_pipeline(Input input) {
     if (decisions->empty()) return Error{options_.decisions_file + ": contains no decision"};
     pipeline_options.decisions = std::move(decisions).value();
   }
-  pipeline_options.collect_map =
-      !options_.output_folder.empty() && (config_.output.map || config_.output.mcap);
+  pipeline_options.collect_clouds = !options_.output_folder.empty() && config_.output.mcap;
   pipeline_options.mapper = mapper_.get();
   pipeline_options.record = !options_.record_folder.empty();
   auto pipeline = Pipeline::create(config_, std::move(input), pipeline_options, publisher_.get());
@@ -256,8 +257,6 @@ Result<std::monostate> Supervisor::open_files(const std::optional<core::SE3>& T_
     output_options.folder = options_.output_folder;
     output_options.T_camera_lidar = T_camera_lidar;
     output_options.T_base_lidar = odometry_config(config_).T_base_lidar;
-    output_options.map = config_.output.map;
-    output_options.map_voxel_m = config_.output.map_voxel_m;
     output_options.mcap = config_.output.mcap;
     if (mapper_) output_options.submaps = mapper_->submaps();
     output_options.frames = {config_.publisher.odom_frame, config_.publisher.base_frame};
@@ -354,6 +353,12 @@ void Supervisor::correct_trajectory(Duration timeout) {
   if (config_.mapper.loops && config_.output.map) report(mapper_->correct_trajectory(trajectory, timeout));
   if (mapper_->state().localised_keyframes.load() > 0)
     report(mapper_->localise_trajectory(trajectory, timeout));
+}
+
+void Supervisor::export_map(Duration timeout) {
+  if (!mapper_ || mapper_->folder().empty() || mapper_->state().submaps.load() == 0) return;
+  const auto done = mapper_->export_map(mapper_->folder().parent_path() / "map.ply", timeout);
+  if (!done) spdlog::warn("{}", done.error().message);
 }
 
 void Supervisor::watch_can() {
@@ -482,6 +487,7 @@ Result<RunResult> Supervisor::run(RunRequests& requests) {
     report_to_service();
   }
   const bool stopped = stop.load();
+  const std::int64_t stopped_ns = monotonic_ns();
   service_.stop(
       (stopped ? kPublisherPatience + kDiskPatience : kReplayPublisherPatience + kReplayDiskPatience) +
       kStopReserve);
@@ -508,6 +514,8 @@ Result<RunResult> Supervisor::run(RunRequests& requests) {
   const RunResult result = options_.rules.has_sensors() ? RunResult{} : replay_result(stopped);
   if (auto finished = finish_files(stopped, result); !finished) return finished.error();
   correct_trajectory(stopped ? kTrajectoryPatience : kReplayTrajectoryPatience);
+  const Duration left{stopped_ns + kStopPatience.ns - monotonic_ns()};
+  export_map(stopped ? std::max(left, Duration{0}) : kReplayExportPatience);
   return result;
 }
 

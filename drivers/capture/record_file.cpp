@@ -107,13 +107,6 @@ void RecordFile::keep_whole_records(std::size_t written) {
   dirty_ = dirty_ || kept > 0;
 }
 
-int RecordFile::overwrite(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
-  if (descriptor_ < 0 || offset + bytes.size() > bytes_) return EINVAL;
-  const ssize_t written = pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-  if (written < 0) return errno;
-  return static_cast<std::size_t>(written) == bytes.size() ? 0 : ENOSPC;
-}
-
 int RecordFile::sync() {
   if (!dirty_) return 0;
   dirty_ = false;

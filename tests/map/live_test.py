@@ -58,8 +58,9 @@ def close(run):
     shutil.copytree(run, copy)
     (copy / "map/poses").unlink()
     (copy / "trajectory_optimised.tum").unlink()
+    (copy / "map.ply").unlink()
     closed = subprocess.run([arguments.programs / "nilio", "map", "close", copy], check=True, capture_output=True, text=True)
-    for name in ("map/poses", "trajectory_optimised.tum"):
+    for name in ("map/poses", "trajectory_optimised.tum", "map.ply"):
         expect((run / name).read_bytes() == (copy / name).read_bytes(), f"{run.name}: {name} is not that of nilio map close")
     return [line.split(",")[0] for line in closed.stdout.splitlines() if line.startswith("loop ")]
 

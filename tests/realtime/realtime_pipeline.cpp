@@ -117,7 +117,7 @@ Outcome run_watched(const daemon::Config& config, daemon::Input input, const Run
   REQUIRE(published.ok());
   daemon::PipelineOptions options;
   options.rules = run.rules;
-  options.collect_map = true;
+  options.collect_clouds = true;
   options.thread_hook = watch::hook;
   options.observer = run.observer;
   auto created = daemon::Pipeline::create(config, std::move(input), options, publisher.get());

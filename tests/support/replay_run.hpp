@@ -51,7 +51,7 @@ inline ReplayRun run_replay(const std::string& path, const daemon::Config& confi
   auto input = daemon::open_replay(*files, config);
   if (!input) FAIL(input.error().message);
   daemon::PipelineOptions options;
-  options.collect_map = true;
+  options.collect_clouds = true;
   return run_input(config, std::move(input).value(), options);
 }
 

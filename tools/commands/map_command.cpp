@@ -23,6 +23,7 @@
 #include <CLI/CLI.hpp>
 
 #include "mapping/map_recovery.hpp"
+#include "mapping/ply_file.hpp"
 #include "mapping/trajectory_correction.hpp"
 
 namespace nilio::tools {
@@ -115,11 +116,24 @@ Result<std::monostate> export_map(const ExportOptions& options) {
   return std::monostate{};
 }
 
+/// Writes map.ply beside a map with trajectory.tum, the output folder of niliod.
+Result<std::monostate> export_run(const MapReader& map, const std::filesystem::path& run) {
+  std::error_code error;
+  if (!std::filesystem::exists(run / "trajectory.tum", error)) return std::monostate{};
+  const std::string output = run / "map.ply";
+  const auto points = map::export_map(map, mapping::kRunPlySpacingMetres, output);
+  if (!points) return points.error();
+  std::printf("%s: %llu points\n", output.c_str(), static_cast<unsigned long long>(*points));
+  return std::monostate{};
+}
+
 Result<std::monostate> recover_map(const std::string& folder) {
-  const auto keyframes = mapping::recover_map(map_folder(folder), {nilio::clock_ns(CLOCK_REALTIME)});
+  const std::filesystem::path path = map_folder(folder);
+  const auto keyframes = mapping::recover_map(path, {nilio::clock_ns(CLOCK_REALTIME)});
   if (!keyframes) return keyframes.error();
   std::printf("%zu keyframes of open submaps\n", *keyframes);
-  return std::monostate{};
+  const auto map = open_map(folder);
+  return map ? export_run(*map, path.parent_path()) : map.error();
 }
 
 Result<std::monostate> close_map(const std::string& folder, const std::string& json) {
@@ -154,7 +168,7 @@ Result<std::monostate> close_map(const std::string& folder, const std::string& j
   const auto poses = mapping::correct_trajectory(*map, run / "trajectory.tum", output);
   if (!poses) return poses.error();
   std::printf("%s: %zu poses\n", output.c_str(), *poses);
-  return std::monostate{};
+  return export_run(*map, run);
 }
 
 Result<std::monostate> render_map(const Paths& options, const map::RenderOptions& render) {
@@ -246,7 +260,7 @@ void add_close(CLI::App& parent, int& status) {
   command->footer(
       "The poses are written into the map, and all commands use them; the submaps and the odometry stay as "
       "they are, so that it can be repeated. Beside a map with trajectory.tum, the output folder of niliod, "
-      "trajectory_optimised.tum gets the same correction.");
+      "trajectory_optimised.tum and map.ply get the same correction.");
   command->add_option("map", *folder, "folder of the map, or output folder of niliod")->required();
   command->add_option("--json", *json, "all candidates with the figures of their checks, .json");
   command->callback([=, &status] { status = report(close_map(*folder, *json)); });

@@ -1,6 +1,6 @@
 #include "tools/view/point_tiles.hpp"
 
-#include "daemon/output/map_file.hpp"
+#include "tools/view/voxel_cache.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -25,7 +25,7 @@ std::uint64_t voxel_key(const std::array<float, 3>& position, double voxel_m) {
 }  // namespace
 
 struct PointTiles::Seen {
-  daemon::VoxelCache voxels;
+  VoxelCache voxels;
 };
 
 PointTiles::PointTiles(Limits limits) : limits_(limits), seen_(std::make_unique<Seen>()) {}

@@ -293,7 +293,12 @@ Result<RunDocument> read_run_document(const std::string& folder, const RunDocume
     notes.push_back("trajectory: every " + std::to_string(stride) + "th pose of " + std::to_string(count));
   document["start_unix_s"] = rounded(trajectory->stamps.front().seconds(), 1e-3);
   document["pose_count"] = count;
-  document["poses"] = poses_json(trajectory->stamps, trajectory->stamps.front(), trajectory->poses, stride);
+  // The map has the poses after loop closure.
+  const auto optimised = read_trajectory((path / "trajectory_optimised.tum").string());
+  const bool is_optimised = optimised && optimised->stamps == trajectory->stamps;
+  if (is_optimised) notes.emplace_back("path: trajectory_optimised.tum; errors: trajectory.tum");
+  document["poses"] = poses_json(trajectory->stamps, trajectory->stamps.front(),
+                                 is_optimised ? optimised->poses : trajectory->poses, stride);
   document["path_length_m"] = path_length(trajectory->poses);
   document["scans"] = read_scan_table(path / "scans.csv", trajectory->stamps.front(), stride, notes);
   document["latency"] = file_json(path / "latency.json", notes);

@@ -88,11 +88,6 @@ TEST_CASE("a killed run keeps its trajectory and decisions but for the last seco
   CHECK(poses_in(run) >= 25);
   CHECK(count_lines(run / "trajectory.kitti") == poses_in(run));
   CHECK(count_lines(run / "decisions.jsonl") + 10 >= poses_in(run));
-  const std::string map = read_file(run / "map.ply");
-  const std::size_t points = std::stoul(map.substr(map.find("element vertex ") + 15));
-  CHECK(points > 100);
-  const std::string end = "end_header\n";
-  CHECK(map.size() >= map.find(end) + end.size() + 12 * points);
 }
 
 TEST_CASE("a recorded run that was killed under load is repeated to the bit by its folder alone", "[files]") {

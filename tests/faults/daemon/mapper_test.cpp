@@ -17,6 +17,8 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
+#include "mapping/point_cloud.hpp"
+
 using namespace nilio;
 using tests::NiliodProcess;
 using tests::read_file;
@@ -73,6 +75,10 @@ TEST_CASE(
   REQUIRE(NiliodProcess(folder, replay_arguments(folder, "undisturbed")).wait().status == 0);
   const auto undisturbed = stamps_in(folder.path() / "undisturbed" / "map");
   CHECK(undisturbed.size() == counters_of(folder.path() / "undisturbed")["mapper_keyframes"]);
+  const std::string cloud = read_file(folder.path() / "undisturbed" / "map.ply");
+  const std::size_t points = std::stoul(cloud.substr(cloud.find("element vertex ") + 15));
+  CHECK(points > 1000);
+  CHECK(cloud.size() == mapping::kPlyHeaderBytes + points * mapping::kPlyRowBytes);
   const unsigned seed = std::random_device()();
   INFO("seed " << seed);
   std::mt19937 random(seed);

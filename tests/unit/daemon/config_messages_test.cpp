@@ -156,6 +156,7 @@ TEST_CASE("a key in the wrong section, and a misspelt section, are recognised", 
         "unknown key 'odometry.range_min' (did you mean 'lidar.min_range_m'?)");
   CHECK(error_of("lidr", "{port: 1}") == "unknown key 'lidr' (did you mean 'lidar'?)");
   CHECK(error_of("frobnicate", "1") == "unknown key 'frobnicate' - niliod --help-config lists all keys");
+  CHECK(error_of("output.map_voxel_m", "0.3").starts_with("unknown key 'output.map_voxel_m' - remove it: "));
   Config config;
   CHECK(apply_override(config, "imu.extrinsik.translation=[0, 0, 0]").error().message ==
         "--set: unknown key 'imu.extrinsik.translation' (did you mean 'imu.extrinsic.translation'?)");

@@ -178,27 +178,32 @@ TEST_CASE("an export has the wall of a street at its place, and fills it at the 
   }
 }
 
-TEST_CASE("map.ply that grows with a map is the export of it, from any state an earlier process has left",
+TEST_CASE("map.ply of a run is the export of its map, and a map that is damaged leaves what is before it",
           "[ply_file]") {
   const tests::TemporaryFolder folder;
   const auto map = tests::street_map(folder.path() / "map");
-  REQUIRE(export_map(map, 0.0, folder.file("export.ply")).ok());
+  const auto exported = export_map(map, mapping::kRunPlySpacingMetres, folder.file("export.ply"));
+  REQUIRE(exported.ok());
   const auto content = [&](const char* name) {
     std::ifstream file(folder.file(name), std::ios::binary);
     return std::string{std::istreambuf_iterator<char>(file), {}};
   };
-  const std::string exported = content("export.ply");
-  for (const std::size_t left : {std::size_t{0}, std::size_t{10}, std::size_t{5000}, exported.size() / 2,
-                                 exported.size() - 1, exported.size()}) {
-    // Cut, or with bytes behind its end.
-    const std::string tail = left == exported.size() ? "more" : "";
-    std::ofstream(folder.file("map.ply"), std::ios::binary) << exported.substr(0, left) << tail;
-    auto file = mapping::PlyFile::open(folder.file("map.ply"), map);
-    REQUIRE(file.ok());
-    REQUIRE(file->update(map).ok());
-    CHECK((content("map.ply") == exported));
-  }
-  CHECK_FALSE(mapping::PlyFile::open("/nonexistent/map.ply", map).ok());
+  std::ofstream(folder.file("map.ply")) << std::string(10'000'000, 'x');
+  CHECK(mapping::write_ply(map, mapping::kRunPlySpacingMetres, folder.file("map.ply")).value() == *exported);
+  CHECK((content("map.ply") == content("export.ply")));
+  REQUIRE(map.submaps().size() > 2);
+  std::filesystem::remove(mapping::submap_path(folder.path() / "map", map.submaps()[1].id));
+  CHECK_THAT(mapping::write_ply(map, mapping::kRunPlySpacingMetres, folder.file("map.ply")).error().message,
+             Contains("000001.sub"));
+  const auto first = map.load(map.submaps()[0]);
+  const std::size_t points =
+      points_of(*first, map.submaps()[0].T_map_submap, mapping::kRunPlySpacingMetres).size();
+  CHECK_THAT(content("map.ply"), Contains("element vertex " + std::to_string(points) + "\n"));
+  CHECK(content("map.ply").size() == mapping::kPlyHeaderBytes + points * mapping::kPlyRowBytes);
+  CHECK_THAT(mapping::write_ply(tests::street_map(folder.path() / "map"), 0.0, "/dev/full").error().message,
+             Contains("/dev/full: cannot be written"));
+  CHECK_THAT(mapping::write_ply(map, 0.0, "/nonexistent/map.ply").error().message,
+             Contains("/nonexistent/map.ply: cannot be written"));
 }
 
 TEST_CASE("a path is lines of TUM or a line of GeoJSON at the origin's place", "[export]") {

@@ -32,8 +32,6 @@ class RecordFile {
   [[nodiscard]] bool append(std::span<const std::uint8_t> record);
   /// 0, or the errno of an incomplete write; unwritten records stay pending.
   int write_pending();
-  /// Replaces bytes that are in the file already, such as a count in the header. 0 or errno.
-  int overwrite(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   /// 0 or errno.
   int sync();
   /// Removes a file without a record. 0 or errno.
