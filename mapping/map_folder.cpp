@@ -218,6 +218,7 @@ void MapReader::apply(const MapCorrection& correction) {
     entry.T_map_submap = T_map_odom_ * entry.T_odom_submap;
   }
   loops_ = correction.loops;
+  gnss_ = correction.gnss;
   if (!correction.poses.empty()) last_corrected_ = correction.poses.back().first;
 }
 

@@ -53,6 +53,8 @@ class MapReader {
   [[nodiscard]] core::Result<Submap> load(const SubmapEntry& entry) const;
   /// Loops that loop closure has verified.
   [[nodiscard]] const std::vector<Loop>& loops() const { return loops_; }
+  /// Place of the map and positions of GNSS, if it has them.
+  [[nodiscard]] const std::optional<MapGnss>& gnss() const { return gnss_; }
   /// Correction of the last submap.
   [[nodiscard]] const core::SE3& T_map_odom() const { return T_map_odom_; }
   /// Id of the last submap that loop closure has corrected.
@@ -68,6 +70,7 @@ class MapReader {
   MapHeader header_;
   std::vector<SubmapEntry> submaps_;
   std::vector<Loop> loops_;
+  std::optional<MapGnss> gnss_;
   core::SE3 T_map_odom_;
   std::optional<std::uint32_t> last_corrected_;
   std::string warning_;

@@ -232,6 +232,15 @@ void LoopCloser::search(std::size_t node, const Place& place, bool is_end) {
   if (is_changed) solve();
 }
 
+void LoopCloser::set_positions(std::span<const MeasuredPosition> positions) {
+  positions_.assign(positions.begin(), positions.end());
+  std::erase_if(positions_, [&](const MeasuredPosition& position) {
+    const std::size_t node = index_of(static_cast<std::uint32_t>(position.node));
+    return node == nodes_.size() || nodes_[node].id != position.node;
+  });
+  if (!positions_.empty()) solve();
+}
+
 std::size_t LoopCloser::index_of(std::uint32_t id) const {
   const auto found =
       std::lower_bound(nodes_.begin(), nodes_.end(), id,
@@ -271,7 +280,13 @@ void LoopCloser::solve() {
     edges.push_back(all[i]);
     used.push_back(verified[i]);
   }
-  const GraphSolution solution = optimise(odometry_, edges_, edges);
+  std::vector<MeasuredPosition> positions = positions_;
+  for (MeasuredPosition& position : positions)
+    position.node = index_of(static_cast<std::uint32_t>(position.node));
+  const GraphSolution solution = optimise(odometry_, edges_, edges, positions);
+  for (std::size_t i = 0; i < positions_.size(); ++i)
+    positions_[i].is_inlier = solution.is_position_inlier[i];
+  T_measured_map_ = solution.T_measured_map;
   for (std::size_t i = 0; i < used.size(); ++i)
     loops_[used[i]].verdict = solution.is_inlier[i] ? LoopVerdict::kAccepted : LoopVerdict::kInconsistent;
   poses_ = solution.poses;

@@ -49,6 +49,9 @@ class LoopCloser {
   void add(const Submap& submap, const std::vector<Loop>* known = nullptr);
   /// Searches loops for the last submap. More submaps may follow.
   void finish();
+  /// Adds measured positions of points in axes of the places, see place_origin(), and moves the submaps to
+  /// agree with them; their nodes are ids of submaps.
+  void set_positions(std::span<const MeasuredPosition> positions);
 
   /// Ids and T_map_submap of all submaps in the order of adding.
   [[nodiscard]] std::vector<std::pair<std::uint32_t, core::SE3>> poses() const;
@@ -56,6 +59,8 @@ class LoopCloser {
   [[nodiscard]] core::SE3 T_map_odom() const;
   [[nodiscard]] const std::vector<Loop>& loops() const { return loops_; }
   [[nodiscard]] std::size_t accepted() const;
+  [[nodiscard]] const std::vector<MeasuredPosition>& positions() const { return positions_; }
+  [[nodiscard]] const core::SE3& T_measured_map() const { return T_measured_map_; }
   /// Odometry from the place of each submap to the next.
   [[nodiscard]] std::span<const OdometryEdge> edges() const { return edges_; }
 
@@ -88,6 +93,8 @@ class LoopCloser {
   std::vector<OdometryEdge> edges_;
   Eigen::Vector3d biases_ = Eigen::Vector3d::Zero();  ///< of the odometry
   std::vector<Loop> loops_;
+  std::vector<MeasuredPosition> positions_;
+  core::SE3 T_measured_map_;
   std::deque<Submap> recent_;  ///< the last three
   std::size_t searched_ = 0;   ///< nodes whose loops are known
 };

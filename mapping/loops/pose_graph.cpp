@@ -18,8 +18,12 @@ using core::SE3;
 using core::Vector3;
 using core::Vector6;
 
-/// Squared limit of an inlier: 99.9 % of 6 degrees of freedom.
+/// Squared limits of an inlier: 99.9 % of 6, 2 and 3 degrees of freedom.
 constexpr double kInlierSquare = 22.46;
+constexpr double kPlanarSquare = 13.82;
+constexpr double kPositionSquare = 16.27;
+// Of the height of the frame of positions, per metre: positions may have no heights.
+constexpr double kFrameHeightWeight = 1e-3;
 constexpr double kGraduationStep = 4.0;
 constexpr double kMinWeight = 0.25;
 constexpr double kResolution = 1 << 23;
@@ -58,16 +62,23 @@ RelativeError relative_error(const SE3& measured, const SE3& a, const SE3& b) {
   return result;
 }
 
-/// Least squares over the nodes but the first, and the biases in units of their deviations.
+/// Least squares over the nodes but the first, the biases in units of their deviations, and the frame of
+/// measured positions where there are some. Its measurements are the loops, then the positions.
 class Graph {
  public:
-  Graph(std::span<const SE3> odometry, std::span<const OdometryEdge> edges, std::span<const LoopEdge> loops)
-      : edges_(edges), loops_(loops), weights_(loops.size(), 1.0) {
+  Graph(std::span<const SE3> odometry, std::span<const OdometryEdge> edges, std::span<const LoopEdge> loops,
+        std::span<const MeasuredPosition> positions)
+      : edges_(edges),
+        loops_(loops),
+        positions_(positions),
+        weights_(loops.size() + positions.size(), 1.0),
+        bias_column_(column_of(odometry.size())) {
     state_.nodes.assign(odometry.begin(), odometry.end());
     for (const SE3& node : odometry) ups_.push_back(node.rotation.conjugate() * Vector3::UnitZ());
   }
 
-  void set_weight(std::size_t loop, double weight) { weights_[loop] = weight; }
+  [[nodiscard]] std::size_t measurements() const { return weights_.size(); }
+  void set_weight(std::size_t measurement, double weight) { weights_[measurement] = weight; }
 
   /// Gauss-Newton until a step changes the cost by less than this share. From far away its steps first go up:
   /// damping, which would hold the shape of a long chain, whose bending is cheap, comes after some of those.
@@ -104,8 +115,15 @@ class Graph {
     state_ = best;
   }
 
-  /// Squared Mahalanobis norm of a loop's residual.
+  /// Squared Mahalanobis norm of a measurement's residual, of a position as a share of the limit of loops.
   [[nodiscard]] double square(std::size_t i) const {
+    if (i >= loops_.size()) {
+      const MeasuredPosition& position = positions_[i - loops_.size()];
+      const double limit = std::isfinite(position.deviation.z()) ? kPositionSquare : kPlanarSquare;
+      return position_error(position, state_.nodes[position.node], state_.T_measured_map)
+                 .error.squaredNorm() *
+             (kInlierSquare / limit);
+    }
     const LoopEdge& loop = loops_[i];
     const Vector6 error =
         relative_error(loop.T_reference_moving, state_.nodes[loop.reference], state_.nodes[loop.moving])
@@ -116,11 +134,13 @@ class Graph {
   [[nodiscard]] const std::vector<SE3>& nodes() const { return state_.nodes; }
   /// In units of their deviations.
   [[nodiscard]] const Vector3& biases() const { return state_.biases; }
+  [[nodiscard]] const SE3& T_measured_map() const { return state_.T_measured_map; }
 
  private:
   struct State {
     std::vector<SE3> nodes;
     Vector3 biases = Vector3::Zero();
+    SE3 T_measured_map;
   };
   /// H change = -g.
   struct Equations {
@@ -133,15 +153,22 @@ class Graph {
   /// trigonometric function, whose bits the C library would make depend on the processor.
   void apply(const Eigen::VectorXd& change) {
     for (std::size_t i = 1; i < state_.nodes.size(); ++i) {
-      SE3& node = state_.nodes[i];
-      node.translation += change.segment<3>(column_of(i));
-      const Vector3 half = 0.5 * change.segment<3>(column_of(i) + 3);
-      node.rotation = (node.rotation * Eigen::Quaterniond(1.0, half.x(), half.y(), half.z())).normalized();
+      move(state_.nodes[i], change.segment<3>(column_of(i)), change.segment<3>(column_of(i) + 3));
     }
-    state_.biases += change.tail<3>();
+    state_.biases += change.segment<3>(bias_column_);
+    if (!positions_.empty())
+      move(state_.T_measured_map, change.segment<3>(frame_column()),
+           change[frame_column() + 3] * Vector3::UnitZ());
+  }
+
+  static void move(SE3& node, const Vector3& translation, const Vector3& rotation) {
+    node.translation += translation;
+    const Vector3 half = 0.5 * rotation;
+    node.rotation = (node.rotation * Eigen::Quaterniond(1.0, half.x(), half.y(), half.z())).normalized();
   }
 
   static Eigen::Index column_of(std::size_t node) { return 6 * (static_cast<Eigen::Index>(node) - 1); }
+  [[nodiscard]] Eigen::Index frame_column() const { return bias_column_ + 3; }
 
   /// Adds a block at the columns of two nodes, or of biases.
   template <class Block>
@@ -165,21 +192,38 @@ class Graph {
     add_block(column_of(b), column_of(a), Matrix6(to_b * r.by_a));
   }
 
+  void add_position(const MeasuredPosition& position, double weight, Equations& out) {
+    const PositionError r = position_error(position, state_.nodes[position.node], state_.T_measured_map);
+    const Eigen::Matrix<double, 4, 3> to_frame = weight * r.by_frame.transpose();
+    out.cost += weight * r.error.squaredNorm();
+    out.g.segment<4>(frame_column()) += to_frame * r.error;
+    add_block(frame_column(), frame_column(), Eigen::Matrix4d(to_frame * r.by_frame));
+    if (position.node == 0) return;
+    const Eigen::Index column = column_of(position.node);
+    const Eigen::Matrix<double, 6, 3> to_node = weight * r.by_node.transpose();
+    out.g.segment<6>(column) += to_node * r.error;
+    add_block(column, column, Matrix6(to_node * r.by_node));
+    add_block(frame_column(), column, Eigen::Matrix<double, 4, 6>(to_frame * r.by_node));
+  }
+
   Equations linearise() {
-    const Eigen::Index size = column_of(state_.nodes.size()) + 3;
-    const Eigen::Index bias_column = size - 3;
+    const Eigen::Index bias_column = bias_column_;
+    const Eigen::Index size = bias_column + 3 + (positions_.empty() ? 0 : 4);
     Equations out;
     out.g = Eigen::VectorXd::Zero(size);
     triplets_.clear();
     for (std::size_t i = 0; i < edges_.size(); ++i) {
       const OdometryEdge& edge = edges_[i];
-      const Vector6 weights = walk_variance(edge).cwiseInverse();
       const BiasJacobian by_bias = bias_jacobian(edge) * bias_deviation().asDiagonal();
+      Vector6 variance = walk_variance(edge);
+      // Positions show how the biases vary along the drive.
+      if (!positions_.empty()) variance += by_bias.cwiseAbs2().rowwise().sum();
+      const Vector6 weights = variance.cwiseInverse();
       RelativeError r = relative_error(edge.T_from_to, state_.nodes[i], state_.nodes[i + 1]);
       r.error += by_bias * state_.biases;
       add_edge(i, i + 1, r, weights.asDiagonal(), out);
       const Eigen::Matrix<double, 3, 6> to_bias = by_bias.transpose() * weights.asDiagonal();
-      out.g.tail<3>() += to_bias * r.error;
+      out.g.segment<3>(bias_column) += to_bias * r.error;
       add_block(bias_column, bias_column, Matrix3(to_bias * by_bias));
       add_block(bias_column, column_of(i + 1), BiasBlock(to_bias * r.by_b));
       if (i > 0) add_block(bias_column, column_of(i), BiasBlock(to_bias * r.by_a));
@@ -193,13 +237,22 @@ class Graph {
       add_block(rotation, rotation, Matrix3(by_rotation.transpose() * by_rotation));
     }
     out.cost += state_.biases.squaredNorm();
-    out.g.tail<3>() += state_.biases;
+    out.g.segment<3>(bias_column) += state_.biases;
     add_block(bias_column, bias_column, Matrix3(Matrix3::Identity()));
     for (std::size_t i = 0; i < loops_.size(); ++i) {
       const LoopEdge& loop = loops_[i];
       const RelativeError r =
           relative_error(loop.T_reference_moving, state_.nodes[loop.reference], state_.nodes[loop.moving]);
       add_edge(loop.reference, loop.moving, r, weights_[i] * loop.information, out);
+    }
+    for (std::size_t i = 0; i < positions_.size(); ++i)
+      add_position(positions_[i], weights_[loops_.size() + i], out);
+    if (!positions_.empty()) {
+      const double height = state_.T_measured_map.translation.z() * kFrameHeightWeight;
+      out.cost += height * height;
+      out.g[frame_column() + 2] += kFrameHeightWeight * height;
+      add_block(frame_column() + 2, frame_column() + 2,
+                Eigen::Matrix<double, 1, 1>(kFrameHeightWeight * kFrameHeightWeight));
     }
     out.H.resize(size, size);
     out.H.setFromTriplets(triplets_.begin(), triplets_.end());
@@ -210,7 +263,9 @@ class Graph {
 
   std::span<const OdometryEdge> edges_;
   std::span<const LoopEdge> loops_;
-  std::vector<double> weights_;
+  std::span<const MeasuredPosition> positions_;
+  std::vector<double> weights_;  ///< of the measurements
+  Eigen::Index bias_column_;
   std::vector<Vector3> ups_;  ///< the odometry's vertical, in axes of the nodes
   State state_;
   std::vector<Eigen::Triplet<double>> triplets_;  // refilled
@@ -220,23 +275,41 @@ class Graph {
 
 double rounded(double value) { return std::round(value * kResolution) / kResolution; }
 
+SE3 rounded(const SE3& pose) {
+  const auto round = [](double value) { return rounded(value); };
+  return {Eigen::Quaterniond(pose.rotation.coeffs().unaryExpr(round).eval()).normalized(),
+          pose.translation.unaryExpr(round)};
+}
+
 }  // namespace
 
+PositionError position_error(const MeasuredPosition& measured, const SE3& node, const SE3& T_measured_map) {
+  const Vector3 in_map = node * measured.point;
+  const Matrix3 W = measured.deviation.cwiseInverse().asDiagonal();
+  const Matrix3 WR = W * T_measured_map.rotation.toRotationMatrix();
+  PositionError result;
+  result.error = W * (T_measured_map * in_map - measured.position);
+  result.by_node << WR, -WR * node.rotation.toRotationMatrix() * core::skew(measured.point);
+  result.by_frame << W, WR * Vector3::UnitZ().cross(in_map);
+  return result;
+}
+
 GraphSolution optimise(std::span<const SE3> odometry, std::span<const OdometryEdge> edges,
-                       std::span<const LoopEdge> loops) {
+                       std::span<const LoopEdge> loops, std::span<const MeasuredPosition> positions) {
   GraphSolution solution;
   solution.poses.assign(odometry.begin(), odometry.end());
   solution.is_inlier.assign(loops.size(), true);
-  if (loops.empty()) return solution;
-  Graph graph(odometry, edges, loops);
+  solution.is_position_inlier.assign(positions.size(), true);
+  if (loops.empty() && positions.empty()) return solution;
+  Graph graph(odometry, edges, loops, positions);
   graph.solve(kCoarseTolerance);
   double largest = 0.0;
-  for (std::size_t i = 0; i < loops.size(); ++i) largest = std::max(largest, graph.square(i));
+  for (std::size_t i = 0; i < graph.measurements(); ++i) largest = std::max(largest, graph.square(i));
   // Weights of Geman-McClure, from a convex cost to the kernel itself.
-  std::vector<double> weights(loops.size(), 1.0);
+  std::vector<double> weights(graph.measurements(), 1.0);
   for (double mu = 2.0 * largest / kInlierSquare; largest > kInlierSquare; mu /= kGraduationStep) {
     mu = std::max(mu, 1.0);
-    for (std::size_t i = 0; i < loops.size(); ++i) {
+    for (std::size_t i = 0; i < weights.size(); ++i) {
       const double share = mu * kInlierSquare / (graph.square(i) + mu * kInlierSquare);
       weights[i] = share * share;
       graph.set_weight(i, weights[i]);
@@ -245,19 +318,20 @@ GraphSolution optimise(std::span<const SE3> odometry, std::span<const OdometryEd
     if (mu <= 1.0) break;
   }
   if (largest > kInlierSquare) {
-    for (std::size_t i = 0; i < loops.size(); ++i) {
-      solution.is_inlier[i] = weights[i] > kMinWeight;
-      graph.set_weight(i, solution.is_inlier[i] ? 1.0 : 0.0);
+    for (std::size_t i = 0; i < weights.size(); ++i) {
+      const bool is_inlier = weights[i] > kMinWeight;
+      if (i < loops.size())
+        solution.is_inlier[i] = is_inlier;
+      else
+        solution.is_position_inlier[i - loops.size()] = is_inlier;
+      graph.set_weight(i, is_inlier ? 1.0 : 0.0);
     }
   }
   graph.solve(kTolerance);
-  solution.biases = graph.biases().unaryExpr(&rounded).cwiseProduct(bias_deviation());
-  for (std::size_t i = 0; i < solution.poses.size(); ++i) {
-    const SE3& node = graph.nodes()[i];
-    SE3& pose = solution.poses[i];
-    pose.translation = node.translation.unaryExpr(&rounded);
-    pose.rotation = Eigen::Quaterniond(node.rotation.coeffs().unaryExpr(&rounded).eval()).normalized();
-  }
+  solution.biases =
+      graph.biases().unaryExpr([](double value) { return rounded(value); }).cwiseProduct(bias_deviation());
+  for (std::size_t i = 0; i < solution.poses.size(); ++i) solution.poses[i] = rounded(graph.nodes()[i]);
+  solution.T_measured_map = rounded(graph.T_measured_map());
   return solution;
 }
 

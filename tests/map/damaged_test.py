@@ -35,7 +35,7 @@ def expect_refused(done, *words):
 
 with tempfile.TemporaryDirectory() as name:
     folder = pathlib.Path(name)
-    subprocess.run([f"{programs}/nilio", "simulate", "--length", "60", "--moving-start", folder / "drive"], check=True,
+    subprocess.run([f"{programs}/nilio", "simulate", "--length", "90", "--moving-start", folder / "drive"], check=True,
                    capture_output=True)
     subprocess.run([f"{programs}/niliod", "--replay", folder / "drive", "--output", folder / "run", "--set",
                     "publisher.enabled=false"], check=True, capture_output=True)
@@ -66,10 +66,22 @@ with tempfile.TemporaryDirectory() as name:
     expect_refused(nilio_map("export", whole, folder / "map.xyz"), "map.xyz", ".las")
     expect_refused(nilio_map("export", whole, folder / "no/such/map.las"), "no/such/map.las")
     expect_refused(nilio_map("export", whole, folder / "path.geojson"), "path.geojson", "--origin")
+    expect_refused(nilio_map("export", whole, folder / "path.kml"), "path.kml", "--gnss")
+    expect("text:1: no column stamp_s" in nilio_map("close", whole, "--gnss", folder / "text").stderr, "text as positions")
+    expect_refused(nilio_map("close", whole, "--gnss", folder / "none.csv"), "none.csv")
+    # The simulated capture has sentences of a receiver.
+    placed = folder / "placed"
+    shutil.copytree(whole, placed)
+    done = nilio_map("close", placed, "--gnss", folder / "drive/lidar.pcap")
+    expect(done.returncode == 0 and "positions used" in done.stdout and "no altitude" in done.stdout, done.stdout + done.stderr)
+    expect("origin         49.01" in nilio_map("info", placed).stdout, "info lacks the origin")
+    for name in ("path.kml", "path.geojson"):
+        expect(nilio_map("export", placed, folder / name).returncode == 0 and "8.41" in (folder / name).read_text(), name)
     expect_refused(nilio_map("render", whole, folder / "map.jpg"), "map.jpg")
     expect_refused(nilio_map("merge", whole, "--output", whole), "holds a map already")
     for arguments in (("export", whole, folder / "p.geojson", "--origin", "91,0,0,0"),
-                      ("export", whole, folder / "p.ply", "--spacing", "0"), ("diff", whole)):
+                      ("export", whole, folder / "p.ply", "--spacing", "0"), ("diff", whole),
+                      ("close", whole, "--antenna", "0,0,1"), ("close", whole, "--gnss", "a", "--antenna", "0,1")):
         expect(nilio_map(*arguments).returncode == 2, f"{arguments} is accepted")
 
     # Each file cut or with a flipped byte, at drawn places.

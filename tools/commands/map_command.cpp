@@ -7,6 +7,7 @@
 #include "tools/map/close.hpp"
 #include "tools/map/edit.hpp"
 #include "tools/map/export.hpp"
+#include "tools/map/gnss.hpp"
 #include "tools/map/render.hpp"
 
 #include <algorithm>
@@ -54,6 +55,18 @@ Result<MapReader> open_map(const std::string& folder) {
   return map;
 }
 
+void print_datum(const mapping::MapGnss& gnss) {
+  using mapping::AltitudeReference;
+  const mapping::Datum& datum = gnss.datum;
+  std::printf("origin         %.9f, %.9f, ", datum.latitude_deg, datum.longitude_deg);
+  if (gnss.altitude == AltitudeReference::kNone)
+    std::printf("no altitude");
+  else
+    std::printf("%.2f m above %s", datum.altitude_m,
+                gnss.altitude == AltitudeReference::kSeaLevel ? "mean sea level" : "the WGS 84 ellipsoid");
+  std::printf("; x axis %.4f deg from north\n", datum.heading_deg);
+}
+
 Result<std::monostate> print_info(const std::string& folder) {
   const auto map = open_map(folder);
   if (!map) return map.error();
@@ -68,6 +81,7 @@ Result<std::monostate> print_info(const std::string& folder) {
   if (const std::size_t open = mapping::OpenKeyframes(map_folder(folder)).count(); open > 0)
     std::printf("open           %zu keyframes; nilio map recover adds them if their run has been killed\n",
                 open);
+  if (map->gnss()) print_datum(*map->gnss());
   if (!map->loops().empty())
     std::printf("loops          %td\n",
                 std::count_if(map->loops().begin(), map->loops().end(), [](const mapping::Loop& loop) {
@@ -98,15 +112,16 @@ Result<std::monostate> export_map(const ExportOptions& options) {
   const std::string& output = options.paths.output;
   const bool is_path = map::is_path_file(output);
   if (const auto format = map::format_of(output); !format && !is_path) return format.error();
-  if (options.origin && !output.ends_with(".geojson"))
-    return Error{output + ": only .geojson has an origin - leave --origin out"};
+  if (options.origin && (!is_path || output.ends_with(".tum")))
+    return Error{output + ": only .geojson and .kml have an origin - leave --origin out"};
   if (is_path && options.spacing_m > 0.0) return Error{output + ": a path has no --spacing - leave it out"};
   const auto map = open_map(options.paths.map);
   if (!map) return map.error();
   if (is_path) {
     const auto path = map::read_path(*map);
     if (!path) return path.error();
-    const auto written = map::write_path(*path, options.origin, output);
+    const auto origin = !options.origin && map->gnss() ? map::origin_of(map->gnss()->datum) : options.origin;
+    const auto written = map::write_path(*path, origin, output);
     if (written) std::printf("%s: %zu poses\n", output.c_str(), path->poses.size());
     return written;
   }
@@ -136,8 +151,24 @@ Result<std::monostate> recover_map(const std::string& folder) {
   return map ? export_run(*map, path.parent_path()) : map.error();
 }
 
-Result<std::monostate> close_map(const std::string& folder, const std::string& json) {
-  const auto closed = map::close(map_folder(folder));
+struct CloseOptions {
+  std::string folder;
+  std::string json;
+  std::string gnss;
+  std::string gnss_topic;
+  gnss::GeoreferenceOptions georeference;
+};
+
+Result<std::monostate> close_map(const CloseOptions& options) {
+  const std::string& folder = options.folder;
+  std::optional<map::GnssInput> gnss;
+  if (!options.gnss.empty()) {
+    auto track = gnss::read_track(options.gnss, options.gnss_topic);
+    if (!track) return track.error();
+    for (const std::string& note : track->notes) std::printf("gnss           %s\n", note.c_str());
+    gnss = {std::move(track).value(), options.georeference};
+  }
+  const auto closed = map::close(map_folder(folder), gnss);
   if (!closed) return closed.error();
   std::map<std::string, std::size_t> refused;
   std::size_t accepted = 0;
@@ -155,8 +186,18 @@ Result<std::monostate> close_map(const std::string& folder, const std::string& j
   for (const auto& [reason, count] : refused) std::printf("refused        %zu %s\n", count, reason.c_str());
   std::printf("time           %.2f s, at most %.2f s for a submap\n", closed->seconds,
               closed->longest_submap_s);
-  if (!json.empty()) {
-    if (auto written = write_text(json, map::loops_json(*closed)); !written) return written;
+  if (closed->gnss) {
+    const auto& positions = closed->gnss->positions;
+    const auto used =
+        std::count_if(positions.begin(), positions.end(), [](const auto& p) { return p.is_inlier; });
+    if (!positions.empty())
+      std::printf(
+          "gnss           %td of %zu positions used, %.2f m from the map (root mean square, horizontal)\n",
+          used, positions.size(), closed->gnss_rms_m);
+    print_datum(*closed->gnss);
+  }
+  if (!options.json.empty()) {
+    if (auto written = write_text(options.json, map::loops_json(*closed)); !written) return written;
   }
   // The trajectory of the run beside its map.
   const std::filesystem::path run = map_folder(folder).parent_path();
@@ -224,14 +265,16 @@ void add_export(CLI::App& parent, int& status) {
       "with its normal, mean intensity (0 to 255; LAS: times 257) and the time at which it was seen last. "
       "PLY: grey colours of the intensity; PCD: fields of pcl::PointXYZINormal, curvature is the thickness "
       "in metres; LAS 1.4: point format 6, normals as extra bytes, no coordinate system. Path: poses of the "
-      "keyframes in the format of TUM, or a line of GeoJSON in WGS 84.");
+      "keyframes in the format of TUM, or a line of GeoJSON or KML in WGS 84.");
   command->add_option("map", options->paths.map, "folder of the map")->required();
-  command->add_option("output", options->paths.output, "file: .ply, .pcd, .las; .tum, .geojson")->required();
+  command->add_option("output", options->paths.output, "file: .ply, .pcd, .las; .tum, .geojson, .kml")
+      ->required();
   command
       ->add_option("--spacing", options->spacing_m,
                    "fill the voxels of planes with points at this distance, m (default: one point each)")
       ->check(number_between(0.02, 0.25));
-  add_origin_option(*command, options->origin, ".geojson: place of the map's origin");
+  add_origin_option(*command, options->origin,
+                    ".geojson, .kml: place of the map's origin (default: that by GNSS)");
   command->callback([options, &status] { status = report(export_map(*options)); });
 }
 
@@ -253,17 +296,24 @@ void add_render(CLI::App& parent, int& status) {
 }
 
 void add_close(CLI::App& parent, int& status) {
-  const auto folder = std::make_shared<std::string>();
-  const auto json = std::make_shared<std::string>();
+  const auto options = std::make_shared<CloseOptions>();
   CLI::App* const command = parent.add_subcommand(
       "close", "closes the loops of a map: poses of the submaps that agree where the drive returns");
   command->footer(
       "The poses are written into the map, and all commands use them; the submaps and the odometry stay as "
-      "they are, so that it can be repeated. Beside a map with trajectory.tum, the output folder of niliod, "
+      "they are, so that it can be repeated. Positions of GNSS stay in the map until its file poses is "
+      "removed. Beside a map with trajectory.tum, the output folder of niliod, "
       "trajectory_optimised.tum and map.ply get the same correction.");
-  command->add_option("map", *folder, "folder of the map, or output folder of niliod")->required();
-  command->add_option("--json", *json, "all candidates with the figures of their checks, .json");
-  command->callback([=, &status] { status = report(close_map(*folder, *json)); });
+  command->add_option("map", options->folder, "folder of the map, or output folder of niliod")->required();
+  command->add_option("--json", options->json, "all candidates with the figures of their checks, .json");
+  command->add_option("--gnss", options->gnss,
+                      "ROS bag, capture or CSV file with GNSS positions: the map follows them, and gets its "
+                      "place on the earth");
+  command->add_option("--gnss-topic", options->gnss_topic, "topic of a bag with several topics of positions")
+      ->needs("--gnss");
+  add_georeference_options(*command, options->georeference);
+  for (const char* const name : {"--antenna", "--time-offset"}) command->get_option(name)->needs("--gnss");
+  command->callback([=, &status] { status = report(close_map(*options)); });
 }
 
 void add_edits(CLI::App& parent, int& status) {

@@ -161,6 +161,19 @@ std::string geojson_text(const Trajectory& trajectory, const std::string& name,
                       {{"name", name}, {"path_length_m", rounded(path_length(trajectory.poses), 1e-3)}});
 }
 
+std::string kml_text(const Trajectory& trajectory, const gnss::GeodeticOrigin& origin) {
+  const gnss::GeodeticFrame frame(origin);
+  std::string text =
+      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<kml xmlns=\"http://www.opengis.net/kml/2.2\"><Document>"
+      "<Placemark><name>path</name><LineString><tessellate>1</tessellate>"
+      "<altitudeMode>clampToGround</altitudeMode><coordinates>\n";
+  for (const Pose& pose : trajectory.poses) {
+    const auto [latitude, longitude, altitude] = frame.geodetic(pose.translation());
+    text += format("%.9f,%.9f\n", longitude, latitude);
+  }
+  return text + "</coordinates></LineString></Placemark></Document></kml>\n";
+}
+
 Result<std::monostate> convert_gnss(const GnssOptions& options) {
   const auto track = gnss::read_track(options.recording, options.topic);
   if (!track) return track.error();

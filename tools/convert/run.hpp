@@ -42,6 +42,9 @@ struct RunOptions {
 std::string geojson_text(const Trajectory& trajectory, const std::string& name,
                          const gnss::GeodeticOrigin& origin);
 
+/// The same as KML (OGC 12-007r2), drawn on the ground: its altitudes would be above mean sea level.
+std::string kml_text(const Trajectory& trajectory, const gnss::GeodeticOrigin& origin);
+
 /// Options of "nilio convert gnss".
 struct GnssOptions {
   std::string recording;

@@ -84,10 +84,13 @@ class SentenceTrack {
             : std::string("times are those of reception, some tenths of a second late: the sentences' own "
                           "belong to another clock"));
     const auto states_geoid = [](const Sentence& s) { return s.content.geoid_height_m.has_value(); };
-    track.above_sea_level = has_altitudes_ && !std::ranges::all_of(sentences_, states_geoid);
+    // Some receivers have no model of the geoid and state 0.
+    const auto has_geoid = [](const Sentence& s) { return s.content.geoid_height_m.value_or(0.0) != 0.0; };
+    track.above_sea_level = has_altitudes_ && (!std::ranges::all_of(sentences_, states_geoid) ||
+                                               std::ranges::none_of(sentences_, has_geoid));
     if (track.above_sea_level)
       track.notes.emplace_back(
-          "altitudes are above mean sea level: the sentences lack the height of the geoid");
+          "altitudes are above mean sea level: the sentences lack the height of the geoid, or state 0");
     for (const Sentence& sentence : sentences_) {
       const drivers::NmeaFix& content = sentence.content;
       Fix fix;
@@ -249,7 +252,8 @@ bool is_csv_track(const std::string& path) {
 Result<Track> read_csv(const std::string& path) {
   std::ifstream file(path);
   std::string line;
-  if (!std::getline(file, line)) return Error{path + ": cannot be read or is empty"};
+  if (!std::getline(file, line))
+    return Error{path + ": cannot be read or is empty - name a ROS bag, a capture or a CSV file"};
   const std::vector<std::string> names = split(line);
   std::array<std::size_t, 7> columns{};
   const std::array<const char*, 7> wanted{kColumns[0],  kColumns[1],   kColumns[2], "altitude_m",

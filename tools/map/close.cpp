@@ -5,6 +5,7 @@
 #include "tools/map/cloud.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <ctime>
 #include <map>
 #include <optional>
@@ -31,9 +32,57 @@ std::vector<double> pose_numbers(const SE3& T) {
   return {T.translation.x(), T.translation.y(), T.translation.z(), q.x(), q.y(), q.z(), q.w()};
 }
 
+/// Keyframes of a submap, and its place.
+struct PlacedKeyframes {
+  SE3 T_submap_place;
+  std::vector<mapping::SubmapKeyframe> keyframes;
+};
+
+/// Moves the submaps of `closer` by GNSS.
+Result<std::monostate> add_positions(const std::optional<GnssInput>& input,
+                                     const std::vector<PlacedKeyframes>& submaps, const std::string& name,
+                                     mapping::LoopCloser& closer, ClosedMap& closed) {
+  if (input) {
+    Trajectory path;
+    path.path = name;
+    std::vector<MapPlace> places;
+    const auto poses = closer.poses();
+    for (std::size_t i = 0; i < submaps.size(); ++i) {
+      add_path(submaps[i].keyframes, poses[i].second, path);
+      places.push_back({poses[i].first, closed.stamps[i], poses[i].second * submaps[i].T_submap_place});
+    }
+    auto matched = match_positions(path, places, *input);
+    if (!matched) return matched.error();
+    closed.gnss = std::move(matched).value();
+  }
+  if (!closed.gnss || closed.gnss->positions.empty()) return std::monostate{};
+  closer.set_positions(closed.gnss->positions);
+  closed.gnss->positions = closer.positions();
+  closed.gnss->datum = datum_of(*closed.gnss, closer.T_measured_map());
+  const auto poses = closer.poses();
+  double squares = 0.0;
+  std::size_t inliers = 0;
+  for (const mapping::MeasuredPosition& position : closer.positions()) {
+    if (!position.is_inlier) continue;
+    const auto at = std::find(closed.ids.begin(), closed.ids.end(), position.node) - closed.ids.begin();
+    const auto i = static_cast<std::size_t>(at);
+    const auto error = mapping::position_error(position, poses[i].second * submaps[i].T_submap_place,
+                                               closer.T_measured_map());
+    squares += error.error.cwiseProduct(position.deviation).head<2>().squaredNorm();
+    ++inliers;
+  }
+  if (2 * inliers < closer.positions().size())
+    return core::Error{name + ": " + std::to_string(inliers) + " of " +
+                       std::to_string(closer.positions().size()) +
+                       " positions of GNSS agree with the map - check that they are of this drive, and "
+                       "--antenna and --time-offset"};
+  closed.gnss_rms_m = std::sqrt(squares / static_cast<double>(std::max<std::size_t>(inliers, 1)));
+  return std::monostate{};
+}
+
 }  // namespace
 
-Result<ClosedMap> close(const std::filesystem::path& folder) {
+Result<ClosedMap> close(const std::filesystem::path& folder, const std::optional<GnssInput>& gnss) {
   const auto map = MapReader::open(folder);
   if (!map) return map.error();
   auto writer = mapping::MapWriter::open(folder, map->header().session, {clock_ns(CLOCK_REALTIME)});
@@ -56,11 +105,13 @@ Result<ClosedMap> close(const std::filesystem::path& folder) {
     closed.longest_submap_s = std::max(closed.longest_submap_s, seconds);
   };
   std::vector<SE3> odometry;
+  std::vector<PlacedKeyframes> submaps;
   for (const mapping::SubmapEntry& entry : content.submaps()) {
     const auto submap = content.load(entry);
     if (!submap) return submap.error();
     timed([&] { closer.add(*submap); });
     odometry.push_back(submap->T_odom_submap);
+    submaps.push_back({place_origin(*submap), submap->keyframes});
     closed.ids.push_back(entry.id);
     closed.stamps.push_back(entry.first_stamp);
     if (submap->keyframes.empty()) continue;
@@ -69,9 +120,13 @@ Result<ClosedMap> close(const std::filesystem::path& folder) {
     middles[entry.id] = {middle.stamp, place_origin(*submap).inverse() * middle.T_submap_base};
   }
   timed([&] { closer.finish(); });
+  closed.gnss = content.gnss();
+  if (auto added = add_positions(gnss, submaps, folder.string(), closer, closed); !added)
+    return added.error();
   for (const mapping::OdometryEdge& edge : closer.edges())
     closed.deviations.push_back(walk_variance(edge).cwiseSqrt());
-  const mapping::MapCorrection correction = mapping::correction_of(closer);
+  mapping::MapCorrection correction = mapping::correction_of(closer);
+  correction.gnss = closed.gnss;
   for (std::size_t i = 0; i < odometry.size(); ++i)
     closed.largest_correction_m =
         std::max(closed.largest_correction_m,

@@ -4,6 +4,7 @@
 
 #include "tools/common/trajectory.hpp"
 
+#include <span>
 #include <vector>
 
 #include "mapping/map_folder.hpp"
@@ -27,5 +28,8 @@ core::Result<std::vector<CloudPoint>> read_cloud(const mapping::MapReader& map);
 
 /// Poses of all keyframes in the map frame in order of time, each once.
 core::Result<Trajectory> read_path(const mapping::MapReader& map);
+/// Appends the keyframes of the next submap.
+void add_path(std::span<const mapping::SubmapKeyframe> keyframes, const core::SE3& T_map_submap,
+              Trajectory& path);
 
 }  // namespace nilio::tools::map

@@ -3,6 +3,7 @@
 #include "nilio/core/clock.hpp"
 
 #include "tools/common/trajectory.hpp"
+#include "tools/map/gnss.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -30,6 +31,21 @@ Result<MapWriter> create_map(const std::filesystem::path& folder) {
   if (std::filesystem::exists(folder / "map.log"))
     return Error{folder.string() + ": holds a map already - choose another folder"};
   return MapWriter::open(folder, "nilio map", now());
+}
+
+/// Writes the datum of a map that has the same frame.
+Result<std::monostate> write_datum(const std::optional<mapping::MapGnss>& gnss, MapWriter& writer) {
+  if (!gnss) return std::monostate{};
+  return writer.write(
+      mapping::MapCorrection{{}, {}, mapping::MapGnss{gnss->datum, gnss->altitude, gnss->datum, {}}});
+}
+
+/// Whether the frames lie within 1 m and 0.5 deg of each other.
+bool is_same_place(const mapping::Datum& a, const mapping::Datum& b) {
+  const Vector3 offset =
+      gnss::GeodeticFrame(origin_of(a)).local(b.latitude_deg, b.longitude_deg, b.altitude_m);
+  const double turn = std::remainder(a.heading_deg - b.heading_deg, 360.0);
+  return offset.norm() < 1.0 && std::abs(turn) < 0.5;
 }
 
 /// Cells of a hash grid in the map frame.
@@ -162,10 +178,18 @@ Result<std::monostate> crop(const MapReader& map, const Box& box, const std::fil
   }
   if (kept == 0)
     return Error{output.string() + ": no surface of the map lies in the box - check --min and --max"};
-  return std::monostate{};
+  return write_datum(map.gnss(), *writer);
 }
 
 Result<std::monostate> merge(const std::vector<MapReader>& maps, const std::filesystem::path& output) {
+  std::optional<mapping::MapGnss> gnss;
+  for (const MapReader& map : maps) {
+    if (gnss && map.gnss() && !is_same_place(gnss->datum, map.gnss()->datum))
+      return Error{output.string() +
+                   ": the maps have different places by GNSS - merge maps of one frame only, such as parts "
+                   "of one map"};
+    if (!gnss) gnss = map.gnss();
+  }
   auto writer = create_map(output);
   if (!writer) return writer.error();
   std::uint32_t id = 0;
@@ -178,7 +202,7 @@ Result<std::monostate> merge(const std::vector<MapReader>& maps, const std::file
       if (auto written = writer->write(*submap, now()); !written) return written;
     }
   }
-  return std::monostate{};
+  return write_datum(gnss, *writer);
 }
 
 Result<MapDifference> diff(const MapReader& first, const MapReader& second, double reach_m) {

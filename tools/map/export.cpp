@@ -17,8 +17,8 @@ Result<ExportFormat> format_of(const std::string& path) {
   if (path.ends_with(".pcd")) return ExportFormat::kPcd;
   if (path.ends_with(".las")) return ExportFormat::kLas;
   return Error{path +
-               ": the extension chooses the format - name a .ply, .pcd or .las file, or .tum or .geojson for "
-               "the path"};
+               ": the extension chooses the format - name a .ply, .pcd or .las file, or .tum, .geojson or "
+               ".kml for the path"};
 }
 
 Result<std::uint64_t> export_map(const mapping::MapReader& map, double spacing_m, const std::string& path) {
@@ -50,16 +50,20 @@ Result<std::monostate> write_cloud(const std::vector<CloudPoint>& cloud, const s
   return file.finish();
 }
 
-bool is_path_file(const std::string& file) { return file.ends_with(".tum") || file.ends_with(".geojson"); }
+bool is_path_file(const std::string& file) {
+  return file.ends_with(".tum") || file.ends_with(".geojson") || file.ends_with(".kml");
+}
 
 Result<std::monostate> write_path(const Trajectory& path, const std::optional<gnss::GeodeticOrigin>& origin,
                                   const std::string& file) {
-  if (!file.ends_with(".geojson")) return write_text(file, trajectory_text(path));
+  if (file.ends_with(".tum")) return write_text(file, trajectory_text(path));
   if (!origin)
-    return Error{
-        file + ": GeoJSON has longitudes and latitudes - give the map's place with --origin, or write .tum"};
+    return Error{file +
+                 ": has longitudes and latitudes - give the map's place with --origin, or by nilio map close "
+                 "--gnss, or write .tum"};
   if (path.poses.size() < 2) return Error{file + ": a line has two points, the map has fewer poses"};
-  return write_text(file, convert::geojson_text(path, "path", *origin));
+  return write_text(file, file.ends_with(".kml") ? convert::kml_text(path, *origin)
+                                                 : convert::geojson_text(path, "path", *origin));
 }
 
 }  // namespace nilio::tools::map

@@ -31,10 +31,10 @@ core::Result<std::uint64_t> export_map(const mapping::MapReader& map, double spa
 /// Writes these points.
 core::Result<std::monostate> write_cloud(const std::vector<CloudPoint>& cloud, const std::string& path);
 
-/// Whether a path is written to a file of this name: .tum or .geojson.
+/// Whether a path is written to a file of this name: .tum, .geojson or .kml.
 bool is_path_file(const std::string& file);
 
-/// Writes the poses as lines of TUM, or as a line of GeoJSON, which needs the origin's place.
+/// Writes the poses as lines of TUM, or as a line of GeoJSON or KML, which need the origin's place.
 core::Result<std::monostate> write_path(const Trajectory& path,
                                         const std::optional<gnss::GeodeticOrigin>& origin,
                                         const std::string& file);

@@ -4,10 +4,14 @@
 #include <chrono>
 #include <cstring>
 #include <iostream>
+#include <limits>
 #include <random>
 #include <vector>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <catch2/catch.hpp>
 
 namespace {
@@ -139,6 +143,167 @@ TEST_CASE("without loops the poses are those of the odometry, and the same input
   const GraphSolution b = optimise(drive.odometry, drive.edges, loops);
   for (std::size_t i = 0; i < a.poses.size(); ++i)
     CHECK(std::memcmp(a.poses[i].translation.data(), b.poses[i].translation.data(), 3 * sizeof(double)) == 0);
+}
+
+TEST_CASE("the derivatives of a measured position are those of finite differences", "[pose_graph]") {
+  MeasuredPosition measured;
+  measured.point = {-0.4, 0.3, 1.9};
+  measured.position = {103.0, -42.0, 6.0};
+  measured.deviation = {1.5, 1.5, 4.0};
+  const SE3 node{core::so3_exp({0.1, -0.2, 1.2}), {100.0, -40.0, 3.0}};
+  const SE3 frame{core::so3_exp({0.0, 0.0, 0.3}), {5.0, -7.0, 2.0}};
+  const PositionError at = position_error(measured, node, frame);
+  constexpr double kStep = 1e-6;
+  for (int i = 0; i < 6; ++i) {
+    core::Vector6 change = core::Vector6::Zero();
+    change[i] = kStep;
+    const auto error = [&](double sign) {
+      const SE3 moved{node.rotation * core::so3_exp(sign * change.tail<3>()),
+                      node.translation + sign * change.head<3>()};
+      return position_error(measured, moved, frame).error;
+    };
+    CHECK(((error(1.0) - error(-1.0)) / (2.0 * kStep) - at.by_node.col(i)).norm() < 1e-6);
+  }
+  for (int i = 0; i < 4; ++i) {
+    Eigen::Vector4d change = Eigen::Vector4d::Zero();
+    change[i] = kStep;
+    const auto error = [&](double sign) {
+      const SE3 moved{frame.rotation * core::so3_exp({0.0, 0.0, sign * change[3]}),
+                      frame.translation + sign * change.head<3>()};
+      return position_error(measured, node, moved).error;
+    };
+    CHECK(((error(1.0) - error(-1.0)) / (2.0 * kStep) - at.by_frame.col(i)).norm() < 1e-6);
+  }
+  measured.deviation.z() = std::numeric_limits<double>::infinity();
+  CHECK(position_error(measured, node, frame).error.z() == 0.0);
+}
+
+namespace {
+
+/// Positions of an antenna at the true nodes, in a frame that is turned and shifted; errors of a receiver
+/// that are correlated over ten nodes.
+struct Receiver {
+  SE3 T_frame_truth{core::so3_exp({0.0, 0.0, 0.4}), {30.0, -20.0, 5.0}};
+  core::Vector3 antenna{-0.5, 0.2, 1.5};
+  std::vector<MeasuredPosition> positions;
+};
+
+Receiver receive(const Drive& drive, std::uint32_t seed, bool has_height = true) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal;
+  Receiver receiver;
+  core::Vector3 slow = core::Vector3::Zero();
+  for (std::size_t i = 0; i < drive.truth.size(); ++i) {
+    const auto draw = [&] { return core::Vector3(normal(random), normal(random), 2.0 * normal(random)); };
+    if (i % 10 == 0) slow = draw();
+    MeasuredPosition position;
+    position.node = i;
+    position.point = receiver.antenna;
+    position.position =
+        receiver.T_frame_truth * (drive.truth[i] * receiver.antenna) + 0.7 * slow + 0.7 * draw();
+    position.deviation = {1.0, 1.0, has_height ? 2.0 : std::numeric_limits<double>::infinity()};
+    receiver.positions.push_back(position);
+  }
+  return receiver;
+}
+
+/// Horizontal error of the map in the frame of the positions.
+double error_in_frame(const GraphSolution& solution, const Drive& drive, const Receiver& receiver) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < drive.truth.size(); ++i)
+    sum += (solution.T_measured_map * solution.poses[i].translation -
+            receiver.T_frame_truth * drive.truth[i].translation)
+               .head<2>()
+               .squaredNorm();
+  return std::sqrt(sum / static_cast<double>(drive.truth.size()));
+}
+
+/// Residual of the odometry after the best horizontal alignment with the truth.
+double aligned_rms(const std::vector<SE3>& poses, const std::vector<SE3>& truth) {
+  Eigen::Matrix2Xd a(2, poses.size());
+  Eigen::Matrix2Xd b(2, poses.size());
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    a.col(static_cast<Eigen::Index>(i)) = poses[i].translation.head<2>();
+    b.col(static_cast<Eigen::Index>(i)) = truth[i].translation.head<2>();
+  }
+  const Eigen::Matrix3d T = Eigen::umeyama(a, b, false);
+  return std::sqrt(((T.topLeftCorner<2, 2>() * a).colwise() + T.topRightCorner<2, 1>() - b).squaredNorm() /
+                   static_cast<double>(poses.size()));
+}
+
+}  // namespace
+
+TEST_CASE("positions take the drift out and place the map in their frame", "[pose_graph]") {
+  for (const std::uint32_t seed : {31U, 32U, 33U}) {
+    const Drive drive = circles(100, seed);
+    for (const bool has_height : {true, false}) {
+      const Receiver receiver = receive(drive, seed, has_height);
+      const GraphSolution solution = optimise(drive.odometry, drive.edges, {}, receiver.positions);
+      const double before = aligned_rms(drive.odometry, drive.truth);
+      const double after = error_in_frame(solution, drive, receiver);
+      INFO("seed " << seed << ": " << before << " to " << after << " m");
+      CHECK(after < 0.5 * before);
+      CHECK(after < 1.0);
+      CHECK(std::abs(solution.biases[1] - drive.biases[1]) < 0.3 * bias_deviation()[1]);
+      CHECK(std::count(solution.is_position_inlier.begin(), solution.is_position_inlier.end(), true) >= 98);
+      CHECK(solution.T_measured_map.rotation.angularDistance(receiver.T_frame_truth.rotation) < 0.01);
+      // Height, too, where there is one.
+      const double height = (solution.T_measured_map * solution.poses.back().translation -
+                             receiver.T_frame_truth * drive.truth.back().translation)
+                                .z();
+      if (has_height) CHECK(std::abs(height) < 2.0);
+    }
+  }
+}
+
+TEST_CASE("jumps and reflections of positions do not bend the map", "[pose_graph]") {
+  for (const std::uint32_t seed : {41U, 42U, 43U}) {
+    const Drive drive = circles(120, seed);
+    const Receiver clean = receive(drive, seed);
+    Receiver bad = clean;
+    std::mt19937 random(seed);
+    std::vector<std::size_t> wrong;
+    for (std::size_t i = 0; i < bad.positions.size(); ++i) {
+      // A street of 250 m between high walls, a jump of three places, single ones.
+      core::Vector3 error = core::Vector3::Zero();
+      if (i >= 60 && i < 70) error = {12.0, -9.0, 0.0};
+      if (i >= 20 && i < 23) error = {0.0, 30.0, 10.0};
+      if (i % 17 == 5) error = {-40.0, 25.0, -30.0};
+      if (error.isZero()) continue;
+      bad.positions[i].position += error;
+      wrong.push_back(i);
+    }
+    const GraphSolution with = optimise(drive.odometry, drive.edges, {}, bad.positions);
+    const double error = error_in_frame(with, drive, clean);
+    INFO("seed " << seed << ": " << aligned_rms(drive.odometry, drive.truth) << " to " << error << " m");
+    CHECK(error < 1.2);
+    for (const std::size_t i : wrong) CHECK_FALSE(with.is_position_inlier[i]);
+    CHECK(std::count(with.is_position_inlier.begin(), with.is_position_inlier.end(), true) > 90);
+  }
+}
+
+TEST_CASE("loops and positions are solved together, and a wrong antenna is no worse than its error",
+          "[pose_graph]") {
+  std::mt19937 random(51);
+  const Drive drive = circles(100, 51);
+  std::vector<LoopEdge> loops;
+  for (std::size_t i = 40; i < 100; i += 6) loops.push_back(loop_between(drive, i - 40, i, random));
+  loops.push_back(loop_between(drive, 10, 70, random));
+  loops.back().T_reference_moving = SE3{core::so3_exp({0.0, 0.0, 0.3}), {2.0, 3.0, 0.0}};
+  Receiver receiver = receive(drive, 51);
+  const GraphSolution both = optimise(drive.odometry, drive.edges, loops, receiver.positions);
+  CHECK_FALSE(both.is_inlier.back());
+  CHECK(std::count(both.is_inlier.begin(), both.is_inlier.end(), true) == 10);
+  const double right = error_in_frame(both, drive, receiver);
+  CHECK(right < 1.0);
+  for (MeasuredPosition& position : receiver.positions) position.point = {1.5, 0.2, 1.5};
+  const GraphSolution wrong = optimise(drive.odometry, drive.edges, loops, receiver.positions);
+  CHECK(error_in_frame(wrong, drive, receiver) < right + 2.0);
+  CHECK(wrong.is_position_inlier == std::vector<bool>(100, true));
+  // The same input, the same bits.
+  const GraphSolution again = optimise(drive.odometry, drive.edges, loops, receiver.positions);
+  for (std::size_t i = 0; i < wrong.poses.size(); ++i)
+    CHECK(std::memcmp(again.poses[i].translation.data(), wrong.poses[i].translation.data(), 24) == 0);
 }
 
 TEST_CASE("the covariance of a chain is that of drawn drives", "[drift_model]") {

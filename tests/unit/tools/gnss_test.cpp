@@ -251,6 +251,21 @@ TEST_CASE("NMEA sentences give positions at the times of the sentences", "[gnss]
   }
   CHECK_THAT(track->notes.front(), Contains("0.150 s later"));
 
+  // A receiver without a model of the geoid.
+  for (const char* const geoid : {"0.0", ""}) {
+    messages.clear();
+    for (int i = 0; i < 2; ++i)
+      add(kStartNs + i * 1'000'000'000LL, "GPGGA,22132" + std::to_string(i) +
+                                              ".00,4900.0000,N,00824.0000,E,1,08,0.9,67.0,M," + geoid +
+                                              ",M,,");
+    const auto flat = gnss::read_track(write_bag(folder, "flat" + std::string(geoid) + ".mcap", "/nmea",
+                                                 "nmea_msgs/msg/Sentence", messages));
+    REQUIRE(flat.ok());
+    CHECK(flat->above_sea_level);
+    CHECK(flat->fixes[0].altitude_m.value() == Approx(67.0));
+    CHECK_THAT(flat->notes.back(), Contains("mean sea level"));
+  }
+
   // Another clock: the times of reception.
   messages.clear();
   add(5'000'000'000, "GPRMC,221320.00,A,4900.0000,N,00824.0000,E,0.0,0.0,141123,,");
