@@ -6,6 +6,7 @@ RUN is an output folder of niliod --replay, TRUTH.tum that of its recording. Run
 after the drift was injected. Definitions: docs/map.md.
 """
 import argparse
+import collections
 import json
 import pathlib
 import shutil
@@ -14,12 +15,6 @@ import tempfile
 
 import numpy
 
-parser = argparse.ArgumentParser()
-parser.add_argument("programs", type=pathlib.Path)
-parser.add_argument("drives", nargs="+", type=pathlib.Path)
-parser.add_argument("--drift", nargs=2)
-parser.add_argument("--json", type=pathlib.Path, help="keeps the candidates of the last drive")
-options = parser.parse_args()
 # A revisit: within 4 m of a place at least 60 m earlier on the path. A false loop: wrong by more than this.
 NEAR, APART, FALSE_M, FALSE_RAD = 4.0, 60.0, 0.5, numpy.radians(2)
 
@@ -52,14 +47,15 @@ class Truth:
         return (1 - share) * self.positions[i - 1] + share * self.positions[i], rotations((1 - share) * a + share * b)
 
 
-def ape(path, truth):
+def compare(programs, truth, trajectory):
+    """Figures of nilio evaluate for two TUM files."""
+    done = subprocess.run([programs / "nilio", "evaluate", truth, trajectory, "--json", "-"], check=True, capture_output=True)
+    return json.loads(done.stdout)
+
+
+def ape(figures):
     """Root mean square position error after alignment by a rigid motion, m."""
-    times, positions, _ = read_tum(path)
-    inside = (times >= truth.times[0]) & (times <= truth.times[-1])
-    p, q = positions[inside], truth.at(times[inside])[0]
-    u, _, vt = numpy.linalg.svd((q - q.mean(0)).T @ (p - p.mean(0)))
-    r = u @ numpy.diag([1, 1, numpy.linalg.det(u @ vt)]) @ vt
-    return numpy.sqrt((((p - p.mean(0)) @ r.T + q.mean(0) - q) ** 2).sum(1).mean())
+    return figures["ape"]["se3"]["translation_m"]["rmse"]
 
 
 def log(rotation):
@@ -86,68 +82,84 @@ def revisits(truth, stamps):
     return kinds
 
 
-def evaluate(truth_path, run, work):
+def evaluate(programs, truth_path, run, drift=None):
+    """Loop closure of a copy of the run, with DEGREES_PER_100_M, SCALE_PERCENT injected if given."""
     truth = Truth(truth_path)
-    copy = work / "run"
-    shutil.rmtree(copy, ignore_errors=True)
-    if options.drift:
-        subprocess.run([options.programs / "nilio-bend-map", run, copy, *options.drift], check=True)
-    else:
-        copy.mkdir()
-        shutil.copytree(run / "map", copy / "map")
-        shutil.copy(run / "trajectory.tum", copy)
-    subprocess.run([options.programs / "nilio", "map", "close", copy, "--json", work / "loops.json"], check=True, capture_output=True)
-    result = json.load(open(work / "loops.json"))
-    if options.json:
-        shutil.copy(work / "loops.json", options.json)
-    loops = result["loops"]
-    false, closed, errors, nees = 0, set(), [], []
-    refused = {}
-    for loop in loops:
-        if loop["verdict"] != "accepted":
-            refused[loop["verdict"]] = refused.get(loop["verdict"], 0) + 1
+    with tempfile.TemporaryDirectory() as folder:
+        copy = pathlib.Path(folder) / "run"
+        if drift:
+            subprocess.run([programs / "nilio-bend-map", run, copy, *drift], check=True)
+        else:
+            copy.mkdir()
+            shutil.copytree(run / "map", copy / "map")
+            shutil.copy(run / "trajectory.tum", copy)
+        candidates = pathlib.Path(folder) / "loops.json"
+        subprocess.run([programs / "nilio", "map", "close", copy, "--json", candidates], check=True, capture_output=True)
+        result = json.loads(candidates.read_text())
+        result["odometry"] = compare(programs, truth_path, copy / "trajectory.tum")
+        result["optimised"] = compare(programs, truth_path, copy / "trajectory_optimised.tum")
+        odometry = Truth(copy / "trajectory.tum")
+    for loop in result["loops"]:
         position, rotation = truth.at(numpy.array([loop["reference_stamp_ns"], loop["moving_stamp_ns"]]))
         T = numpy.array(loop["T_reference_moving"])
-        measured = rotations(T[None, 3:])[0]
         true_rotation = rotation[0].T @ rotation[1]
         difference = true_rotation.T @ (T[:3] - rotation[0].T @ (position[1] - position[0]))
-        turn = log(true_rotation.T @ measured)
+        turn = log(true_rotation.T @ rotations(T[None, 3:])[0])
         loop["error_m"], loop["error_deg"] = numpy.linalg.norm(difference), numpy.degrees(numpy.linalg.norm(turn))
+        loop["false"] = bool(loop["error_m"] > FALSE_M or numpy.radians(loop["error_deg"]) > FALSE_RAD)
         if loop["verdict"] == "accepted":
-            closed.add(loop["moving"])
-            errors.append(loop["error_m"])
             # Translation only, rotation only; the information is in axes of odom, norms do not matter.
-            information = numpy.array(loop["information"]).reshape(6, 6)
-            covariance = numpy.linalg.inv(information)
-            nees.append((difference @ difference / numpy.trace(covariance[:3, :3]), turn @ turn / numpy.trace(covariance[3:, 3:])))
-            false += loop["error_m"] > FALSE_M or numpy.radians(loop["error_deg"]) > FALSE_RAD
-    if options.json:
-        json.dump(result, open(options.json, "w"), indent=1)
+            covariance = numpy.linalg.inv(numpy.array(loop["information"]).reshape(6, 6))
+            loop["nees"] = [difference @ difference / numpy.trace(covariance[:3, :3]), turn @ turn / numpy.trace(covariance[3:, 3:])]
     edges = []
-    odometry = Truth(copy / "trajectory.tum")
     for s, deviation in zip(zip(result["stamps_ns"], result["stamps_ns"][1:]), result["edge_deviations"]):
         (p, r), (q, o) = truth.at(numpy.array(s)), odometry.at(numpy.array(s))
         true, measured = r[0].T @ r[1], o[0].T @ o[1]
         error = numpy.concatenate([true.T @ (o[0].T @ (q[1] - q[0]) - r[0].T @ (p[1] - p[0])), log(true.T @ measured)])
         edges.append((error / deviation) ** 2)
-    kinds = revisits(truth, result["stamps_ns"])
-    text = []
-    for kind in ("same", "reverse", "oblique"):
-        wanted = [i for i, k in zip(result["ids"], kinds) if k == kind]
-        if wanted:
-            text.append(f"{kind} {sum(i in closed for i in wanted)} of {len(wanted)}")
-    name = run.name
-    print(f"{name}: {result['submaps']} submaps, loops {len(errors)}, false {false}; revisited submaps closed: {', '.join(text) or 'none'}; "
-          f"APE {ape(copy / 'trajectory.tum', truth):.2f} -> {ape(copy / 'trajectory_optimised.tum', truth):.2f} m; "
+    result["edge_nees"] = numpy.mean(edges, 0).tolist()
+    result["accepted"] = [loop for loop in result["loops"] if loop["verdict"] == "accepted"]
+    result["refused"] = collections.Counter(loop["verdict"] for loop in result["loops"] if loop["verdict"] != "accepted")
+    closed = {loop["moving"] for loop in result["accepted"]}
+    # For each kind of revisit: submaps closed, submaps.
+    result["revisits"] = {}
+    for submap, kind in zip(result["ids"], revisits(truth, result["stamps_ns"])):
+        if kind:
+            count = result["revisits"].setdefault(kind, [0, 0])
+            count[0] += submap in closed
+            count[1] += 1
+    return result
+
+
+def report(name, result):
+    loops = result["accepted"]
+    kinds = ", ".join(f"{kind} {closed} of {count}" for kind, (closed, count) in result["revisits"].items())
+    print(f"{name}: {result['submaps']} submaps, loops {len(loops)}, false {sum(loop['false'] for loop in loops)}; revisited "
+          f"submaps closed: {kinds or 'none'}; APE {ape(result['odometry']):.2f} -> {ape(result['optimised']):.2f} m; "
           f"{result['seconds']:.1f} s")
-    if errors:
+    if loops:
+        errors = [loop["error_m"] for loop in loops]
+        translation, rotation = numpy.mean([loop["nees"] for loop in loops], 0)
         print(f"  loops: error median {numpy.median(errors):.3f}, maximum {max(errors):.3f} m; squared errors over variances: "
-              f"translation {numpy.mean([n[0] for n in nees]):.2f}, rotation {numpy.mean([n[1] for n in nees]):.2f}")
-    print("  odometry edges, squared errors over variances: x y z roll pitch yaw", *numpy.round(numpy.mean(edges, 0), 2),
-          "all", round(numpy.mean(edges), 2))
-    print("  refused: " + ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items())))
+              f"translation {translation:.2f}, rotation {rotation:.2f}")
+    print("  odometry edges, squared errors over variances: x y z roll pitch yaw", *numpy.round(result["edge_nees"], 2),
+          "all", round(numpy.mean(result["edge_nees"]), 2))
+    print("  refused: " + ", ".join(f"{count} {reason}" for reason, count in sorted(result["refused"].items())))
 
 
-with tempfile.TemporaryDirectory() as folder:
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("programs", type=pathlib.Path)
+    parser.add_argument("drives", nargs="+", type=pathlib.Path)
+    parser.add_argument("--drift", nargs=2)
+    parser.add_argument("--json", type=pathlib.Path, help="keeps the candidates of the last drive")
+    options = parser.parse_args()
     for truth, run in zip(options.drives[::2], options.drives[1::2]):
-        evaluate(truth, run, pathlib.Path(folder))
+        result = evaluate(options.programs, truth, run, options.drift)
+        report(run.name, result)
+        if options.json:
+            options.json.write_text(json.dumps(result, indent=1))
+
+
+if __name__ == "__main__":
+    main()
