@@ -142,7 +142,7 @@ def simulated(sequence, sensor, work):
 
 def replayed(drive, imu, work):
     output = work / "runs" / f"{drive.name}_{imu}"
-    if not (output / "trajectory.tum").exists():
+    if not (output / "result.json").exists():
         # 3: tracking was lost, which the page shows.
         run("niliod", "--replay", drive, "--output", output, "--force", "--set", "publisher.enabled=false",
             *(["--set", "imu.enabled=false"] if imu == "off" else []), allowed=(0, 3))
@@ -235,7 +235,8 @@ def loop_table(rows):
                       f"{numpy.median(errors):.0f} / {max(errors):.0f}" if errors else "-",
                       f"{row['odometry']['ape']:.2f}, {row['optimised']['ape']:.2f}", f"{row['seconds'] / row['submaps']:.2f}",
                       ", ".join(f"{count} {reason}" for reason, count in refused) or "-",
-                      f"{numpy.mean(row['edge_nees']):.2f}, {numpy.mean([loop['nees'][0] for loop in row['loops']]) if errors else 0:.2f}",
+                      f"{numpy.mean(row['edge_nees']):.2f}, " +
+                      (f"{numpy.mean([loop['nees'][0] for loop in row['loops']]):.2f}" if errors else "-"),
                       f"{states['degraded']} / {states['lost']}"])
     return table(["drive", "LiDAR", "IMU", "injected drift", "revisited submaps closed", "loops", "false", "error of loops, median / maximum, mm",
                   "APE before, after, m", "time, s", "refused", "error² / variance: odometry, loops", "poses degraded / lost"], lines)
