@@ -43,7 +43,7 @@ options = parser.parse_args()
 HERE = pathlib.Path(__file__).resolve().parent
 SENSORS = {"hdl64e": "HDL-64E", "vlp16": "VLP-16"}
 # Injected heading drift in degrees per 100 m and error of the scale in per cent.
-DRIFTS = {"none": None, "0.5 deg/100 m": ("0.5", "0"), "0.5 deg/100 m, 1 %": ("0.5", "1")}
+DRIFTS = {"none": None, "0.5° in 100 m": ("0.5", "0"), "0.5° in 100 m, 1 %": ("0.5", "1")}
 METHODS = ("NI-LIO", "A-LOAM", "LeGO-LOAM", "FAST-LIO2")
 # Published for real KITTI: APE m, RPE m of each method; path length m, that of the truth first.
 PUBLISHED = {
@@ -96,6 +96,8 @@ A submap is revisited if its middle was within 4 m of an earlier place at least 
 the finished run by moving keyframes and surfaces (`nilio-bend-map`), only with IMU. Time: search, verification and pose graph, mean of a submap, on a computer with other work. Refused: candidates by
 [reason](../map.md#loop-closure). Error² / variance: mean of the squared errors over the variances, of the odometry between submaps (model without biases, which are injected drift) and of
 the translation of loops; 1 for a correct covariance. Poses: scans that were degraded or lost.
+
+All rows: {totals}.
 
 {loops}
 """
@@ -187,7 +189,9 @@ def make_rows(work):
             figures = measured(drive / "truth.tum", replayed(drive, row[2], work), row[3])
             false += sum(loop["false"] for loop in figures["loops"])
             figures["commit"] = options.commit
-            file_of(row, work).write_text(json.dumps(figures, indent=1))
+            part = file_of(row, work).with_suffix(".part")
+            part.write_text(json.dumps(figures, indent=1))
+            part.rename(file_of(row, work))
         if false:
             print(f"{sequence}, {sensor}: {false} false loops; drive and runs are kept in {work}", file=sys.stderr)
             continue
@@ -242,6 +246,12 @@ def loop_table(rows):
                   "APE before, after, m", "time, s", "refused", "error² / variance: odometry, loops", "poses degraded / lost"], lines)
 
 
+def totals(rows):
+    accepted = [loop for row in rows.values() for loop in row["loops"]]
+    closed, revisited = numpy.sum([counts for row in rows.values() for counts in row["revisits"].values()] or [[0, 0]], 0)
+    return f"{closed} of {revisited} revisited submaps closed, {sum(loop['false'] for loop in accepted)} of {len(accepted)} loops false"
+
+
 def page(work):
     rows = {row: json.loads(file_of(row, work).read_text()) for row in wanted_rows() if file_of(row, work).exists()}
     missing = [f"{sequence} {SENSORS[sensor]}{'' if imu == 'on' else ' without IMU'}"
@@ -254,9 +264,9 @@ def page(work):
         commits=", ".join(sorted({row["commit"] for row in rows.values()})), date=datetime.date.today(), done=len(rows), wanted=len(wanted_rows()),
         missing="; not run: " + ", ".join(dict.fromkeys(missing)) if missing else "",
         ape=paper_table(rows, lambda s: [ape for ape, _ in PUBLISHED[s]], "ape", 2),
-        rpe=paper_table(rows, lambda s: [rpe for _, rpe in PUBLISHED[s]], "rpe", 3),
+        rpe=paper_table(rows, lambda s: [rpe for _, rpe in PUBLISHED[s]], "rpe", 4),
         path=paper_table(rows, lambda s: PUBLISHED_PATHS.get(s, ["-"] * 5), "path", 1),
-        loops=loop_table(rows)), rows
+        totals=totals(rows), loops=loop_table(rows)), rows
 
 
 def main(work):
@@ -278,4 +288,5 @@ if not options.poses and not archive().exists():
 options.commit = options.commit or subprocess.run(["git", "-C", HERE, "rev-parse", "--short", "HEAD"], capture_output=True,
                                                   text=True).stdout.strip()
 with tempfile.TemporaryDirectory() as temporary:
-    sys.exit(main(options.work or pathlib.Path(temporary)))
+    # Rows of another length are others.
+    sys.exit(main((options.work or pathlib.Path(temporary)) / (f"first_{options.length}_m" if options.length else ".")))
