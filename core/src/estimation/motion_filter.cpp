@@ -30,6 +30,10 @@ constexpr double kAccelerometerDensity = 5.0 * 300e-6 * kGravity;
 constexpr double kGyroScale = 0.01;
 // The same before turns have verified them.
 constexpr double kUnverifiedGyroScale = 0.3;
+// Scale, axes and delay of automotive accelerometers: a fiftieth of the acceleration, for seconds
+// (Singer 1970: 2 a^2 tau).
+constexpr double kAccelerometerScale = 0.02;
+constexpr double kAccelerometerScaleSeconds = 1.0;
 // Random walks, per root second.
 constexpr double kGyroBiasWalk = 4e-4 * kRadiansPerDegree;
 constexpr double kAccelBiasWalk = 1e-3;
@@ -109,8 +113,9 @@ Matrix error_dynamics(const MotionState& s, const MotionInputs& inputs) {
   return F;
 }
 
-/// Densities of the sensors' and the parameters' noise.
-Matrix sensor_noise(const MotionState& s, const MotionInputs& inputs, double seconds) {
+/// Densities of the sensors' and the parameters' noise. `acceleration`: of base_link, m/s^2.
+Matrix sensor_noise(const MotionState& s, const Vector3& acceleration, const MotionInputs& inputs,
+                    double seconds) {
   Matrix Q = Matrix::Zero();
   const auto add = [&](int block, double density) {
     Q.block<3, 3>(block, block).diagonal().array() += density * density;
@@ -127,7 +132,10 @@ Matrix sensor_noise(const MotionState& s, const MotionInputs& inputs, double sec
     const double density = kGyroDensity * kGyroDensity + scale * scale * seconds;
     Q.block<6, 6>(kRotation, kRotation) += density * G * G.transpose();
   }
-  if (inputs.accelerometer) add(kVelocity, kAccelerometerDensity);
+  if (inputs.accelerometer) {
+    add(kVelocity, kAccelerometerDensity);
+    add(kVelocity, std::sqrt(2.0 * kAccelerometerScaleSeconds) * kAccelerometerScale * acceleration.norm());
+  }
   return Q;
 }
 
@@ -275,7 +283,10 @@ void MotionFilter::step(const MotionInputs& inputs, Time to) {
   };
   const Matrix half = transition(0.5 * seconds);
   const Matrix whole = transition(seconds);
-  const Matrix noise = sensor_noise(middle, inputs, seconds) + manoeuvre_noise(inputs, manoeuvre_scale_);
+  const Vector3 acceleration =
+      (state_.velocity - before.velocity) / seconds + middle.angular_velocity.cross(middle.velocity);
+  const Matrix noise =
+      sensor_noise(middle, acceleration, inputs, seconds) + manoeuvre_noise(inputs, manoeuvre_scale_);
   covariance_ = (whole * covariance_ * whole.transpose() + integrated(noise, half, whole, seconds)).eval();
   if (inputs.gyro) {
     isolate(kRate, covariance_.block<3, 3>(kGyroBias, kGyroBias));

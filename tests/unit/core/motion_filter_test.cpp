@@ -326,6 +326,29 @@ TEST_CASE("scans estimate gyro bias, gravity and velocity within their covarianc
   CHECK(squares / kRuns > 0.05);
 }
 
+TEST_CASE("while the vehicle brakes, the covariance covers an accelerometer with a wrong scale",
+          "[motion_filter]") {
+  constexpr double kSeconds = 2.0;
+  constexpr double kScale = 1.02;
+  for (const double acceleration : {-5.0, 0.0}) {
+    ImuBuffer imu(1000);
+    for (double t = 0.0; t < kSeconds + 0.1; t += 0.0025)
+      REQUIRE(imu.add({Time::from_seconds(t), {}, {kScale * acceleration, 0.0, 9.81}},
+                      Eigen::Quaterniond::Identity()));
+    MotionState state;
+    state.velocity = Vector3(15.0, 0.0, 0.0);
+    state.gravity = Vector3(0.0, 0.0, -9.81);
+    MotionFilter filter(state, Matrix::Zero());
+    filter.propagate({&imu, Vector3::Zero(), true, true, true}, Time::from_seconds(kSeconds));
+    const double error = filter.state().velocity.x() - (15.0 + acceleration * kSeconds);
+    CHECK(error == Approx((kScale - 1.0) * acceleration * kSeconds).margin(1e-3));
+    const double deviation = std::sqrt(filter.covariance()(MotionFilter::kVelocity, MotionFilter::kVelocity));
+    CHECK(deviation > std::abs(error));
+    // At a steady speed there is nothing to scale.
+    CHECK(deviation < (acceleration == 0.0 ? 0.03 : 2.0 * std::abs(error)));
+  }
+}
+
 TEST_CASE("a vehicle at rest has no velocity and shows the gyro's bias", "[motion_filter]") {
   ImuBuffer imu(1000);
   const Vector3 bias(0.002, -0.003, 0.004);
