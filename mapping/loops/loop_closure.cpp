@@ -36,6 +36,11 @@ double path_after_middle(const Submap& submap) {
   return path;
 }
 
+/// The road goes on before the first place, whose centre is half a submap behind the start of the drive.
+double max_centre_m(std::size_t reference_node) {
+  return reference_node == 0 ? kMaxCentreMetres + 15.0 : kMaxCentreMetres;
+}
+
 }  // namespace
 
 void LoopCloser::add(const Submap& submap, const std::vector<Loop>* known) {
@@ -100,7 +105,7 @@ std::vector<LoopCloser::Candidate> LoopCloser::candidates(std::size_t node) cons
       if (guess.inliers >= kMinInliers) found.push_back({i, guess});
     }
     const SE3 T = poses_[i].inverse() * poses_[node];
-    if (T.translation.norm() < kMaxCentreMetres) predicted.push_back({i, {T, 0}});
+    if (T.translation.norm() < max_centre_m(i)) predicted.push_back({i, {T, 0}});
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const Candidate& a, const Candidate& b) { return a.guess.inliers > b.guess.inliers; });
@@ -144,7 +149,8 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
     return loop;
   };
   const auto guess = with_height(candidate.guess.T_reference_moving, reference, moving.place());
-  if (!guess || guess->translation.head<2>().norm() > kMaxCentreMetres) return refuse(LoopVerdict::kFar);
+  if (!guess || guess->translation.head<2>().norm() > max_centre_m(candidate.node))
+    return refuse(LoopVerdict::kFar);
   const auto chain = std::span(edges_).subspan(candidate.node, moving_node - candidate.node);
   const SE3 T_chain = chain_transform(chain);
   const Matrix6 drift = chain_covariance(chain);
@@ -159,7 +165,8 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   loop.alignment.T_reference_moving = *guess;
   if (loop.drift_square > kMaxDriftSquare) return refuse(LoopVerdict::kDrift);
 
-  const CheckedAlignment checked = check_alignment(ComparablePlace(reference), moving, *guess);
+  const CheckedAlignment checked = check_alignment(ComparablePlace(reference), moving, *guess,
+                                                   {.max_centre_m = max_centre_m(candidate.node)});
   loop.alignment = checked.alignment;
   loop.support_share = checked.support_share;
   loop.ambiguity = checked.ambiguity;
