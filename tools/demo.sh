@@ -70,7 +70,7 @@ number() { # number FILE KEY...: a number of a JSON file
 
 echo "nilio demo; the output of each step is in $log"
 step "install what is missing" tools/setup.sh
-step "build" tools/build.sh "$preset" niliod nilio-publisher nilio
+step "build" tools/build.sh "$preset" niliod nilio-mapper nilio-publisher nilio
 step "simulate a town drive with a VLP-16 and an IMU on CAN" "$bin/nilio" simulate "$output/drive" --sensor vlp16
 step "drive at the pace of the sensor, published over DDS" drive
 step "evaluate against the simulator's ground truth, draw" evaluate
