@@ -60,8 +60,9 @@ void add_options(CLI::App& app, MapperOptions& options) {
   app.add_option("--parent-pid", options.parent, "Parent process; exit when it exits");
   app.add_option("--folder", options.folder, "Folder of the map to write; default: none");
   app.add_option("--map", options.loop.saved_map, "Folder of a saved map to localise in; only read");
-  app.add_flag("--continue", options.loop.continues_run,
-               "--map is of a run that was killed: complete it, and tell how far from its last pose the vehicle is");
+  app.add_flag(
+      "--continue", options.loop.continues_run,
+      "--map is of a run that was killed: complete it, and tell how far from its last pose the vehicle is");
   app.add_option("--localisation-file", options.loop.localisation_file,
                  "File for the results of localisation, one line for each keyframe");
   app.add_flag("--keep-all", options.loop.keeps_all, "Localisation gets every keyframe, as in a replay");

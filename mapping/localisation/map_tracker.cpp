@@ -1,12 +1,13 @@
 #include "mapping/localisation/map_tracker.hpp"
 
 #include "core/src/linear_algebra.hpp"
-#include "core/src/registration/gauss_newton.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
+
+#include "mapping/loops/residuals.hpp"
 
 namespace nilio::mapping {
 
@@ -43,11 +44,6 @@ Vector6 squares(double metres, double radians) {
   return variance;
 }
 
-double geman_mcclure(double r, double scale) {
-  const double ratio = scale * scale / (scale * scale + r * r);
-  return ratio * ratio;
-}
-
 core::NormalEquations linearise(const SurfaceIndex& surfaces, std::span<const Vector3> points, const SE3& T,
                                 double kernel_m) {
   core::NormalEquations equations;
@@ -57,16 +53,7 @@ core::NormalEquations linearise(const SurfaceIndex& surfaces, std::span<const Ve
     const Surface* const plane = surfaces.nearest_plane(q.cast<float>());
     if (plane == nullptr) continue;
     ++equations.correspondences;
-    const Vector3 n = plane->normal.cast<double>();
-    const double r = n.dot(q - plane->mean.cast<double>());
-    const Vector3 m = R.transpose() * n;
-    Vector6 row;
-    row << m, p.cross(m);
-    const double weight = geman_mcclure(r, kernel_m);
-    equations.H.noalias() += weight * row * row.transpose();
-    equations.b.noalias() += weight * r * row;
-    equations.weighted_square_error += weight * r * r;
-    equations.weight_sum += weight;
+    add_plane(*plane, p, q, R, kernel_m, equations);
   }
   return equations;
 }

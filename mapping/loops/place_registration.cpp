@@ -1,7 +1,5 @@
 #include "mapping/loops/place_registration.hpp"
 
-#include "core/src/registration/gauss_newton.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -9,6 +7,8 @@
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
+
+#include "mapping/loops/residuals.hpp"
 
 namespace nilio::mapping {
 
@@ -39,19 +39,6 @@ struct FloatTransform {
   Vector3f t;
 };
 
-/// Adds a residual `row . delta + r` with the weight of a Geman-McClure kernel of `scale`.
-void add_row(const core::Vector6& row, double r, double weight, core::NormalEquations& equations) {
-  equations.H.noalias() += weight * row * row.transpose();
-  equations.b.noalias() += weight * r * row;
-  equations.weighted_square_error += weight * r * r;
-  equations.weight_sum += weight;
-}
-
-double geman_mcclure(double r, double scale) {
-  const double ratio = scale * scale / (scale * scale + r * r);
-  return ratio * ratio;
-}
-
 core::NormalEquations linearise(const SurfaceIndex& index, std::span<const Surface> moving, const SE3& T,
                                 double kernel_m) {
   core::NormalEquations equations;
@@ -63,16 +50,11 @@ core::NormalEquations linearise(const SurfaceIndex& index, std::span<const Surfa
     const Surface* const other = index.nearest(q.cast<float>(), n.cast<float>(), surface.is_plane);
     if (other == nullptr) continue;
     ++equations.correspondences;
-    const Vector3 d = q - other->mean.cast<double>();
-    // Errors on the right: q = T (p + rho + theta x p).
     if (surface.is_plane) {
-      const Vector3 m = R.transpose() * other->normal.cast<double>();
-      const double r = d.dot(other->normal.cast<double>());
-      core::Vector6 row;
-      row << m, p.cross(m);
-      add_row(row, r, geman_mcclure(r, kernel_m), equations);
+      add_plane(*other, p, q, R, kernel_m, equations);
       continue;
     }
+    const Vector3 d = q - other->mean.cast<double>();
     constexpr double share = kPlaneDeviationMetres / kIrregularDeviationMetres;
     const double weight = share * share * geman_mcclure(d.norm(), kernel_m + kIrregularDeviationMetres);
     for (int axis = 0; axis < 3; ++axis) {
