@@ -1,5 +1,6 @@
 #include "core/src/registration/registration.hpp"
 
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -43,6 +44,58 @@ struct Corridor {
   }
 };
 
+/// Level ground as 40 beams see it whose calibration is wrong by 5 mm in height, from the beginning of a
+/// drive and 0.3 m further on; with two rows of posts or without.
+struct Plain {
+  static constexpr double kDrivenM = 0.3;
+  VoxelMap map{{1.0, 500.0, 40000, 6, 100}};
+  std::vector<Eigen::Vector3f> points;
+
+  explicit Plain(bool posts) {
+    std::mt19937_64 generator(9);
+    std::normal_distribution<double> error(0.0, 0.005);
+    std::array<double, 40> beams{};
+    for (double& beam : beams) beam = error(generator);
+    std::vector<Vector3> world;
+    std::vector<float> numbers;
+    for (int scan = 0; scan < 6; ++scan) {
+      for (int i = 0; i < 20000; ++i) {
+        world.push_back(on_ground(i, beams, generator));
+        numbers.push_back(static_cast<float>(i % 40));
+      }
+      for (int i = 0; posts && i < 600; ++i) {
+        world.push_back(on_post(i, generator));
+        numbers.push_back(static_cast<float>(i % 7));
+      }
+      map.insert(world, numbers);
+      world.clear();
+      numbers.clear();
+    }
+    for (int i = 0; i < 2000; ++i) points.push_back(on_ground(i, beams, generator).cast<float>());
+    for (int i = 0; posts && i < 60; ++i)
+      points.push_back((on_post(i, generator) - Vector3(kDrivenM, 0.0, 0.0)).cast<float>());
+  }
+
+ private:
+  /// The errors of the beams belong to the sensor.
+  static Vector3 on_ground(int i, const std::array<double, 40>& beams, std::mt19937_64& generator) {
+    std::uniform_real_distribution<double> direction(-3.14159, 3.14159);
+    std::normal_distribution<double> noise(0.0, 0.005);
+    const auto beam = static_cast<std::size_t>(i % 40);
+    const double radius = 1.7 / std::tan(0.05 + 0.008 * static_cast<double>(beam));
+    const double azimuth = direction(generator);
+    return {radius * std::cos(azimuth), radius * std::sin(azimuth), beams[beam] + noise(generator) - 1.7};
+  }
+  /// Faces of 0.4 m across the road, every 8 m on both sides.
+  static Vector3 on_post(int i, std::mt19937_64& generator) {
+    std::uniform_real_distribution<double> across(-0.2, 0.2);
+    std::uniform_real_distribution<double> up(0.0, 2.0);
+    std::normal_distribution<double> noise(0.0, 0.01);
+    const double x = 8.0 * (i % 3 - 1) + 0.5;
+    return {x + noise(generator), (i % 2 == 0 ? 4.5 : -4.5) + across(generator), up(generator) - 1.0};
+  }
+};
+
 PosePrior prior_at(double x_m, double deviation_m = 0.1) {
   PosePrior prior;
   prior.T_map_moving.translation.x() = x_m;
@@ -82,6 +135,26 @@ TEST_CASE("a few gables across the street are enough to observe the position alo
   CHECK(result.observability[0] > 0.9);
 }
 
+TEST_CASE("errors of beams on level ground do not hold a vehicle that sets off", "[degeneracy]") {
+  const Plain plain(false);
+  const PosePrior prior = prior_at(Plain::kDrivenM);
+  const RegistrationResult result =
+      register_planes(plain.map, plain.points, prior.T_map_moving, {}, {.prior = prior});
+  CHECK(result.T_map_moving.translation.x() == Approx(Plain::kDrivenM).margin(0.01));
+  CHECK(result.observability[0] < 0.2);
+  CHECK((result.degenerate_axes & 0b000001) != 0);
+}
+
+TEST_CASE("a few posts beside level ground are enough to observe the position along the road",
+          "[degeneracy]") {
+  const Plain plain(true);
+  const PosePrior prior = prior_at(Plain::kDrivenM - 0.1);
+  const RegistrationResult result =
+      register_planes(plain.map, plain.points, prior.T_map_moving, {}, {.prior = prior});
+  CHECK(result.T_map_moving.translation.x() == Approx(Plain::kDrivenM).margin(0.02));
+  CHECK(result.observability[0] > 0.9);
+}
+
 TEST_CASE("a prediction and a scan are weighed by their covariances", "[degeneracy]") {
   const Corridor corridor(true);
   double before = 0.0;
@@ -102,5 +175,4 @@ TEST_CASE("without a scan's equations there is no information, with more points 
   const std::vector<Eigen::Vector3f> few(corridor.points.begin(), corridor.points.begin() + 200);
   const NormalEquations some = plane_equations(corridor.map, few, {}, {});
   CHECK(all.H(0, 0) / measurement_variance(all) > 5.0 * some.H(0, 0) / measurement_variance(some));
-  CHECK(all.normal_square > 0.0);
 }
