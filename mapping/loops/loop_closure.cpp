@@ -151,10 +151,11 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   const auto guess = with_height(candidate.guess.T_reference_moving, reference, moving.place());
   if (!guess || guess->translation.head<2>().norm() > max_centre_m(candidate.node))
     return refuse(LoopVerdict::kFar);
-  const auto chain = std::span(edges_).subspan(candidate.node, moving_node - candidate.node);
-  const SE3 T_chain = chain_transform(chain);
-  const Matrix6 drift = chain_covariance(chain);
-  const auto error_of = [&](const SE3& T) { return core::se3_log(T.inverse() * T_chain); };
+  const Matrix6 drift =
+      chain_covariance(std::span(edges_).subspan(candidate.node, moving_node - candidate.node));
+  // From the graph, whose earlier loops tell the biases of the odometry.
+  const SE3 T_graph = poses_[candidate.node].inverse() * poses_[moving_node];
+  const auto error_of = [&](const SE3& T) { return core::se3_log(T.inverse() * T_graph); };
   const auto drift_square = [&](const SE3& T, const Matrix6& covariance) {
     const Vector6 error = error_of(T);
     return error.dot(core::solve_ldlt(drift + covariance, error));
