@@ -41,6 +41,19 @@ double max_centre_m(std::size_t reference_node) {
   return reference_node == 0 ? kMaxCentreMetres + 15.0 : kMaxCentreMetres;
 }
 
+/// Keyframe of a place before which it has seen half of its surfaces near the other one.
+std::size_t middle_viewer(const Place& moving, const SE3& T_reference_moving, const Place& reference) {
+  std::vector<std::size_t> near;
+  for (std::size_t i = 0; i < moving.surfaces.size(); ++i) {
+    const Vector3 mean = T_reference_moving * moving.surfaces[i].mean.cast<double>();
+    if (is_near(reference.path, mean.cast<float>())) near.push_back(moving.viewers[i]);
+  }
+  if (near.empty()) return moving.path.size() / 2;
+  const auto middle = near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2);
+  std::nth_element(near.begin(), middle, near.end());
+  return *middle;
+}
+
 }  // namespace
 
 void LoopCloser::add(const Submap& submap, const std::vector<Loop>* known) {
@@ -185,17 +198,19 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   return loop;
 }
 
-/// Registers both halves of the moving place on their own. They share no surface.
+/// Registers both halves of the moving place on their own, of as many surfaces near the reference. They share
+/// no surface.
 bool LoopCloser::halves_agree(const Loop& loop, const Place& moving) const {
   const std::optional<Place> reference = load_place(index_of(loop.reference));
   if (!reference) return false;
   const ComparablePlace comparable(*reference);
+  const std::size_t split = middle_viewer(moving, loop.alignment.T_reference_moving, *reference);
   std::array<PlaceAlignment, 2> alignments;
   for (const std::size_t half : {0U, 1U}) {
     Place part;
     part.path = moving.path;
     for (std::size_t i = 0; i < moving.surfaces.size(); ++i) {
-      if ((moving.viewers[i] < moving.path.size() / 2) != (half == 0)) continue;
+      if ((moving.viewers[i] < split) != (half == 0)) continue;
       part.surfaces.push_back(moving.surfaces[i]);
       part.viewers.push_back(moving.viewers[i]);
     }

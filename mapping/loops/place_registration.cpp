@@ -67,12 +67,6 @@ core::NormalEquations linearise(const SurfaceIndex& index, std::span<const Surfa
   return equations;
 }
 
-bool is_near(const std::vector<SE3>& path, const Vector3f& point) {
-  return std::any_of(path.begin(), path.end(), [&](const SE3& pose) {
-    return (pose.translation.cast<float>() - point).squaredNorm() < kComparedMetres * kComparedMetres;
-  });
-}
-
 bool is_supported(const SurfaceIndex& index, const Vector3f& mean, const Vector3f& normal, bool is_plane) {
   const Surface* const other = index.nearest(mean, normal, is_plane);
   if (other == nullptr) return false;
@@ -177,6 +171,12 @@ core::Matrix6 guess_covariance() {
 }
 
 }  // namespace
+
+bool is_near(const std::vector<SE3>& path, const Vector3f& point) {
+  return std::any_of(path.begin(), path.end(), [&](const SE3& pose) {
+    return (pose.translation.cast<float>() - point).squaredNorm() < kComparedMetres * kComparedMetres;
+  });
+}
 
 ComparablePlace::ComparablePlace(const Place& place)
     : place_(place),

@@ -30,6 +30,9 @@ struct PlaceAlignment {
 
 inline constexpr std::size_t kRegisteredSurfaces = 4000;
 
+/// Whether a point lies within 25 m of a path.
+[[nodiscard]] bool is_near(const std::vector<core::SE3>& path, const Eigen::Vector3f& point);
+
 /// A place with what every comparison with another one needs of it.
 class ComparablePlace {
  public:
