@@ -15,9 +15,6 @@ namespace nilio::core {
 /// Integer coordinates of a voxel.
 using VoxelIndex = Eigen::Vector3i;
 
-/// |n_z| of a plane above which it is level: ground, floors, roofs.
-inline constexpr float kLevelNormal = 0.8F;
-
 /// Registration data of a voxel: one cache line. Positions are relative to the lower corner, so that single
 /// precision suffices anywhere.
 struct alignas(64) GaussianVoxel {

@@ -9,6 +9,7 @@ namespace nilio::core {
 
 namespace {
 
+constexpr float kVerticalNormal = 0.8F;    // |n_z| above: ground, floors, roofs
 constexpr float kHorizontalNormal = 0.3F;  // |n_z| below: walls
 constexpr float kNearGroundSquare = 20.0F * 20.0F;
 constexpr float kTangentOfHalfSector = 0.41421356F;  // 22.5 deg
@@ -16,7 +17,7 @@ constexpr std::size_t kGaussianGroup = 7;            // no plane
 
 std::size_t group_of(const Eigen::Vector3f& normal, float square_range) {
   const float vertical = std::abs(normal.z());
-  if (vertical > kLevelNormal) return square_range < kNearGroundSquare ? 0 : 1;
+  if (vertical > kVerticalNormal) return square_range < kNearGroundSquare ? 0 : 1;
   if (vertical > kHorizontalNormal) return 6;
   // Headings modulo 180 degrees, in four sectors centred on 0, 45, 90 and 135 degrees.
   const float along = std::abs(normal.x());

@@ -23,6 +23,10 @@ constexpr double kMinResidualVariance = 0.01 * 0.01;
 constexpr double kKnownMetres = 0.05;
 constexpr double kKnownRadians = kKnownMetres / 30.0;
 
+// Margin on the squared error of normals: in a bare tube the squared cosines along it are one to two times
+// the error that follows from thickness, spread and count of the planes; with observable structure ten times.
+constexpr double kNormalMargin = 2.0;
+
 /// Unobserved directions of one 3x3 block of H, normalised so that a well observed direction is near 1/3.
 struct BlockObservability {
   Matrix3 observed = Matrix3::Identity();  ///< projector onto the observed directions
@@ -43,6 +47,24 @@ BlockObservability observe(const Matrix3& block, double threshold) {
     result.unobserved_axes = static_cast<std::uint8_t>(result.unobserved_axes | (1U << axis));
   }
   return result;
+}
+
+/// Noisy normals add spurious information along the axis of a tube: normals with error variance `share` add
+/// that share of the other directions' weight to each direction. Returns the matrix that removes it from the
+/// step's equations.
+Matrix3 shrink_of(const Matrix3& block, double share) {
+  const double trace = block.trace();
+  if (!(trace > 0.0)) return Matrix3::Zero();
+  const SymmetricEigen3 eigen = symmetric_eigen(Matrix3(block / trace));
+  Matrix3 shrink = Matrix3::Zero();
+  for (int i = 0; i < 3; ++i) {
+    const double seen = eigen.values[i];
+    const double left = seen - share * (1.0 - seen);
+    if (left <= 0.0) continue;
+    const Vector3 direction = eigen.vectors.col(i);
+    shrink += std::sqrt(left / seen) * direction * direction.transpose();
+  }
+  return shrink;
 }
 
 bool is_small(const Vector6& step, const SolverOptions& options) {
@@ -93,9 +115,25 @@ Matrix6 with_error(const Matrix6& information) {
   return 0.5 * (result + result.transpose());
 }
 
+/// Matrix that removes from the equations what the errors of normals add to translations.
+Matrix6 shrink_of_normals(const NormalEquations& equations) {
+  // Rotation has levers of many lengths, for which this bound does not hold.
+  Matrix6 shrink = Matrix6::Identity();
+  const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
+  shrink.topLeftCorner<3, 3>() =
+      shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
+  return shrink;
+}
+
+/// Information of the scan alone.
+Matrix6 scan_information(const NormalEquations& equations) {
+  const Matrix6 shrink = shrink_of_normals(equations);
+  return shrink * equations.H * shrink / measurement_variance(equations);
+}
+
 /// Information of the scan about the pose, and the axes that it does not observe.
 void set_information(const NormalEquations& equations, RegistrationResult& result) {
-  const Matrix6 information = equations.H / measurement_variance(equations);
+  const Matrix6 information = scan_information(equations);
   result.information = with_error(information);
   const double noise = residual_variance(equations, equations.gaussian_square_excess);
   result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
@@ -122,7 +160,9 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
 
 /// Information about pose and twist in the units of H, with the errors that points share.
 Matrix12 sweep_information(const NormalEquations& equations, const Matrix12& H) {
-  const Matrix12 sharp = H / measurement_variance(equations);
+  Matrix12 shrink = Matrix12::Zero();
+  shrink.topLeftCorner<6, 6>() = shrink.bottomRightCorner<6, 6>() = shrink_of_normals(equations);
+  const Matrix12 sharp = shrink * H * shrink / measurement_variance(equations);
   Vector12 shared;
   shared << shared_error(), shared_error();
   const Matrix12 result = solve_lu(Matrix12(Matrix12::Identity() + sharp * shared.asDiagonal()), sharp);
@@ -178,7 +218,7 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
       observe(equations.H.bottomRightCorner<3, 3>(), options.degeneracy_threshold);
   result.degenerate_axes =
       static_cast<std::uint8_t>(translation.unobserved_axes | (rotation.unobserved_axes << 3U));
-  result.information = with_error(equations.H / measurement_variance(equations));
+  result.information = with_error(scan_information(equations));
   Vector6 step = -solve_ldlt(equations.H, equations.b);
   step.head<3>() = translation.observed * step.head<3>();
   step.tail<3>() = rotation.observed * step.tail<3>();

@@ -16,25 +16,27 @@ namespace nilio::core {
 inline constexpr double kScanErrorMetres = 0.007;
 
 /// Sums `accumulate(point, equations)` over all points in a fixed order; `accumulate` fills the upper
-/// triangle of H only. Sums has `+=` and mirror().
-template <class Sums = NormalEquations, class Accumulate>
-Sums reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
+/// triangle of H only.
+template <class Accumulate>
+NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
   // Points per leaf of the reduction. Fixed, so that the tree and every rounding depend on the number of
   // points only.
   constexpr std::size_t grain = 512;
   using Range = tbb::blocked_range<std::size_t>;
   char order = 0;
   sanitizer_release(&order);
-  const Sums sum = tbb::parallel_deterministic_reduce(
-      Range(0, points.size(), grain), Sums{},
-      [&](const Range& range, Sums equations) {
+  const NormalEquations sum = tbb::parallel_deterministic_reduce(
+      Range(0, points.size(), grain), NormalEquations{},
+      [&](const Range& range, NormalEquations equations) {
         sanitizer_acquire(&order);
         for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
-        equations.mirror();
+        equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        equations.H_cross.triangularView<Eigen::StrictlyLower>() = equations.H_cross.transpose();
+        equations.H_twist.triangularView<Eigen::StrictlyLower>() = equations.H_twist.transpose();
         sanitizer_release(&order);
         return equations;
       },
-      [](Sums a, const Sums& b) { return a += b; });
+      [](NormalEquations a, const NormalEquations& b) { return a += b; });
   sanitizer_acquire(&order);
   return sum;
 }

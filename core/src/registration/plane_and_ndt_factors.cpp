@@ -1,6 +1,5 @@
 #include "nilio/core/portable_math.hpp"
 
-#include "core/src/linear_algebra.hpp"
 #include "core/src/registration/gauss_newton.hpp"
 #include "core/src/registration/registration.hpp"
 
@@ -16,10 +15,6 @@ namespace {
 constexpr double kMinPlaneVariance = 0.01 * 0.01;
 // Scans from which a voxel has its full weight: moving objects leave a voxel sooner.
 constexpr int kFamiliarScans = 6;
-
-// Squared margin on the error of normals: in a bare tube the squared cosines along it are one to two times
-// the error that follows from thickness, spread and count of the planes; with observable structure ten times.
-constexpr double kNormalMargin = 2.0 * 2.0;
 
 /// Weight of a voxel by the number of scans that saw it, 0 to 1.
 double familiarity(const GaussianVoxel& surface) {
@@ -96,6 +91,13 @@ double agreement_of(double normalised_square) {
   return root * root;
 }
 
+/// Squared error of a plane's normal, rad^2: noise, and the error that all points of a beam share.
+double normal_variance(const GaussianVoxel& surface) {
+  const double thickness = std::max(static_cast<double>(surface.thickness), 1e-12);
+  const double spread = thickness / static_cast<double>(surface.planarity);
+  return (thickness / surface.count + kScanErrorMetres * kScanErrorMetres) / spread;
+}
+
 /// Adds a point at `q` (map axes, from the origin of the moving frame) with Jacobian [I, -skew(q)];
 /// `information` and `gradient` are weighted.
 void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q, Matrix6& H,
@@ -163,72 +165,6 @@ NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_m
   return equations;
 }
 
-/// Noisy normals add spurious information along the axis of a tube: normals with error variance `share` add
-/// that share of the other directions' weight to each direction. Returns the matrix that removes it from the
-/// step's equations.
-Matrix3 shrink_of(const Matrix3& block, double share) {
-  const double trace = block.trace();
-  if (!(trace > 0.0)) return Matrix3::Zero();
-  const SymmetricEigen3 eigen = symmetric_eigen(Matrix3(block / trace));
-  Matrix3 shrink = Matrix3::Zero();
-  for (int i = 0; i < 3; ++i) {
-    const double seen = eigen.values[i];
-    const double left = seen - share * (1.0 - seen);
-    if (left <= 0.0) continue;
-    const Vector3 direction = eigen.vectors.col(i);
-    shrink += std::sqrt(left / seen) * direction * direction.transpose();
-  }
-  return shrink;
-}
-
-/// Squared error of a plane's normal, rad^2: noise, and the error that all points of a beam share.
-double normal_variance(const GaussianVoxel& surface) {
-  const double thickness = std::max(static_cast<double>(surface.thickness), 1e-12);
-  const double spread = thickness / static_cast<double>(surface.planarity);
-  return (thickness / surface.count + kScanErrorMetres * kScanErrorMetres) / spread;
-}
-
-/// Equations of planes with the errors of their normals.
-struct PlaneGroup {
-  NormalEquations equations;
-  double normal_square = 0.0;  ///< sum of weight * squared error of the normal, rad^2
-
-  /// The equations without what the errors of normals add to translations.
-  [[nodiscard]] NormalEquations corrected() const {
-    // Rotation has levers of many lengths, for which this bound does not hold.
-    Matrix6 shrink = Matrix6::Identity();
-    const double variance = normal_square / std::max(equations.weight_sum, 1e-12);
-    shrink.topLeftCorner<3, 3>() = shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * variance);
-    NormalEquations result = equations;
-    for (Matrix6* matrix : {&result.H, &result.H_cross, &result.H_twist})
-      *matrix = (shrink * *matrix * shrink).eval();
-    for (Vector6* vector : {&result.b, &result.b_twist}) *vector = (shrink * *vector).eval();
-    return result;
-  }
-};
-
-/// Level planes are many: what the errors of their normals add along the road would hide the few points that
-/// observe it.
-struct SurfaceGroups {
-  PlaneGroup level;
-  PlaneGroup other;
-  NormalEquations gaussians;
-
-  SurfaceGroups& operator+=(const SurfaceGroups& sums) {
-    level.equations += sums.level.equations;
-    level.normal_square += sums.level.normal_square;
-    other.equations += sums.other.equations;
-    other.normal_square += sums.other.normal_square;
-    gaussians += sums.gaussians;
-    return *this;
-  }
-  void mirror() {
-    level.equations.mirror();
-    other.equations.mirror();
-    gaussians.mirror();
-  }
-};
-
 }  // namespace
 
 NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
@@ -240,8 +176,8 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const double inlier_square = metric.inlier_distance_m * metric.inlier_distance_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
-  const SurfaceGroups sums =
-      reduce_points<SurfaceGroups>(points, [&](const Eigen::Vector3f& point, SurfaceGroups& groups) {
+  const NormalEquations sum =
+      reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
         const auto i = static_cast<std::size_t>(&point - points.data());
         const Vector3 q = R * moving[i];
         const VoxelIndex index = map.index_of(q + t);
@@ -249,7 +185,6 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         if (surface == nullptr || !surface->has_shape()) return;
         const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
         if (surface->planarity > max_planarity) {
-          NormalEquations& equations = groups.gaussians;
           const double square = add_gaussian(*surface, offset, q, moving.time_s(i), map.config().voxel_size_m,
                                              metric, moving.guess_covariance(i), equations);
           equations.agreement += agreement_of(square / (3.0 * point_variance));
@@ -267,8 +202,6 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         const double root = scale_square / (scale_square + residual * residual);
         const double certainty = plane_weight(*surface, offset - residual * normal, point_variance);
         const double weight = root * root * familiarity(*surface) * certainty;
-        PlaneGroup& group = std::abs(surface->normal.z()) > kLevelNormal ? groups.level : groups.other;
-        NormalEquations& equations = group.equations;
         equations.agreement += agreement_of(certainty * residual * residual / point_variance);
         add_upper(equations.H, J, weight);
         equations.b += (weight * residual) * J;
@@ -280,13 +213,10 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         }
         equations.weighted_square_error += weight * residual * residual;
         equations.weight_sum += weight;
-        group.normal_square += weight * normal_variance(*surface);
+        equations.normal_square += weight * normal_variance(*surface);
         ++equations.correspondences;
         if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
       });
-  NormalEquations sum = sums.gaussians;
-  sum += sums.level.corrected();
-  sum += sums.other.corrected();
   return in_moving_axes(sum, R);
 }
 

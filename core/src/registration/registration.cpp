@@ -13,15 +13,11 @@ NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   weighted_square_error += other.weighted_square_error;
   weight_sum += other.weight_sum;
   gaussian_square_excess += other.gaussian_square_excess;
+  normal_square += other.normal_square;
   correspondences += other.correspondences;
   inliers += other.inliers;
   agreement += other.agreement;
   return *this;
-}
-
-void NormalEquations::mirror() {
-  for (Matrix6* matrix : {&H, &H_cross, &H_twist})
-    matrix->triangularView<Eigen::StrictlyLower>() = matrix->transpose();
 }
 
 RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,

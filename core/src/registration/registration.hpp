@@ -30,6 +30,8 @@ struct NormalEquations {
   /// Part of weighted_square_error by which residuals to Gaussians exceed the point's own deviation: their
   /// spread is no measure of how well planes observe the pose.
   double gaussian_square_excess = 0.0;
+  /// Sum of weight * squared error of the plane's normal, rad^2; planes only.
+  double normal_square = 0.0;
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
@@ -38,8 +40,6 @@ struct NormalEquations {
   double agreement = 0.0;
 
   NormalEquations& operator+=(const NormalEquations& other);
-  /// Fills the lower triangles of the matrices from the upper ones.
-  void mirror();
 };
 
 /// Gate of correspondences in standard deviations.

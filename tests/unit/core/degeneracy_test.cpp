@@ -175,4 +175,5 @@ TEST_CASE("without a scan's equations there is no information, with more points 
   const std::vector<Eigen::Vector3f> few(corridor.points.begin(), corridor.points.begin() + 200);
   const NormalEquations some = plane_equations(corridor.map, few, {}, {});
   CHECK(all.H(0, 0) / measurement_variance(all) > 5.0 * some.H(0, 0) / measurement_variance(some));
+  CHECK(all.normal_square > 0.0);
 }
