@@ -20,7 +20,7 @@ struct Loop {
   std::uint32_t moving = 0;     ///< id of the later submap
   PlaceAlignment alignment;
   std::uint32_t inliers = 0;   ///< features that agree; 0: the guess is that of the pose graph
-  double drift_square = 0.0;   ///< squared Mahalanobis distance from odometry, 6 degrees of freedom
+  double drift_square = 0.0;   ///< squared Mahalanobis distance from the pose graph, 6 degrees of freedom
   double support_share = 0.0;  ///< alignment.support over what the places support themselves
   double ambiguity = 0.0;
   /// Whether both halves of the last place of a drive give this loop: they count as two.
