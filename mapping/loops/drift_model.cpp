@@ -1,5 +1,8 @@
 #include "mapping/loops/drift_model.hpp"
 
+#include <algorithm>
+#include <limits>
+
 namespace nilio::mapping {
 
 namespace {
@@ -21,6 +24,8 @@ constexpr double kTiltFactor = 3.0;
 constexpr double kScaleBias = 0.005;
 constexpr double kHeadingBias = 0.25 / 57.3 / 100.0;
 constexpr double kHeightBias = 0.0015;
+/// Of Gauss-Newton over the biases.
+constexpr int kMaxIterations = 6;
 
 }  // namespace
 
@@ -46,29 +51,46 @@ BiasJacobian bias_jacobian(const OdometryEdge& edge) {
 
 Eigen::Vector3d bias_deviation() { return {kScaleBias, kHeadingBias, kHeightBias}; }
 
-Matrix6 chain_covariance(std::span<const OdometryEdge> edges) {
-  Matrix6 covariance = Matrix6::Zero();
-  BiasJacobian bias = BiasJacobian::Zero();
+Matrix6 Chain::covariance() const {
+  const BiasJacobian bias = by_bias * bias_deviation().asDiagonal();
+  return walk + bias * bias.transpose();
+}
+
+Chain chain(std::span<const OdometryEdge> edges, const Vector3& biases) {
+  Chain result;
+  result.walk.setZero();
   for (const OdometryEdge& edge : edges) {
-    const Matrix6 Ad = core::adjoint(edge.T_from_to.inverse());
-    covariance = Ad * covariance * Ad.transpose();
+    const BiasJacobian J = bias_jacobian(edge);
+    const SE3 T = edge.T_from_to * core::se3_exp(-J * biases);
+    const Matrix6 Ad = core::adjoint(T.inverse());
+    result.T_from_to = result.T_from_to * T;
+    result.walk = Ad * result.walk * Ad.transpose();
     // Roll and pitch do not accumulate: what the walk gives them is within the tilt added below.
     Vector6 variance = walk_variance(edge);
     variance[3] = variance[4] = 0.0;
-    covariance.diagonal() += variance;
-    bias = Ad * bias + bias_jacobian(edge);
+    result.walk.diagonal() += variance;
+    result.by_bias = Ad * result.by_bias + J;
   }
-  bias = bias * bias_deviation().asDiagonal();
-  covariance += bias * bias.transpose();
-  covariance(3, 3) += 2.0 * kTiltDeviation * kTiltDeviation;
-  covariance(4, 4) += 2.0 * kTiltDeviation * kTiltDeviation;
-  return covariance;
+  result.walk(3, 3) += 2.0 * kTiltDeviation * kTiltDeviation;
+  result.walk(4, 4) += 2.0 * kTiltDeviation * kTiltDeviation;
+  return result;
 }
 
-SE3 chain_transform(std::span<const OdometryEdge> edges) {
-  SE3 T;
-  for (const OdometryEdge& edge : edges) T = T * edge.T_from_to;
-  return T;
+double chain_distance(std::span<const OdometryEdge> edges, const SE3& T_from_to, const Matrix6& covariance) {
+  const Vector3 prior = bias_deviation().array().square().inverse();
+  Vector3 biases = Vector3::Zero();
+  double distance = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < kMaxIterations; ++i) {
+    const Chain part = chain(edges, biases);
+    const Vector6 error = core::se3_log(T_from_to.inverse() * part.T_from_to);
+    const Eigen::LDLT<Matrix6> C(part.walk + covariance);
+    distance = std::min(distance, biases.dot(prior.cwiseProduct(biases)) + error.dot(C.solve(error)));
+    const BiasJacobian weighted = C.solve(part.by_bias);
+    core::Matrix3 H = part.by_bias.transpose() * weighted;
+    H.diagonal() += prior;
+    biases -= H.ldlt().solve(prior.cwiseProduct(biases) - weighted.transpose() * error);
+  }
+  return distance;
 }
 
 }  // namespace nilio::mapping

@@ -25,10 +25,22 @@ BiasJacobian bias_jacobian(const OdometryEdge& edge);
 /// Standard deviations of the biases.
 Eigen::Vector3d bias_deviation();
 
-/// Covariance of a chain of edges.
-core::Matrix6 chain_covariance(std::span<const OdometryEdge> edges);
-/// Chain of edges as one transform.
-core::SE3 chain_transform(std::span<const OdometryEdge> edges);
+/// Edges one after the other, with the derivatives and the covariance of their error.
+struct Chain {
+  core::SE3 T_from_to;
+  BiasJacobian by_bias = BiasJacobian::Zero();     ///< error for each unit of bias
+  core::Matrix6 walk = core::Matrix6::Identity();  ///< covariance for known biases
+
+  [[nodiscard]] core::Matrix6 covariance() const;
+};
+/// `biases` of the odometry are taken out of the edges.
+Chain chain(std::span<const OdometryEdge> edges, const Eigen::Vector3d& biases = Eigen::Vector3d::Zero());
+
+/// Squared Mahalanobis distance of a measured transform, with the covariance of its error, from the chain:
+/// that of the most probable biases. Not linear in them: a heading may be wrong by any angle. 6 degrees of
+/// freedom.
+double chain_distance(std::span<const OdometryEdge> edges, const core::SE3& T_from_to,
+                      const core::Matrix6& covariance);
 
 /// Deviation of the odometry's vertical from the true one, rad.
 inline constexpr double kTiltDeviation = 0.006;

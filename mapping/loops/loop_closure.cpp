@@ -164,18 +164,13 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   const auto guess = with_height(candidate.guess.T_reference_moving, reference, moving.place());
   if (!guess || guess->translation.head<2>().norm() > max_centre_m(candidate.node))
     return refuse(LoopVerdict::kFar);
-  const Matrix6 drift =
-      chain_covariance(std::span(edges_).subspan(candidate.node, moving_node - candidate.node));
-  // From the graph, whose earlier loops tell the biases of the odometry.
-  const SE3 T_graph = poses_[candidate.node].inverse() * poses_[moving_node];
-  const auto error_of = [&](const SE3& T) { return core::se3_log(T.inverse() * T_graph); };
-  const auto drift_square = [&](const SE3& T, const Matrix6& covariance) {
-    const Vector6 error = error_of(T);
-    return error.dot(core::solve_ldlt(drift + covariance, error));
-  };
+  // Of the graph, whose earlier loops tell the biases of the odometry.
+  std::vector<OdometryEdge> edges;
+  for (std::size_t i = candidate.node; i < moving_node; ++i)
+    edges.push_back({poses_[i].inverse() * poses_[i + 1], edges_[i].path_m});
   Vector6 coarse;
   coarse << 4.0, 4.0, 1.0, 0.01, 0.01, 0.01;  // of a guess
-  loop.drift_square = drift_square(*guess, coarse.asDiagonal());
+  loop.drift_square = chain_distance(edges, *guess, coarse.asDiagonal());
   loop.alignment.T_reference_moving = *guess;
   if (loop.drift_square > kMaxDriftSquare) return refuse(LoopVerdict::kDrift);
 
@@ -188,11 +183,12 @@ Loop LoopCloser::verify(const Place& reference, const Candidate& candidate, cons
   const PlaceAlignment& alignment = loop.alignment;
   const SE3& T = alignment.T_reference_moving;
   const Matrix6 covariance = core::inverse_ldlt(alignment.information);
-  loop.drift_square = drift_square(T, covariance);
+  loop.drift_square = chain_distance(edges, T, covariance);
   if (loop.drift_square > kMaxDriftSquare) return refuse(LoopVerdict::kDrift);
   // Height, roll and pitch alone: they drift little.
-  const core::Matrix3 vertical = (drift + covariance).block<3, 3>(2, 2);
-  const Vector3 tilt = error_of(T).segment<3>(2);
+  const Chain drift = chain(edges);
+  const core::Matrix3 vertical = (drift.covariance() + covariance).block<3, 3>(2, 2);
+  const Vector3 tilt = core::se3_log(T.inverse() * drift.T_from_to).segment<3>(2);
   if (tilt.dot(Eigen::LDLT<core::Matrix3>(vertical).solve(tilt)) > kMaxTiltSquare)
     return refuse(LoopVerdict::kTilt);
   return loop;

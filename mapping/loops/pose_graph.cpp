@@ -337,17 +337,15 @@ GraphSolution optimise(std::span<const SE3> odometry, std::span<const OdometryEd
 
 double cycle_error(const LoopEdge& a, const LoopEdge& b, std::span<const OdometryEdge> edges) {
   // b's loop, predicted from a's: back to the reference of b, and on to its moving node.
-  const auto chain = [&](std::size_t from, std::size_t to) {
+  const auto between = [&](std::size_t from, std::size_t to) {
     const std::size_t first = std::min(from, to);
-    const auto part = edges.subspan(first, std::max(from, to) - first);
-    const SE3 T = chain_transform(part);
-    const Matrix6 covariance = chain_covariance(part);
-    if (from <= to) return std::pair{T, covariance};
-    const Matrix6 Ad = core::adjoint(T);
-    return std::pair{T.inverse(), Matrix6(Ad * covariance * Ad.transpose())};
+    const Chain part = chain(edges.subspan(first, std::max(from, to) - first));
+    if (from <= to) return std::pair{part.T_from_to, part.covariance()};
+    const Matrix6 Ad = core::adjoint(part.T_from_to);
+    return std::pair{part.T_from_to.inverse(), Matrix6(Ad * part.covariance() * Ad.transpose())};
   };
-  const auto [T_b_a, before] = chain(b.reference, a.reference);
-  const auto [T_a_b, after] = chain(a.moving, b.moving);
+  const auto [T_b_a, before] = between(b.reference, a.reference);
+  const auto [T_a_b, after] = between(a.moving, b.moving);
   const SE3 predicted = T_b_a * a.T_reference_moving * T_a_b;
   const Vector6 error = core::se3_log(b.T_reference_moving.inverse() * predicted);
   const Matrix6 to_end = core::adjoint((a.T_reference_moving * T_a_b).inverse());

@@ -309,16 +309,45 @@ TEST_CASE("loops and positions are solved together, and a wrong antenna is no wo
 TEST_CASE("the covariance of a chain is that of drawn drives", "[drift_model]") {
   // Mean squared error over its covariance, of chains along a quarter of the circle.
   double sum = 0.0;
+  double distances = 0.0;
   constexpr int kDrives = 300;
   for (std::uint32_t seed = 1; seed <= kDrives; ++seed) {
     const Drive drive = circles(11, seed);
     const core::SE3 T = drive.truth.front().inverse() * drive.truth.back();
-    const core::Vector6 error = core::se3_log(T.inverse() * chain_transform(drive.edges));
-    sum += error.dot(chain_covariance(drive.edges).ldlt().solve(error));
+    const Chain whole = chain(drive.edges);
+    const core::Vector6 error = core::se3_log(T.inverse() * whole.T_from_to);
+    sum += error.dot(whole.covariance().ldlt().solve(error));
+    distances += chain_distance(drive.edges, T, core::Matrix6::Zero());
   }
+  // Short chains are linear in the biases.
+  CHECK(distances == Approx(sum).epsilon(0.02));
   // Roll and pitch have no errors here: four of six components.
   CHECK(sum / kDrives > 0.8 * 4.0);
   CHECK(sum / kDrives < 1.2 * 4.0);
+}
+
+TEST_CASE("a heading that drifts far by a steady bias is no contradiction", "[drift_model]") {
+  OdometryEdge edge;
+  edge.T_from_to = {core::so3_exp({0.0, 0.0, 0.0157}), {25.0, 0.0, 0.0}};
+  edge.path_m = 25.0;
+  SE3 truth;
+  for (int i = 0; i < 200; ++i) truth = truth * edge.T_from_to;
+  // 25 degrees in 5 km.
+  const Eigen::Vector3d biases{0.0, 2.0 * bias_deviation()[1], 0.0};
+  edge.T_from_to = edge.T_from_to * core::se3_exp(bias_jacobian(edge) * biases);
+  const std::vector<OdometryEdge> edges(200, edge);
+  core::Vector6 variance;
+  variance << Eigen::Vector3d::Constant(0.01), Eigen::Vector3d::Constant(1e-6);
+  const core::Matrix6 covariance = variance.asDiagonal();
+  const Chain whole = chain(edges);
+  const core::Vector6 error = core::se3_log(truth.inverse() * whole.T_from_to);
+  CHECK(error[5] > 0.4);
+  // Two deviations of the bias explain it, which a model linear in the bias does not see.
+  CHECK(chain_distance(edges, truth, covariance) < 4.2);
+  CHECK(error.dot((whole.covariance() + covariance).ldlt().solve(error)) > 20.0);
+  // No bias explains a place beside it, or another heading.
+  CHECK(chain_distance(edges, truth * SE3{core::so3_exp({0.0, 0.0, 0.3}), {}}, covariance) > 22.46);
+  CHECK(chain_distance(edges, truth * SE3{{}, {0.0, 0.0, 20.0}}, covariance) > 22.46);
 }
 
 TEST_CASE("two loops of one drift agree, a shifted one does not", "[pose_graph]") {
