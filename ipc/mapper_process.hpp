@@ -110,6 +110,8 @@ class MapperProcess {
   /// one.
   [[nodiscard]] std::shared_ptr<OverwritingRing<SubmapCloud>> submaps() const { return submaps_; }
   [[nodiscard]] const MapperState& state() const { return *state_; }
+  /// See RestartedProcess.
+  void hasten() const { process_.hasten(); }
   [[nodiscard]] bool running() const { return process_.running(); }
   [[nodiscard]] pid_t pid() const { return process_.pid(); }
   [[nodiscard]] std::uint64_t restarts() const { return process_.restarts(); }

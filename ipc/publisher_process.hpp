@@ -117,6 +117,8 @@ class PublisherProcess {
   [[nodiscard]] WakeEvent& wake_event() { return rings_.wake; }
   /// Counters of the poses written to DDS, over all restarts of the publisher.
   [[nodiscard]] const PublisherState& state() const { return *rings_.state; }
+  /// See RestartedProcess.
+  void hasten() const { process_.hasten(); }
   [[nodiscard]] bool running() const { return process_.running(); }
   [[nodiscard]] pid_t pid() const { return process_.pid(); }
   [[nodiscard]] std::uint64_t restarts() const { return process_.restarts(); }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <csignal>
 #include <cstring>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <thread>
 #include <utility>
@@ -72,6 +73,11 @@ ProcessEvent RestartedProcess::kill_hung(const std::string& reason) {
 void RestartedProcess::request_stop() {
   wanted_ = false;
   if (running()) kill(pid_, SIGTERM);
+}
+
+void RestartedProcess::hasten() const {
+  // A child has its own process group.
+  if (running()) setpriority(PRIO_PGRP, static_cast<id_t>(pid_), kHastyNice);
 }
 
 std::optional<ProcessEvent> RestartedProcess::stop(core::Duration timeout,

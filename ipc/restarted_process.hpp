@@ -29,6 +29,9 @@ struct ProcessEvent {
   std::string message;  ///< one line for the log
 };
 
+/// Nice value of what has to end in time on a computer whose CPU others take.
+inline constexpr int kHastyNice = -20;
+
 /// A child process that is restarted whenever it ends: at once if it ran for `start_interval`, otherwise
 /// `start_interval` after its previous start. The outage is never longer than that, and a process that ends
 /// at once costs one start per interval. One thread, which must live as long as the process: the kernel ends
@@ -52,6 +55,8 @@ class RestartedProcess {
   ProcessEvent kill_hung(const std::string& reason);
   /// Sends SIGTERM and does not wait; stop() follows.
   void request_stop();
+  /// Gives its threads the CPU before those of others (nice -20), as far as this process may.
+  void hasten() const;
   /// Starts the process again at once, for stop(), where it has died meanwhile.
   core::Result<pid_t> restart();
   /// Sends SIGTERM, and SIGKILL after `timeout`, or when `hangs` says so. Blocks for that time. Empty if it

@@ -1,5 +1,6 @@
 #include "ipc/restarted_process.hpp"
 
+#include "ipc/child_process.hpp"
 #include "tests/support/eventually.hpp"
 
 #include <chrono>
@@ -7,6 +8,7 @@
 #include <optional>
 #include <spawn.h>
 #include <string>
+#include <sys/resource.h>
 #include <unistd.h>
 #include <vector>
 
@@ -106,6 +108,20 @@ TEST_CASE("a stopped process stays stopped", "[restarted_process]") {
   usleep(30'000);
   CHECK_FALSE(process.poll().has_value());
   CHECK_FALSE(process.stop(Duration{0}).has_value());
+}
+
+TEST_CASE("a process that has to end in time goes before others", "[restarted_process]") {
+  RestartedProcess process("program", Duration::from_seconds(1.0), [](bool) {
+    return nilio::ipc::spawn_child({"/bin/sleep", "10"}, {});
+  });
+  REQUIRE(process.start().ok());
+  const auto id = static_cast<id_t>(process.pid());
+  if (setpriority(PRIO_PROCESS, id, -1) != 0) {
+    WARN("not tested: no privilege for negative nice values");
+    return;
+  }
+  process.hasten();
+  CHECK(getpriority(PRIO_PROCESS, id) == -20);
 }
 
 TEST_CASE("a stop ends early where the process hangs, and a process that is dead can be restarted for it",
