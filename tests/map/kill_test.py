@@ -2,7 +2,8 @@
 """nilio-mapper killed by kill -9 at drawn instants of replays, while it writes and while it completes the map: after each
 kill the folder is a readable map, and the map of the run lacks at most 5 s of the drive in a row.
 
-  kill_test.py FOLDER_OF_PROGRAMS [--kills 100] [--seed SEED] [--length METRES]
+  kill_test.py FOLDER_OF_PROGRAMS [--kills 100] [--seed SEED] [--length METRES | --drive FOLDER]
+--drive: a recording, such as one with loops, instead of a simulated one.
 """
 import argparse
 import pathlib
@@ -19,6 +20,7 @@ parser.add_argument("programs", type=pathlib.Path)
 parser.add_argument("--kills", type=int, default=100)
 parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(1 << 32))
 parser.add_argument("--length", type=int, default=150)
+parser.add_argument("--drive", type=pathlib.Path)
 arguments = parser.parse_args()
 chance = random.Random(arguments.seed)
 problems = []
@@ -43,9 +45,10 @@ def stamps_of(run, folder):
 
 with tempfile.TemporaryDirectory() as name:
     folder = pathlib.Path(name)
-    drive = folder / "drive"
-    subprocess.run([arguments.programs / "nilio", "simulate", "--length", str(arguments.length), "--moving-start",
-                    "--seed", str(arguments.seed % 1000), drive], check=True, capture_output=True)
+    drive = arguments.drive or folder / "drive"
+    if not arguments.drive:
+        subprocess.run([arguments.programs / "nilio", "simulate", "--length", str(arguments.length), "--moving-start",
+                        "--seed", str(arguments.seed % 1000), drive], check=True, capture_output=True)
     begin = time.monotonic()
     assert replay(drive, folder / "whole").wait() == 0
     duration = time.monotonic() - begin

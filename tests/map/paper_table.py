@@ -28,10 +28,14 @@ except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
+SENSORS = {"hdl64e": "HDL-64E", "vlp16": "VLP-16", "vls128": "VLS-128"}
+BEAMS = {"hdl64e": 64, "vlp16": 16, "vls128": 128}
+# Simulated along these sequences alone: as many points again as two HDL-64E.
+SEQUENCES_OF = {"vls128": ["06"]}
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("programs", type=pathlib.Path)
 parser.add_argument("--sequences", nargs="+", default=["07", "06", "09", "05", "04", "00", "02", "08"])
-parser.add_argument("--sensors", nargs="+", choices=["hdl64e", "vlp16"], default=["hdl64e", "vlp16"])
+parser.add_argument("--sensors", nargs="+", choices=list(SENSORS), default=list(SENSORS))
 parser.add_argument("--imu", nargs="+", choices=["on", "off"], default=["on", "off"])
 parser.add_argument("--length", help="only the first metres of each drive")
 parser.add_argument("--minutes", type=float)
@@ -41,7 +45,6 @@ parser.add_argument("--page", type=pathlib.Path)
 parser.add_argument("--commit", help="of the programs; default: that of this file")
 options = parser.parse_args()
 HERE = pathlib.Path(__file__).resolve().parent
-SENSORS = {"hdl64e": "HDL-64E", "vlp16": "VLP-16"}
 # Injected heading drift in degrees per 100 m and error of the scale in per cent.
 DRIFTS = {"none": None, "0.5° in 100 m": ("0.5", "0"), "0.5° in 100 m, 1 %": ("0.5", "1")}
 METHODS = ("NI-LIO", "A-LOAM", "LeGO-LOAM", "FAST-LIO2")
@@ -98,6 +101,8 @@ the finished run by moving keyframes and surfaces (`nilio-bend-map`), only with 
 the translation of loops; 1 for a correct covariance. Poses: scans that were degraded or lost.
 
 All rows: {totals}.
+
+{by_sensor}
 
 {loops}
 """
@@ -166,8 +171,8 @@ def measured(truth, output, drift):
 
 def wanted_rows():
     """Sequence, sensor, IMU, drift in the order in which they are made."""
-    return [(sequence, sensor, imu, drift) for sensor in options.sensors for sequence in options.sequences
-            for imu in options.imu for drift in (DRIFTS if imu == "on" else ["none"])]
+    return [(sequence, sensor, imu, drift) for sensor in options.sensors
+            for sequence in options.sequences if sequence in SEQUENCES_OF.get(sensor, [sequence]) for imu in options.imu for drift in (DRIFTS if imu == "on" else ["none"])]
 
 
 def file_of(row, work):
@@ -205,7 +210,7 @@ def table(header, rows):
 
 def paper_table(rows, published, figure, digits):
     """One quantity: published columns, then those of the simulated drives with IMU."""
-    sensors = [sensor for sensor in options.sensors if "on" in options.imu]
+    sensors = [sensor for sensor in options.sensors if "on" in options.imu and sensor not in SEQUENCES_OF]
     simulated_path = figure == "path"
     header = ["sequence", *(["real: truth"] if simulated_path else []), *(f"real: {method}" for method in METHODS)]
     for sensor in sensors:
@@ -252,6 +257,25 @@ def totals(rows):
     return f"{closed} of {revisited} revisited submaps closed, {sum(loop['false'] for loop in accepted)} of {len(accepted)} loops false"
 
 
+def sensor_table(rows):
+    """Recall, precision and cost by the number of beams and by the direction of the revisit."""
+    lines = []
+    for sensor in options.sensors:
+        of_sensor = [row for key, row in rows.items() if key[1] == sensor]
+        if not of_sensor:
+            continue
+        kinds = {}
+        for kind, counts in ((kind, counts) for row in of_sensor for kind, counts in row["revisits"].items()):
+            kinds[kind] = numpy.add(kinds.get(kind, [0, 0]), counts)
+        loops_of_sensor = [loop for row in of_sensor for loop in row["loops"]]
+        right = sum(not loop["false"] for loop in loops_of_sensor)
+        lines.append([f"{SENSORS[sensor]}, {BEAMS[sensor]} beams", len(of_sensor),
+                      *(f"{kinds[kind][0]} of {kinds[kind][1]}" if kind in kinds else "-" for kind in ("same", "oblique", "reverse")),
+                      f"{right} of {len(loops_of_sensor)}",
+                      f"{sum(row['seconds'] for row in of_sensor) / sum(row['submaps'] for row in of_sensor):.2f}"])
+    return table(["LiDAR", "rows", "closed, same direction", "oblique", "reverse", "loops right", "time of a submap, s"], lines)
+
+
 def page(work):
     rows = {row: json.loads(file_of(row, work).read_text()) for row in wanted_rows() if file_of(row, work).exists()}
     missing = [f"{sequence} {SENSORS[sensor]}{'' if imu == 'on' else ' without IMU'}"
@@ -266,7 +290,7 @@ def page(work):
         ape=paper_table(rows, lambda s: [ape for ape, _ in PUBLISHED[s]], "ape", 2),
         rpe=paper_table(rows, lambda s: [rpe for _, rpe in PUBLISHED[s]], "rpe", 4),
         path=paper_table(rows, lambda s: PUBLISHED_PATHS.get(s, ["-"] * 5), "path", 1),
-        totals=totals(rows), loops=loop_table(rows)), rows
+        totals=totals(rows), by_sensor=sensor_table(rows), loops=loop_table(rows)), rows
 
 
 def main(work):
