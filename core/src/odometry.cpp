@@ -8,6 +8,7 @@ namespace {
 
 // Share of the time between scans.
 constexpr double kRecoveryShare = 0.5;
+constexpr Duration kJumpMemory = Duration::from_seconds(1.0);
 
 }  // namespace
 
@@ -66,11 +67,14 @@ void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
   fill_motion(motion, motion_filter.state(), result);
   result.degradation_level = degradation_level_of(result);
   fill_confidence(motion_filter, motion, T_map_base, motion_prior.span_s(), result);
+  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_base, motion_prior.span_s()))
+    jumped_at = time;
   T_published = T_map_base;
   published_speed = result.twist.head<3>().norm();
 }
 
-/// Covariance of a pose, `span_s` after the last published one; `lost` if no vehicle can have driven to it.
+/// Covariance of a pose, `span_s` after the last published one; `lost` if no vehicle can have driven to it,
+/// or to one of the last second: tracking vouches for the motion of a second.
 void Odometry::State::fill_confidence(const MotionFilter& filter_at_middle, const SweepMotion& moved,
                                       const SE3& T_map_pose, double span_s, OdometryResult& result) const {
   MotionFilter at_end = filter_at_middle;
@@ -78,7 +82,8 @@ void Odometry::State::fill_confidence(const MotionFilter& filter_at_middle, cons
   const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
   result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
   result.twist_covariance = at_end.twist_covariance();
-  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_pose, span_s))
+  const bool has_jumped = jumped_at && moved.span().end - *jumped_at < kJumpMemory;
+  if (result.state != TrackingState::kInitialising && (has_jumped || !is_drivable_step(T_map_pose, span_s)))
     result.state = TrackingState::kLost;
 }
 

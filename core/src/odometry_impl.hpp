@@ -246,9 +246,10 @@ struct Odometry::State {
   SE3 T_map_base;  ///< at the end of the last sweep; the filter's is at its midpoint
   SE3 T_accepted;  ///< the last pose that is not a prediction
   SE3 T_published;
-  double published_speed = 0.0;  ///< of its twist, m/s
-  SE3 T_stationary;              ///< midpoint of the sweeps while stationary
-  SE3 T_last_keyframe;           ///< midpoint of the sweep inserted last
+  double published_speed = 0.0;   ///< of its twist, m/s
+  std::optional<Time> jumped_at;  ///< last pose to which no vehicle can have driven
+  SE3 T_stationary;               ///< midpoint of the sweeps while stationary
+  SE3 T_last_keyframe;            ///< midpoint of the sweep inserted last
   Time time;
   Time registered_time;  ///< of the last pose that is not a prediction
   SE3 T_predicted;

@@ -87,9 +87,8 @@ bool Odometry::State::is_drivable(const SE3& off, double seconds) {
 /// Whether the step from the last published pose is within the motion limits.
 bool Odometry::State::is_drivable_step(const SE3& T_map_end, double seconds) const {
   const SE3 step = T_published.inverse() * T_map_end;
-  // A corrected speed estimate is not a jump.
-  const double speed = std::max(published_speed, motion.end_twist().head<3>().norm());
-  const double reach = std::min(kMaxSpeed, speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
+  const double reach =
+      std::min(kMaxSpeed, published_speed + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
   return step.translation.norm() <= reach &&
          so3_log(step.rotation).norm() <= kMaxTurnRate * seconds + kScanErrorMetres;
 }
