@@ -21,8 +21,9 @@ constexpr double kOtherPlaceCosine = 0.985;  // 10 degrees
 // Two estimates of one pose in a map with drift.
 constexpr double kSamePlaceMetres = 1.5;
 constexpr double kSamePlaceCosine = 0.9986;  // 3 degrees
-// Vertical axes of two frames that gravity aligns, one of them since a moving start: cosine of 5 degrees.
-constexpr double kMinVerticalCosine = 0.9962;
+// Vertical axes of two frames, one of them levelled at a moving start by an accelerometer, which braking or a
+// turn of 2 m/s^2 tilts by 12 degrees.
+constexpr double kMinVerticalCosine = 0.978;
 // The world changes between two visits, unlike within a drive. Other shifts are rivals of their own here.
 constexpr CheckLimits kLimits{.max_centre_m = 35.0,
                               .min_support_share = 0.45,
