@@ -58,7 +58,6 @@ Matrix6 Chain::covariance() const {
 
 Chain chain(std::span<const OdometryEdge> edges, const Vector3& biases) {
   Chain result;
-  result.walk.setZero();
   for (const OdometryEdge& edge : edges) {
     const BiasJacobian J = bias_jacobian(edge);
     const SE3 T = edge.T_from_to * core::se3_exp(-J * biases);

@@ -28,8 +28,8 @@ Eigen::Vector3d bias_deviation();
 /// Edges one after the other, with the derivatives and the covariance of their error.
 struct Chain {
   core::SE3 T_from_to;
-  BiasJacobian by_bias = BiasJacobian::Zero();     ///< error for each unit of bias
-  core::Matrix6 walk = core::Matrix6::Identity();  ///< covariance for known biases
+  BiasJacobian by_bias = BiasJacobian::Zero();  ///< error for each unit of bias
+  core::Matrix6 walk = core::Matrix6::Zero();   ///< covariance for known biases
 
   [[nodiscard]] core::Matrix6 covariance() const;
 };

@@ -51,16 +51,18 @@ def replay(run, *settings):
                             text=True)
 
 
-def close(run):
-    """Output of nilio map close for a copy of the run without loops."""
+def close(run, log=""):
+    """Loops of nilio map close for a copy of the run without loops. What the log calls unfinished is not compared: a kill may
+    hit the process that writes it at the end."""
+    unfinished = {"trajectory_optimised.tum": "trajectory.tum: not corrected", "map.ply": "map.ply: not complete"}
+    names = [name for name in ("map/poses", "trajectory_optimised.tum", "map.ply") if unfinished.get(name, "?") not in log]
     copy = folder / "copy"
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(run, copy)
-    (copy / "map/poses").unlink()
-    (copy / "trajectory_optimised.tum").unlink()
-    (copy / "map.ply").unlink()
+    for name in names:
+        (copy / name).unlink()
     closed = subprocess.run([arguments.programs / "nilio", "map", "close", copy], check=True, capture_output=True, text=True)
-    for name in ("map/poses", "trajectory_optimised.tum", "map.ply"):
+    for name in names:
         expect((run / name).read_bytes() == (copy / name).read_bytes(), f"{run.name}: {name} is not that of nilio map close")
     return [line.split(",")[0] for line in closed.stdout.splitlines() if line.startswith("loop ")]
 
@@ -105,7 +107,7 @@ with tempfile.TemporaryDirectory() as name:
         expect(niliod.returncode == 0, f"{run.name}: niliod ended with {niliod.returncode}: {log[-500:]}")
         expect((run / "trajectory.kitti").read_bytes() == trajectory, f"{run.name}: another odometry")
         # A kill may cost a keyframe, whose loss moves the submaps: the loops are those of this map.
-        expect(len(close(run)) >= 3, f"{run.name}: loops are missing")
+        expect(len(close(run, log)) >= 3, f"{run.name}: loops are missing")
         shutil.rmtree(run)
     print(f"seed {arguments.seed}: {len(loops)} loops; {kills} kills in {replays} replays of {duration:.1f} s")
 for problem in problems:

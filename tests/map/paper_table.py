@@ -172,7 +172,8 @@ def measured(truth, output, drift):
 def wanted_rows():
     """Sequence, sensor, IMU, drift in the order in which they are made."""
     return [(sequence, sensor, imu, drift) for sensor in options.sensors
-            for sequence in options.sequences if sequence in SEQUENCES_OF.get(sensor, [sequence]) for imu in options.imu for drift in (DRIFTS if imu == "on" else ["none"])]
+            for sequence in options.sequences if sequence in SEQUENCES_OF.get(sensor, [sequence])
+            for imu in options.imu for drift in (DRIFTS if imu == "on" else ["none"])]
 
 
 def file_of(row, work):
