@@ -47,8 +47,14 @@ def block(sides, radius):
 
 def replay(run, *settings):
     return subprocess.Popen([arguments.programs / "niliod", "--replay", folder / "drive", "--output", run, "--set",
-                             "publisher.enabled=false", *settings], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                             "publisher.enabled=false", *settings], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                             text=True)
+
+
+def finished(niliod):
+    """Exit status and log."""
+    log = niliod.communicate()[0]
+    return niliod.returncode, log
 
 
 def close(run, log=""):
@@ -72,11 +78,11 @@ with tempfile.TemporaryDirectory() as name:
     (folder / "path.txt").write_text("\n".join(block((50, 25, 50, 25, 50, 5), 8)) + "\n")
     subprocess.run([arguments.programs / "nilio", "simulate", "--trajectory", folder / "path.txt", "--pose-interval",
                     "0.125", "--moving-start", "--realism", "ideal", folder / "drive"], check=True, capture_output=True)
-    expect(replay(folder / "plain", "--set", "mapper.loops=false").wait() == 0, "plain: niliod failed")
+    expect(finished(replay(folder / "plain", "--set", "mapper.loops=false"))[0] == 0, "plain: niliod failed")
     expect(not (folder / "plain/map/poses").exists(), "plain: poses in spite of mapper.loops=false")
     trajectory = (folder / "plain/trajectory.kitti").read_bytes()
     begin = time.monotonic()
-    expect(replay(folder / "run").wait() == 0, "run: niliod failed")
+    expect(finished(replay(folder / "run"))[0] == 0, "run: niliod failed")
     duration = time.monotonic() - begin
     loops = close(folder / "run")
     expect(len(loops) >= 3, f"run: {loops}")
@@ -103,8 +109,8 @@ with tempfile.TemporaryDirectory() as name:
             if has_begun(run):
                 read = subprocess.run([arguments.programs / "nilio", "map", "info", run], capture_output=True, text=True)
                 expect(read.returncode == 0 and not read.stderr, f"{run.name}: {read.stderr}")
-        log = niliod.communicate()[1]
-        expect(niliod.returncode == 0, f"{run.name}: niliod ended with {niliod.returncode}: {log[-500:]}")
+        status, log = finished(niliod)
+        expect(status == 0, f"{run.name}: niliod ended with {status}: {log[-500:]}")
         expect((run / "trajectory.kitti").read_bytes() == trajectory, f"{run.name}: another odometry")
         # A kill may cost a keyframe, whose loss moves the submaps: the loops are those of this map.
         expect(len(close(run, log)) >= 3, f"{run.name}: loops are missing")
