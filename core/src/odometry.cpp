@@ -8,6 +8,7 @@ namespace {
 
 // Share of the time between scans.
 constexpr double kRecoveryShare = 0.5;
+// Time after a jump in which poses are lost.
 constexpr Duration kJumpMemory = Duration::from_seconds(1.0);
 
 }  // namespace

@@ -58,8 +58,8 @@ def finished(niliod):
 
 
 def close(run, log=""):
-    """Loops of nilio map close for a copy of the run without loops. What the log calls unfinished is not compared: a kill may
-    hit the process that writes it at the end."""
+    """Loops of nilio map close for a copy of the run without loops. A file that the log calls unfinished, because a kill hit
+    the process that writes it at the end, has nothing to be compared with; nilio map close writes it."""
     unfinished = {"trajectory_optimised.tum": "trajectory.tum: not corrected", "map.ply": "map.ply: not complete"}
     names = [name for name in ("map/poses", "trajectory_optimised.tum", "map.ply") if unfinished.get(name, "?") not in log]
     copy = folder / "copy"
@@ -70,6 +70,8 @@ def close(run, log=""):
     closed = subprocess.run([arguments.programs / "nilio", "map", "close", copy], check=True, capture_output=True, text=True)
     for name in names:
         expect((run / name).read_bytes() == (copy / name).read_bytes(), f"{run.name}: {name} is not that of nilio map close")
+    for name in unfinished:
+        expect((copy / name).exists(), f"{run.name}: nilio map close has not written {name}")
     return [line.split(",")[0] for line in closed.stdout.splitlines() if line.startswith("loop ")]
 
 
