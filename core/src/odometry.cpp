@@ -33,6 +33,10 @@ const std::vector<Eigen::Vector3f>& Odometry::deskewed_points() const { return s
 
 float Odometry::deskewed_intensity(std::size_t index) const { return state_->sweep[index].intensity; }
 
+BeamCorrection Odometry::beam_correction(std::size_t ring) const {
+  return state_->beam_calibration.correction_of(ring);
+}
+
 OdometryResult Odometry::State::result_for(const Scan& scan) {
   OdometryResult result;
   result.sequence = scan.sequence;

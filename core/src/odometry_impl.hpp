@@ -7,6 +7,7 @@
 #include "core/src/estimation/stationary_detector.hpp"
 #include "core/src/imu_monitor/imu_monitor.hpp"
 #include "core/src/map/gaussian_voxel_map.hpp"
+#include "core/src/preprocessing/beam_calibration.hpp"
 #include "core/src/preprocessing/deskewing.hpp"
 #include "core/src/preprocessing/normal_space_sampling.hpp"
 #include "core/src/preprocessing/scan_filter.hpp"
@@ -181,6 +182,7 @@ struct Odometry::State {
   void fall_back(OdometryResult& result);
   void apply_pending_map_update();
   void update_maps();
+  void calibrate_beams();
   void finish(const Scan& scan, OdometryResult& result);
   void count_map(OdometryResult& result) const;
 
@@ -232,6 +234,7 @@ struct Odometry::State {
   ComputeBudget budget;
   VoxelDownsampler filter;  ///< scratch, reused
   NormalSpaceSampler selector;
+  BeamCalibration beam_calibration;
   SweepMotion motion;
 
   std::uint64_t scans = 0;

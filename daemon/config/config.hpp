@@ -97,6 +97,7 @@ struct OdometrySection {
   int threads = 1;
   std::string registration = "ndt_icp";
   std::string coarse = "auto";
+  bool calibrate_beams = true;
   int scan_points = 35000;
   int registration_points = 2000;
   double filter_voxel_m = 0.5;

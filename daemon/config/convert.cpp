@@ -39,6 +39,7 @@ core::OdometryConfig odometry_config(const Config& config) {
   result.T_base_imu = to_transform(config.imu.extrinsic);
   result.threads = c.threads;
   result.elevation_correction_rad = elevation_correction_rad(config.lidar);
+  result.calibrate_beams = c.calibrate_beams;
   result.min_range_m = static_cast<float>(config.lidar.min_range_m);
   result.max_range_m = static_cast<float>(config.lidar.max_range_m);
   result.filter_voxel_m = static_cast<float>(c.filter_voxel_m);

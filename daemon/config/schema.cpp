@@ -184,6 +184,8 @@ void add_odometry(Section s, OdometrySection& c) {
            "registration method: NDT followed by point-to-plane ICP, or a single metric");
   s.choice("coarse", c.coarse, {"auto", "always"},
            "use of NDT before ICP: on demand, or before every ICP as in the paper");
+  s.add("calibrate_beams", &c.calibrate_beams,
+        "find the errors of each beam in range, elevation and azimuth while driving; not of merged LiDARs");
   s.number("scan_points", &c.scan_points, "", 2000, 10000000,
            "maximum points of a scan to process, evenly distributed; icp_line and icp_point use all");
   s.number("registration_points", &c.registration_points, "", 100, 20000, "points used by registration");

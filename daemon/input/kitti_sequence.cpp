@@ -32,6 +32,24 @@ std::uintmax_t scan_bytes(const fs::path& path) {
   return !error && size <= kLargestScanBytes && size % kBytesPerPoint == 0 ? size : 0;
 }
 
+constexpr std::uint16_t kRings = 64;
+
+/// Rank of each point's beam: the files hold ring after ring, the highest first, each from straight ahead
+/// counterclockwise. Stays 0 where whole rings are missing, or the order is another one.
+void number_rings(std::vector<core::Point>& points) {
+  const auto starts_ring = [&points](std::size_t i) {
+    return i > 0 && points[i - 1].y < 0.0F && points[i].y >= 0.0F && points[i].x > 0.0F;
+  };
+  std::size_t starts = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) starts += starts_ring(i) ? 1 : 0;
+  if (starts != kRings - 1) return;
+  std::uint16_t ring = kRings - 1;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (starts_ring(i)) --ring;
+    points[i].ring = ring;
+  }
+}
+
 class KittiScanFeed : public ScanFeed {
  public:
   KittiScanFeed(std::vector<fs::path> files, std::vector<core::Time> stamps)
@@ -84,6 +102,7 @@ class KittiScanFeed : public ScanFeed {
       // Files of some tools end with points at the origin, which are no returns.
       if (point.x != 0.0F || point.y != 0.0F || point.z != 0.0F) scan.points.push_back(point);
     }
+    number_rings(scan.points);
     return true;
   }
 

@@ -268,6 +268,13 @@ void OdometryLoop::push_cloud(const core::OdometryResult& result, const std::ato
   outputs_.clouds->commit(1);
 }
 
+std::vector<core::BeamCorrection> OdometryLoop::beam_corrections() const {
+  std::vector<core::BeamCorrection> corrections(core::kMaxCalibratedBeams);
+  for (std::size_t ring = 0; ring < corrections.size(); ++ring)
+    corrections[ring] = odometry_.beam_correction(ring);
+  return corrections;
+}
+
 void OdometryLoop::push_imu_health(bool always) {
   const bool has_imu = !config_.has_lidar_imu || imu_samples_taken_ > 0;
   if (outputs_.imu_health == nullptr || !has_imu) return;

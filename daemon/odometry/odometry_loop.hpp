@@ -93,6 +93,8 @@ class OdometryLoop {
   bool run(const std::atomic<bool>& stop, OdometryCounters& counters);
   /// After the last round.
   void finish() { push_imu_health(true); }
+  /// Of each beam of the LiDAR; see core::Odometry::beam_correction().
+  [[nodiscard]] std::vector<core::BeamCorrection> beam_corrections() const;
 
  private:
   void report_warm(const OdometryCounters& counters);

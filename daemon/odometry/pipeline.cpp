@@ -205,7 +205,10 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   odometry.budget = budget_;
   if (input_.has_lidar_imu) odometry.T_base_imu = odometry.T_base_lidar;
   // Merged scans are already corrected: each LiDAR's beams are raised about its own centre.
-  if (merged_feed_) odometry.elevation_correction_rad = 0.0F;
+  if (merged_feed_) {
+    odometry.elevation_correction_rad = 0.0F;
+    odometry.calibrate_beams = false;
+  }
   return std::make_unique<OdometryLoop>(core::Odometry(odometry, options_.clock), *feed_,
                                         with_imu ? &imu_ring_ : nullptr, data_event_,
                                         with_imu ? &imu_state : nullptr, outputs, loop_config());
@@ -249,6 +252,7 @@ RealtimeWork Pipeline::odometry_work() {
   work.run = [this, prepared] { return (*prepared)->loop->run(stop_, counters_); };
   work.finish = [this, prepared] {
     (*prepared)->loop->finish();
+    beam_corrections_ = (*prepared)->loop->beam_corrections();
     if (guard_) guard_->stop();
     prepared->reset();
     finished_.store(true, std::memory_order_release);

@@ -97,6 +97,10 @@ class Pipeline {
   [[nodiscard]] ipc::WakeEvent& output_event() { return output_event_; }
   [[nodiscard]] const OdometryCounters& counters() const { return counters_; }
   [[nodiscard]] const Input& input() const { return input_; }
+  /// Of each beam of the LiDAR at the end, none before it. Call after join().
+  [[nodiscard]] const std::vector<core::BeamCorrection>& beam_corrections() const {
+    return beam_corrections_;
+  }
   /// First LiDAR, then the additional ones; empty for data sets of scans. Before join(), only
   /// members of a channel for any thread may be called.
   [[nodiscard]] const std::vector<std::unique_ptr<LidarInput>>& lidars() const { return lidars_; }
@@ -141,6 +145,7 @@ class Pipeline {
   ipc::Ring<ipc::PoseRecord> poses_;
   ipc::Ring<CloudRecord> clouds_;
   ipc::Ring<core::ImuHealth> imu_health_;
+  std::vector<core::BeamCorrection> beam_corrections_;
   ipc::Ring<ScanDecision> decisions_;
   ipc::WakeEvent data_event_;
   ipc::WakeEvent output_event_;

@@ -121,6 +121,7 @@ nlohmann::json RunLog::summary(const Pipeline& pipeline) const {
       {"poses_lost", totals_.count(ipc::TrackingState::kLost)},
   });
   json["imu"] = imu_.json();
+  json["beams"] = beam_corrections_json(pipeline.beam_corrections());
   json["budget"] = budget_.json(pipeline.budget());
   json["budget"]["superseded"] = pipeline.counters().superseded.load();
   json["threads"] = plan_lines_;
@@ -181,6 +182,8 @@ void RunLog::report_end(const Pipeline& pipeline, double seconds) const {
     spdlog::warn(
         "IMU: its clock was set {} times; each time its samples were dated anew from the computer's clock",
         jumps);
+  if (const std::string text = beam_corrections_text(pipeline.beam_corrections()); !text.empty())
+    spdlog::info("{}", text);
   if (const std::string text = budget_.text(pipeline.budget()); !text.empty()) spdlog::info("{}", text);
   if (const std::uint64_t missed = counters.decisions_missed.load(); missed > 0)
     spdlog::warn(

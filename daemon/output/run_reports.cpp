@@ -1,9 +1,12 @@
 #include "daemon/output/run_reports.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "daemon/odometry/pipeline.hpp"
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 
 #include <nlohmann/json.hpp>
@@ -19,6 +22,11 @@ using core::ImuDiagnosis;
 using core::ImuHealth;
 
 ImuCheck check_at(std::size_t index) { return static_cast<ImuCheck>(index); }
+
+/// A beam that was not seen has no correction.
+bool is_calibrated(const core::BeamCorrection& beam) {
+  return beam.range_m != 0.0 || beam.elevation_rad != 0.0 || beam.azimuth_rad != 0.0;
+}
 
 bool is_alarming(ImuCheckState state) { return state >= ImuCheckState::kWarn; }
 
@@ -80,6 +88,40 @@ nlohmann::json decoder_summary(const drivers::ImuDecoderStats& imu) {
 }
 
 }  // namespace
+
+nlohmann::json beam_corrections_json(const std::vector<core::BeamCorrection>& corrections) {
+  nlohmann::json beams = nlohmann::json::array();
+  for (std::size_t ring = 0; ring < corrections.size(); ++ring) {
+    const core::BeamCorrection& beam = corrections[ring];
+    if (!is_calibrated(beam)) continue;
+    beams.push_back({{"ring", ring},
+                     {"range_m", beam.range_m},
+                     {"elevation_deg", beam.elevation_rad / kRadiansPerDegree},
+                     {"azimuth_deg", beam.azimuth_rad / kRadiansPerDegree}});
+  }
+  return beams;
+}
+
+std::string beam_corrections_text(const std::vector<core::BeamCorrection>& corrections) {
+  double count = 0.0;
+  double range_square = 0.0;
+  double elevation_square = 0.0;
+  double azimuth_square = 0.0;
+  for (const core::BeamCorrection& beam : corrections) {
+    if (!is_calibrated(beam)) continue;
+    count += 1.0;
+    range_square += beam.range_m * beam.range_m;
+    elevation_square += beam.elevation_rad * beam.elevation_rad;
+    azimuth_square += beam.azimuth_rad * beam.azimuth_rad;
+  }
+  if (count == 0.0) return {};
+  return fmt::format(
+      "LiDAR: {} beams corrected by {:.0f} mm in range, {:.2f} deg in elevation and "
+      "{:.2f} deg in "
+      "azimuth (root mean square)",
+      count, 1e3 * std::sqrt(range_square / count), std::sqrt(elevation_square / count) / kRadiansPerDegree,
+      std::sqrt(azimuth_square / count) / kRadiansPerDegree);
+}
 
 void ImuReport::report_row(ImuCheck check, const ImuHealth& health) const {
   const ImuDiagnosis& row = health[check];

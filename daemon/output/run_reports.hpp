@@ -2,6 +2,7 @@
 
 #include "nilio/core/compute_budget.hpp"
 #include "nilio/core/imu_health.hpp"
+#include "nilio/core/scan.hpp"
 #include "nilio/core/tracking.hpp"
 
 #include "ipc/histogram.hpp"
@@ -11,6 +12,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -20,6 +22,11 @@ class Pipeline;
 
 /// JSON of all IMU checks with units and hints.
 nlohmann::json imu_health_json(const core::ImuHealth& health);
+
+/// Corrections of each beam that was calibrated: ring, range, elevation, azimuth.
+nlohmann::json beam_corrections_json(const std::vector<core::BeamCorrection>& corrections);
+/// One line with their root mean squares; empty if no beam was calibrated.
+std::string beam_corrections_text(const std::vector<core::BeamCorrection>& corrections);
 
 /// Logs changes of the IMU's state, each once, and summarizes the final state. One thread.
 class ImuReport {

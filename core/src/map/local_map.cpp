@@ -1,4 +1,5 @@
 #include "core/src/odometry_impl.hpp"
+#include "core/src/registration/gauss_newton.hpp"
 #include "core/src/thread_sanitizer.hpp"
 
 #include <algorithm>
@@ -43,7 +44,7 @@ void Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
   const float share = scans == 0 ? kFirstVoxelShare : is_initializing_map ? kInitialVoxelShare : 1.0F;
   const ScanFilterConfig filter_config{config.min_range_m, config.max_range_m, config.filter_voxel_m * share,
                                        config.elevation_correction_rad, scan_points};
-  filter_scan(scan, filter_config, config.T_base_lidar, filter, sweep);
+  filter_scan(scan, filter_config, config.T_base_lidar, beam_calibration, filter, sweep);
   motion_compensated = scan.motion_compensated;
   if (motion_compensated) {
     for (SweepPoint& point : sweep) point.time_s = 0.0F;
@@ -164,6 +165,32 @@ void Odometry::State::apply_pending_map_update() {
   threads.execute([this] { update_maps(); });
 }
 
+/// The registered points and the map without them tell the errors of the beams.
+void Odometry::State::calibrate_beams() {
+  const PlaneMetric metric;
+  const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
+  const SE3 T_map_lidar = motion_filter.state().T_map_base * config.T_base_lidar;
+  const Matrix3 R_map_lidar = T_map_lidar.rotation.toRotationMatrix();
+  const SE3 T_lidar_base = config.T_base_lidar.inverse();
+  motion.deskew(selected_sweep, selected);
+  for (std::size_t i = 0; i < selected.size(); ++i) {
+    const Vector3 p = T_lidar_base * selected[i].cast<double>();
+    const Vector3 q = T_map_lidar * p;
+    const VoxelIndex index = planes.index_of(q);
+    const GaussianVoxel* surface = planes.find(index);
+    if (surface == nullptr || static_cast<double>(surface->planarity) > metric.max_planarity) continue;
+    const Vector3 normal = surface->normal.cast<double>();
+    const double distance_m = normal.dot(q - planes.corner_of(index) - surface->mean.cast<double>());
+    const double square = distance_m * distance_m;
+    if (square > kGateSigmas * kGateSigmas * point_variance) continue;
+    const double root = point_variance / (point_variance + square);
+    const double certainty = point_variance / (point_variance + static_cast<double>(surface->thickness));
+    beam_calibration.add(
+        {selected_sweep[i].beam, p, R_map_lidar.transpose() * normal, distance_m, root * root * certainty});
+  }
+  beam_calibration.update(measurement_variance(registration.equations));
+}
+
 void Odometry::State::update_maps() {
   motion.deskew(sweep, deskewed);
   const Vector6 twist = motion_filter.state().twist();
@@ -174,6 +201,8 @@ void Odometry::State::update_maps() {
   const bool got_somewhere = since_fed.translation.norm() > kStationaryMetres ||
                              so3_log(since_fed.rotation).norm() > kStationaryRadians;
   const bool moved_as_known = failures == 0 && !doubtful;
+  const bool is_observed = registration.degenerate_axes == 0 && !motion_prior.is_stationary;
+  if (config.calibrate_beams && moved_as_known && is_observed && scans > kInitialScans) calibrate_beams();
   if (moved_as_known && (is_initializing_map || (!is_stationary && got_somewhere))) {
     insert(sweep, deskewed, T_map_middle);
     T_last_keyframe = T_map_middle;

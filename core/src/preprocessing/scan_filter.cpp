@@ -52,7 +52,8 @@ constexpr std::size_t kFetchedAhead = 64;
 }  // namespace
 
 void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_base_lidar,
-                 VoxelDownsampler& filter, std::vector<SweepPoint>& output) {
+                 const BeamCalibration& calibration, VoxelDownsampler& filter,
+                 std::vector<SweepPoint>& output) {
   output.clear();
   if (scan.points.empty()) return;
   filter.begin(config.voxel_size_m);
@@ -86,6 +87,7 @@ void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_
     Eigen::Vector3f p(point.x, point.y, point.z);
     const float beam = numbered ? static_cast<float>(point.ring) : p.z() / p.norm() / scan.beam_spacing_rad;
     if (sine != 0.0F) p = raise_beam(p, cosine, sine);
+    if (numbered) p = calibration.correct(p, beam);
     const float time_s = static_cast<float>(static_cast<double>(point.time_offset_ns - sweep_ns) * 1e-9);
     output.push_back({R_base_lidar * p + t_base_lidar, time_s, beam, point.intensity});
   });

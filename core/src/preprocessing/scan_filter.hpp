@@ -3,6 +3,7 @@
 #include "nilio/core/scan.hpp"
 #include "nilio/core/se3.hpp"
 
+#include "core/src/preprocessing/beam_calibration.hpp"
 #include "core/src/preprocessing/voxel_downsampling.hpp"
 
 #include <cstddef>
@@ -35,8 +36,9 @@ struct ScanFilterConfig {
 };
 
 /// Range gate and voxel filter (NI-LIO 3.1), then transformation into base_link. Points that are not finite
-/// are dropped. `output` keeps its capacity.
+/// are dropped. `calibration` corrects points with a beam number. `output` keeps its capacity.
 void filter_scan(const Scan& scan, const ScanFilterConfig& config, const SE3& T_base_lidar,
-                 VoxelDownsampler& filter, std::vector<SweepPoint>& output);
+                 const BeamCalibration& calibration, VoxelDownsampler& filter,
+                 std::vector<SweepPoint>& output);
 
 }  // namespace nilio::core

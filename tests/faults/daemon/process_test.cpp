@@ -150,6 +150,8 @@ TEST_CASE("every IMU sample of a paced replay becomes a pose, and the latencies 
   const auto samples = report["counters"]["publisher_samples"].get<std::uint64_t>();
   CHECK(samples > 700);
   CHECK(report["counters"]["publisher_samples_dropped"] == 0);
+  CHECK(report["beams"].size() == 16);
+  CHECK_THAT(finished.output, Catch::Matchers::Contains("LiDAR: 16 beams corrected by"));
   std::smatch match;
   REQUIRE(std::regex_search(finished.output, match, std::regex("IMU rate: ([0-9]+) poses, 0 writes failed")));
   const std::uint64_t poses = std::stoull(match[1].str());

@@ -166,7 +166,7 @@ TEST_CASE(
   T_base_lidar.translation = Vector3(0.0, 0.0, 1.7);
   VoxelDownsampler filter(100);
   std::vector<SweepPoint> output;
-  filter_scan(scan, {1.0F, 100.0F, 0.5F, 0.0F}, T_base_lidar, filter, output);
+  filter_scan(scan, {1.0F, 100.0F, 0.5F, 0.0F}, T_base_lidar, {}, filter, output);
   REQUIRE(output.size() == 1);
   CHECK((output[0].position - Eigen::Vector3f(0.0F, 10.0F, 1.7F)).norm() < 1e-5F);
   CHECK(output[0].time_s == Approx(-0.075F));
@@ -183,7 +183,7 @@ TEST_CASE("the elevation correction raises a beam by its angle and keeps its ran
   VoxelDownsampler filter(100);
   std::vector<SweepPoint> output;
   const float angle = 0.01F;
-  filter_scan(scan, {1.0F, 100.0F, 0.5F, angle}, {}, filter, output);
+  filter_scan(scan, {1.0F, 100.0F, 0.5F, angle}, {}, {}, filter, output);
   REQUIRE(output.size() == 1);
   const Eigen::Vector3f& p = output[0].position;
   CHECK(p.norm() == Approx(std::sqrt(26.0F)));

@@ -2,6 +2,8 @@
 #include "tests/support/hdl64e_packets.hpp"
 #include "tests/support/room_drive.hpp"
 
+#include <array>
+#include <cmath>
 #include <map>
 #include <span>
 #include <string>
@@ -171,4 +173,37 @@ TEST_CASE("a damaged KITTI scan is delivered as an empty scan with a warning tha
   }
   CHECK(input->scans->next(scan, core::Duration{}) == FeedState::kEnd);
   CHECK(input->scans->stats().partial_scans == 1);
+}
+
+TEST_CASE("points of a KITTI scan have the number of their beam if all beams are there", "[replay_files]") {
+  // Ring after ring, the highest first, each counterclockwise from straight ahead; rings lack returns.
+  const auto scan_with = [](int rings) {
+    std::string bytes;
+    for (int ring = 0; ring < rings; ++ring) {
+      for (int column = ring % 3; column < 40; column += 1 + ring % 2) {
+        const double azimuth = 2.0 * M_PI * (column + 0.5) / 40.0;
+        const std::array<float, 4> point{static_cast<float>(20.0 * std::cos(azimuth)),
+                                         static_cast<float>(20.0 * std::sin(azimuth)),
+                                         2.0F - 0.1F * static_cast<float>(ring), 0.3F};
+        bytes.append(reinterpret_cast<const char*>(point.data()), sizeof(point));
+      }
+    }
+    return bytes;
+  };
+  const TemporaryFolder folder;
+  REQUIRE_FALSE(folder.write("velodyne/000000.bin", scan_with(64)).empty());
+  REQUIRE_FALSE(folder.write("velodyne/000001.bin", scan_with(63)).empty());
+  REQUIRE_FALSE(folder.write("times.txt", "0.0\n0.1\n").empty());
+  REQUIRE_FALSE(folder.write("calib.txt", "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n").empty());
+  const auto files = find_replay_files({folder.text()});
+  REQUIRE(files.ok());
+  auto input = open_replay(*files, Config{});
+  REQUIRE(input.ok());
+  core::Scan scan;
+  REQUIRE(input->scans->next(scan, core::Duration{}) == FeedState::kScan);
+  for (const core::Point& point : scan.points)
+    REQUIRE(static_cast<int>(point.ring) == 63 - static_cast<int>(std::lround((2.0F - point.z) * 10.0F)));
+  REQUIRE(input->scans->next(scan, core::Duration{}) == FeedState::kScan);
+  REQUIRE_FALSE(scan.points.empty());
+  for (const core::Point& point : scan.points) REQUIRE(point.ring == 0);
 }

@@ -38,6 +38,10 @@ class Odometry {
   /// Results of the IMU monitor after the last scan; OdometryResult::imu_used follows from them.
   [[nodiscard]] const ImuHealth& imu_health() const;
 
+  /// Correction of a beam of the LiDAR so far; `ring` is less than kMaxCalibratedBeams. Zero for
+  /// a beam that has not been seen, and without OdometryConfig::calibrate_beams.
+  [[nodiscard]] BeamCorrection beam_correction(std::size_t ring) const;
+
   /// Inserts the last registered scan into the map and completes its `result` (kMapped, map_voxels,
   /// map_refused). Optional: the next register_scan() does it otherwise. Separate, so that a pose need not
   /// wait for the map.

@@ -42,6 +42,8 @@ struct OdometryConfig {
   /// Raises every beam by this angle: the bias of a scanner's factory calibration (0.205 deg for KITTI's
   /// HDL-64E, as IMLS-SLAM and others found). 0 for every other sensor.
   float elevation_correction_rad = 0.0F;
+  /// Finds the errors of each beam while driving.
+  bool calibrate_beams = true;
   float min_range_m = 2.0F;
   float max_range_m = 100.0F;
   /// Voxel of the points that feed the map.

@@ -4,6 +4,7 @@
 #include "nilio/core/tracking.hpp"
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -23,6 +24,16 @@ struct Point {
   /// Of a firing with two returns: 1 = last, 2 = strongest, or second strongest where the strongest is the
   /// last. 0 = the sensor sends one return.
   std::uint16_t return_kind = 0;
+};
+
+/// Beams with a higher `ring` are not calibrated.
+inline constexpr std::size_t kMaxCalibratedBeams = 256;
+
+/// Corrections that are added to the range, elevation and azimuth (counterclockwise) of a beam.
+struct BeamCorrection {
+  double range_m = 0.0;
+  double elevation_rad = 0.0;
+  double azimuth_rad = 0.0;
 };
 
 /// One revolution of the sensor, or the received part of it.
