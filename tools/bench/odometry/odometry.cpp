@@ -39,7 +39,7 @@ struct Change {
   const char* setting;  ///< of niliod's configuration
 };
 
-constexpr std::array<Change, 15> kChanges = {{
+constexpr std::array<Change, 16> kChanges = {{
     {"no ICP: NDT alone", "odometry.registration=ndt"},
     {"no NDT: ICP alone", "odometry.registration=icp_plane"},
     {"lines instead of planes", "odometry.registration=icp_line"},
@@ -49,6 +49,7 @@ constexpr std::array<Change, 15> kChanges = {{
     {"500 points", "odometry.registration_points=500"},
     {"8000 points", "odometry.registration_points=8000"},
     {"3 ICP iterations a pass", "odometry.max_fine_iterations=3"},
+    {"beams as calibrated", "odometry.calibrate_beams=false"},
     {"map points in voxels of 1 m", "odometry.filter_voxel_m=1.0"},
     {"planes in voxels of 1 m", "odometry.plane_voxel_m=1.0"},
     {"planes in voxels of 2 m", "odometry.plane_voxel_m=2.0"},
