@@ -58,6 +58,19 @@ class ScratchFolder {
   fs::path path_;
 };
 
+/// Moves a folder, also to another file system. Another run may have put the same drive there meanwhile.
+Result<std::monostate> move_folder(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::rename(from, to, error);
+  if (!error) return std::monostate{};
+  std::error_code ignored;
+  if (fs::exists(to / "truth.tum", ignored)) return std::monostate{};
+  error.clear();
+  fs::copy(from, to, fs::copy_options::recursive, error);
+  if (error) return core::Error{to.string() + ": the drive cannot be kept: " + error.message()};
+  return std::monostate{};
+}
+
 bool has_faults(const mangle::Faults& faults) {
   return faults.changes_packets() || faults.changes_scans() || faults.changes_returns();
 }
@@ -79,7 +92,9 @@ class JobRunner {
     if (!is_there) {
       const auto made = make_drive(job.drive, job.seed, options_.sources, scratch.path(), stop_);
       if (!made) return fail_all(job, made.error());
-      if (keeps) fs::rename(scratch.path(), kept);
+      if (keeps) {
+        if (const auto moved = move_folder(scratch.path(), kept); !moved) return fail_all(job, moved.error());
+      }
     }
     const fs::path folder = keeps ? kept : scratch.path();
     const auto hash = hash_drive(folder);
