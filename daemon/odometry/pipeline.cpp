@@ -204,7 +204,8 @@ std::unique_ptr<OdometryLoop> Pipeline::make_loop() {
   core::OdometryConfig odometry = odometry_config(config_);
   odometry.budget = budget_;
   if (input_.has_lidar_imu) odometry.T_base_imu = odometry.T_base_lidar;
-  // Merged scans are already corrected: each LiDAR's beams are raised about its own centre.
+  // Merged scans are already corrected: each LiDAR's beams are raised about its own centre. Errors of beams
+  // refer to one centre.
   if (merged_feed_) {
     odometry.elevation_correction_rad = 0.0F;
     odometry.calibrate_beams = false;

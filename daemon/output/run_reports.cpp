@@ -116,8 +116,7 @@ std::string beam_corrections_text(const std::vector<core::BeamCorrection>& corre
   }
   if (count == 0.0) return {};
   return fmt::format(
-      "LiDAR: {} beams corrected by {:.0f} mm in range, {:.2f} deg in elevation and "
-      "{:.2f} deg in "
+      "LiDAR: {} beams corrected by {:.0f} mm in range, {:.2f} deg in elevation and {:.2f} deg in "
       "azimuth (root mean square)",
       count, 1e3 * std::sqrt(range_square / count), std::sqrt(elevation_square / count) / kRadiansPerDegree,
       std::sqrt(azimuth_square / count) / kRadiansPerDegree);

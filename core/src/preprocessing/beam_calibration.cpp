@@ -82,8 +82,8 @@ void BeamCalibration::update(double variance) {
   centre();
 }
 
-/// Errors that all beams share move the map with them and belong to the mounting. The mean is that of what the
-/// beams show: an elevation that all beams on the ground share would tilt the way of the vehicle.
+/// Errors that all beams share move the map with them and belong to the mounting. The mean is weighted by the
+/// beams' information: an elevation that all beams on the ground share would tilt the trajectory.
 void BeamCalibration::centre() {
   Vector3 sum = Vector3::Zero();
   Vector3 weight = Vector3::Zero();

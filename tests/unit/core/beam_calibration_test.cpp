@@ -77,14 +77,9 @@ void observe_planes(BeamCalibration& calibration, const Errors& errors, double n
   }
 }
 
-struct Deviation {
-  double range_m = 0.0;
-  double elevation_rad = 0.0;
-  double azimuth_rad = 0.0;
-};
-
-Deviation deviation_from(const Errors& errors, const BeamCalibration& calibration) {
-  Deviation square;
+/// Root mean squares of the errors that are left.
+BeamCorrection deviation_from(const Errors& errors, const BeamCalibration& calibration) {
+  BeamCorrection square;
   for (std::size_t i = 0; i < kBeams; ++i) {
     const BeamCorrection c = calibration.correction_of(i);
     square.range_m += std::pow(c.range_m - errors[i].range_m, 2) / kBeams;
@@ -103,7 +98,7 @@ TEST_CASE("errors of beams in range, elevation and azimuth follow from distances
     const Errors errors = draw_errors(generator, 0.025, 0.1);
     BeamCalibration calibration;
     observe_planes(calibration, errors, 0.02, 200, generator);
-    const Deviation left = deviation_from(errors, calibration);
+    const BeamCorrection left = deviation_from(errors, calibration);
     CAPTURE(unit);
     CHECK(left.range_m < 0.2 * 0.025);
     CHECK(left.elevation_rad < 0.2 * 0.1 * kRadiansPerDegree);
@@ -115,7 +110,7 @@ TEST_CASE("beams without errors stay as they are beside noise", "[beam_calibrati
   std::mt19937_64 generator(12);
   BeamCalibration calibration;
   observe_planes(calibration, {}, 0.02, 500, generator);
-  const Deviation left = deviation_from({}, calibration);
+  const BeamCorrection left = deviation_from({}, calibration);
   CHECK(left.range_m < 0.002);
   CHECK(left.elevation_rad < 0.02 * kRadiansPerDegree);
   CHECK(left.azimuth_rad < 0.02 * kRadiansPerDegree);

@@ -67,8 +67,10 @@ Result<std::monostate> move_folder(const fs::path& from, const fs::path& to) {
   if (fs::exists(to / "truth.tum", ignored)) return std::monostate{};
   error.clear();
   fs::copy(from, to, fs::copy_options::recursive, error);
-  if (error) return core::Error{to.string() + ": the drive cannot be kept: " + error.message()};
-  return std::monostate{};
+  if (!error) return std::monostate{};
+  // A part of a drive would be taken for all of it.
+  fs::remove_all(to, ignored);
+  return Error{to.string() + ": the drive cannot be kept: " + error.message()};
 }
 
 bool has_faults(const mangle::Faults& faults) {
