@@ -58,8 +58,8 @@ constexpr double kNewest = 0.5;
 constexpr double kManoeuvre99 = 6.63;
 constexpr std::array kMaxScale{25.0, 25.0, 3000.0, 225.0, 225.0, 1111.0};
 // Sway of the body: rates of roll and pitch are an Ornstein-Uhlenbeck process.
-constexpr double kSwayRate = 2.0 * kRadiansPerDegree;
 constexpr double kSwaySeconds = 0.3;
+constexpr double kSwayMemorySeconds = 5.0;
 // Heave of the body, its vertical speed over a road, lasts as long.
 constexpr double kHeaveSpeed = 0.1;
 constexpr double kHeave = 2.0 * kHeaveSpeed * kHeaveSpeed / kSwaySeconds;
@@ -140,13 +140,13 @@ Matrix sensor_noise(const MotionState& s, const Vector3& acceleration, const Mot
 }
 
 /// Densities of manoeuvres that no sensor measures.
-Matrix manoeuvre_noise(const MotionInputs& inputs, const Vector6& scale) {
+Matrix manoeuvre_noise(const MotionInputs& inputs, const Vector6& scale, const Eigen::Vector2d& sway_square) {
   Matrix Q = Matrix::Zero();
   const double speed = inputs.speed_is_observed ? kManoeuvre : kUnobservedManoeuvre;
   if (!inputs.accelerometer) Q.diagonal().segment<3>(kVelocity) << speed, kManoeuvre, kHeave;
   if (!inputs.gyro) {
-    const double sway = 2.0 * kSwayRate * kSwayRate / kSwaySeconds;
-    Q.diagonal().segment<3>(kRate) << sway, sway, kYawManoeuvre;
+    const Eigen::Vector2d sway = (2.0 / kSwaySeconds) * sway_square;
+    Q.diagonal().segment<3>(kRate) << sway, kYawManoeuvre;
   }
   Q.diagonal().segment<6>(kVelocity).array() *= scale.array();
   return Q;
@@ -285,8 +285,8 @@ void MotionFilter::step(const MotionInputs& inputs, Time to) {
   const Matrix whole = transition(seconds);
   const Vector3 acceleration =
       (state_.velocity - before.velocity) / seconds + middle.angular_velocity.cross(middle.velocity);
-  const Matrix noise =
-      sensor_noise(middle, acceleration, inputs, seconds) + manoeuvre_noise(inputs, manoeuvre_scale_);
+  const Matrix noise = sensor_noise(middle, acceleration, inputs, seconds) +
+                       manoeuvre_noise(inputs, manoeuvre_scale_, sway_square_);
   covariance_ = (whole * covariance_ * whole.transpose() + integrated(noise, half, whole, seconds)).eval();
   if (inputs.gyro) {
     isolate(kRate, covariance_.block<3, 3>(kGyroBias, kGyroBias));
@@ -377,6 +377,7 @@ void MotionFilter::end_update() {
   keep(kPose, kMinMetres);
   keep(kRotation, kMinRadians);
   manoeuvre_scale_.setOnes();
+  estimate_sway();
   last_update_ = state_.time;
   last_twist_ = state_.twist();
 }
@@ -390,6 +391,15 @@ void MotionFilter::estimate_accelerations() {
     follow(state_.acceleration.y(), 1);
     follow(state_.angular_acceleration.z(), 5);
   }
+}
+
+/// Expectation maximisation of the process noise: the mean square is that of the estimate and its variance.
+void MotionFilter::estimate_sway() {
+  if (!last_update_ || may_be_stationary()) return;
+  const double share = (state_.time - *last_update_).seconds() / kSwayMemorySeconds;
+  const Eigen::Vector2d square =
+      state_.angular_velocity.head<2>().cwiseAbs2() + covariance_.diagonal().segment<2>(kRate);
+  sway_square_ += std::clamp(share, 0.0, 1.0) * (square - sway_square_);
 }
 
 void MotionFilter::zero_motion_update(const SE3& T_map_base) {

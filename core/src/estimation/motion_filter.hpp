@@ -2,6 +2,7 @@
 
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
+#include "nilio/core/units.hpp"
 
 #include "core/src/estimation/imu_buffer.hpp"
 
@@ -49,6 +50,8 @@ struct MotionInputs {
 class MotionFilter {
  public:
   static constexpr int kSize = 21;
+  /// Rates of roll and pitch until scans have shown those of the vehicle, rad/s: driving off road.
+  static constexpr double kSwayRate = 5.0 * kRadiansPerDegree;
   using Vector = Eigen::Matrix<double, kSize, 1>;
   using Matrix = Eigen::Matrix<double, kSize, kSize>;
   enum Block : int {
@@ -118,6 +121,7 @@ class MotionFilter {
   void forget_accelerations();
   void symmetrise();
   void estimate_accelerations();
+  void estimate_sway();
   void end_update();
 
   MotionState state_;
@@ -125,6 +129,8 @@ class MotionFilter {
   Vector6 last_twist_ = Vector6::Zero();       ///< of the last update, and its time
   std::optional<Time> last_update_;            ///< none after a jump
   Vector6 manoeuvre_scale_ = Vector6::Ones();  ///< of the noise of manoeuvres until the next update
+  /// Mean square of the rates of roll and pitch, rad^2/s^2: a property of vehicle and road.
+  Eigen::Vector2d sway_square_ = Eigen::Vector2d::Constant(kSwayRate * kSwayRate);
   bool had_gyro_ = false;
 };
 

@@ -245,6 +245,35 @@ TEST_CASE("a constant acceleration is followed without an IMU, and ends with it"
   CHECK(filter.state().velocity.x() > 2.0);
 }
 
+TEST_CASE("the prediction expects roll and pitch as fast as the scans have shown them", "[motion_filter]") {
+  // A road, and a track on which the vehicle pitches by 3 degrees every second.
+  const auto rate_deviation = [](double pitch_rad) {
+    MotionFilter filter;
+    filter.reset({}, Time{0});
+    double squares = 0.0;
+    for (int i = 1; i <= 150; ++i) {
+      const double t = kScanSeconds * i;
+      SE3 truth = straight_on(10.0 * t);
+      truth.rotation = so3_exp({0.0, pitch_rad * std::sin(2.0 * M_PI * t), 0.0});
+      filter.propagate({}, Time::from_seconds(t));
+      if (i > 100) {
+        const double error = so3_log(filter.state().T_map_base.rotation.conjugate() * truth.rotation).y();
+        squares += error * error / filter.pose_covariance()(4, 4) / 50.0;
+      }
+      filter.update(truth, information_of(0.005));
+    }
+    CHECK(squares < 2.0);
+    filter.propagate({}, Time::from_seconds(15.1));
+    return std::sqrt(filter.twist_covariance()(4, 4));
+  };
+  const double on_road = rate_deviation(0.0);
+  const double off_road = rate_deviation(3.0 * nilio::kRadiansPerDegree);
+  CHECK(on_road < 0.5 * MotionFilter::kSwayRate);
+  CHECK(off_road > MotionFilter::kSwayRate);
+  // Not more than the rates that there are: 19 degrees a second.
+  CHECK(off_road < 6.0 * M_PI * nilio::kRadiansPerDegree);
+}
+
 TEST_CASE("a corner that the prediction did not expect widens the yaw alone", "[motion_filter]") {
   MotionFilter before;
   before.reset({}, Time{0});
