@@ -148,7 +148,8 @@ struct Odometry::State {
   void reconsider_stationary(OdometryResult& result);
   void end_stationary();
   RegistrationResult register_coarse(OdometryResult& result);
-  [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse, const PlaneMetric& metric);
+  [[nodiscard]] RegistrationResult kept_coarse(RegistrationResult coarse, const PlaneMetric& metric,
+                                               const std::optional<PosePrior>& prior);
   void try_hypothesis(const SE3& T_guess, Search& search, OdometryResult& result);
   [[nodiscard]] SE3 start_hypothesis(std::size_t i) const;
   [[nodiscard]] SE3 relocalization_hypothesis(std::size_t i) const;
@@ -270,6 +271,7 @@ struct Odometry::State {
   SE3 T_map_last_middle;  ///< midpoint of the last sweep, and its time
   Time last_middle;
   bool gravity_known = false;
+  bool motion_is_known = false;  ///< at the start of this map
   Time accelerometer_banned_until;
   /// Mean normalised innovation squared of recent scans with the accelerometer.
   double accelerometer_innovations = 0.0;

@@ -212,12 +212,9 @@ void MotionFilter::reset(const SE3& T_map_base, Time time) {
   const MotionState old = state_;
   const Matrix old_covariance = covariance_;
   state_ = {};
-  last_update_.reset();
   state_.time = time;
   state_.T_map_base = T_map_base;
-  manoeuvre_scale_.setOnes();
-  isolate(kPose, variance_of(kMinMetres));
-  isolate(kRotation, variance_of(kMinRadians));
+  begin_map();
   isolate(kVelocity, variance_of(kVelocityPrior));
   isolate(kRate, variance_of(kRatePrior));
   isolate(kGyroBias, variance_of(kGyroBiasPrior));
@@ -228,6 +225,13 @@ void MotionFilter::reset(const SE3& T_map_base, Time time) {
     state_.gyro_bias = old.gyro_bias;
     covariance_.block<3, 3>(kGyroBias, kGyroBias) = old_covariance.block<3, 3>(kGyroBias, kGyroBias);
   }
+}
+
+void MotionFilter::begin_map() {
+  isolate(kPose, variance_of(kMinMetres));
+  isolate(kRotation, variance_of(kMinRadians));
+  forget_accelerations();
+  manoeuvre_scale_.setOnes();
 }
 
 void MotionFilter::relocate(const SE3& T_map_base) {
@@ -445,6 +449,14 @@ double MotionFilter::normalised_innovation_squared(const SE3& T_map_base, const 
     if (eigen.values[i] > kMinInformation) square += along * along / eigen.values[i];
   }
   return square;
+}
+
+double MotionFilter::squared_distance(const SE3& T_map_base) const {
+  const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
+  Matrix6 covariance = pose_covariance();
+  covariance.topLeftCorner<3, 3>() += variance_of(kRelocatedMetres);
+  covariance.bottomRightCorner<3, 3>() += variance_of(kRelocatedRadians);
+  return moved.dot(solve_ldlt(covariance, moved));
 }
 
 void MotionFilter::isolate(int block, const Matrix3& covariance) {

@@ -38,6 +38,7 @@ struct MotionInputs {
   bool gyro_is_verified = false;  ///< turns have shown its scale and axes
   bool accelerometer = false;     ///< the accelerometer changes the velocity; otherwise it stays in body axes
   bool speed_is_observed = true;  ///< the last scan showed the position along base_link's x
+  [[nodiscard]] bool measure_motion() const { return gyro && accelerometer; }
 };
 
 /// Motion of `state` to the time `to`, forwards or backwards.
@@ -69,6 +70,8 @@ class MotionFilter {
 
   /// Starts at rest or in motion: the velocity is unknown, gravity only roughly.
   void reset(const SE3& T_map_base, Time time);
+  /// The pose becomes that of a new map, exactly known; all else stays.
+  void begin_map();
   /// Sets the pose after a recovery; the velocities become unknown.
   void relocate(const SE3& T_map_base);
   /// Sets the pose, as exactly known.
@@ -99,6 +102,8 @@ class MotionFilter {
   /// Squared Mahalanobis distance of a pose from the prediction, 6 degrees of freedom: of the scan alone with
   /// `information`, at the pose that it and the prediction give together.
   [[nodiscard]] double normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const;
+  /// Squared Mahalanobis distance of a relocalised pose from the prediction, 6 degrees of freedom.
+  [[nodiscard]] double squared_distance(const SE3& T_map_base) const;
   /// Updates with velocities of zero, and sets the pose: that of all sweeps of a stationary vehicle.
   void zero_motion_update(const SE3& T_map_base);
   /// Updates with a velocity, and a rate, of zero: those of a stationary vehicle.

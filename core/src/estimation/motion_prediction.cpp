@@ -18,7 +18,8 @@ Odometry::State::MotionPrior Odometry::State::motion_prior_for(const Scan& scan)
   result.previous = time;
   result.span = {scan.motion_compensated ? scan.end : scan.start, scan.end};
   const Time from = std::min(motion_filter.state().time, result.span.start);
-  result.imu_covers = scans > 0 && imu.covers(from, scan.end - kMaxImuLag, config.max_imu_gap);
+  result.imu_covers =
+      (scans > 0 || motion_is_known) && imu.covers(from, scan.end - kMaxImuLag, config.max_imu_gap);
   result.inputs.imu = &imu;
   result.inputs.imu_position = config.T_base_imu.translation;
   result.inputs.gyro = result.imu_covers && monitor.usable(from, scan.end);

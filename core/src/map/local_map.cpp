@@ -67,8 +67,10 @@ bool Odometry::State::restart_is_due() const {
   return (has_not_begun || is_elsewhere) && sweep.size() >= kMinStartPoints;
 }
 
-/// Resets the map at the predicted pose; the velocity is unknown.
+/// Resets the map at the predicted pose. The motion goes on where the IMU measured it, unless that failed
+/// too.
 void Odometry::State::reset_map() {
+  motion_is_known = scans >= kInitialScans && motion_prior.inputs.measure_motion();
   if (scans < kInitialScans) T_map_base = T_accepted;
   scans = 0;
   failures = 0;
@@ -79,17 +81,24 @@ void Odometry::State::reset_map() {
   coarse_scans_left = kMinScansWithNdt;
   prediction_error_m = 0.0;
   stationary_detector.end();
-  gravity_known = false;
   registration = {};
 }
 
 void Odometry::State::start(const Scan& scan, OdometryResult& result) {
-  // After a reset the attitude is better known than from the accelerometer of a moving vehicle.
-  if (first_sweep.empty()) align_with_gravity(scan);
-  first_sweep = sweep;
-  first_span = {motion_compensated ? scan.end : scan.start, scan.end};
   motion_prior = motion_prior_for(scan);
-  motion_filter.reset(T_map_base, first_span.middle());
+  const Time middle = motion_prior.span.middle();
+  if (first_sweep.empty()) align_with_gravity(scan);
+  if (!motion_is_known) {
+    motion_filter.reset(T_map_base, middle);
+    gravity_known = false;
+  } else {
+    motion_filter.propagate(motion_prior.inputs, middle);
+    motion_filter.begin_map();
+    follow(motion_filter.state());
+    T_map_base = motion_filter.state().T_map_base * motion.T_middle_end();
+  }
+  first_sweep = sweep;
+  first_span = motion_prior.span;
   sigma_m = kMaxSigmaMetres;
   plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   T_predicted = T_map_base;

@@ -128,7 +128,11 @@ void Odometry::State::compare_hypotheses(OdometryResult& result) {
   relocalize(result);
   register_points(false, plane_metric(kMinSigmaMetres), result);
   const bool is_motion = !was_relocated && is_drivable(prediction_error(), motion_prior.span_s());
-  if (!has_converged() || agreement() <= tracked_agreement || !(is_motion || is_in_family())) {
+  // An IMU that measured the motion says how far the vehicle can be.
+  const bool is_reachable = !motion_prior.inputs.measure_motion() ||
+                            motion_filter.squared_distance(registration.T_map_moving) < kFarInnovation;
+  if (!has_converged() || agreement() <= tracked_agreement || !is_reachable ||
+      !(is_motion || is_in_family())) {
     relocalized = was_relocated;
     registration = tracked;
     motion = tracked_motion;

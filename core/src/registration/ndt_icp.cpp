@@ -127,9 +127,21 @@ bool Odometry::State::refine_motion() {
          so3_log(change.rotation).norm() < kMotionEpsilonRadians;
 }
 
-/// The pose of NDT where ICP failed or had no time, with the inliers and agreement of the plane map.
-RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const PlaneMetric& metric) {
-  if (has_no_time()) coarse.stop_reason = StopReason::kBudget;
+/// The pose of NDT where ICP failed or had no time, beside an IMU with the prior, and with the inliers and
+/// agreement of the plane map.
+RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const PlaneMetric& metric,
+                                                const std::optional<PosePrior>& prior) {
+  if (has_no_time()) {
+    coarse.stop_reason = StopReason::kBudget;
+  } else if (prior && motion_prior.imu_covers) {
+    SolverOptions options;
+    options.max_iterations = config.max_fine_iterations;
+    options.prior = prior;
+    options.budget = &budget;
+    const RegistrationResult held = register_ndt(ndt_map, coarse_points, coarse.T_map_moving,
+                                                 std::span(kNdtKernelSchedule).last<1>(), options);
+    if (held.iterations > 0) coarse = held;
+  }
   const NormalEquations agreeing = plane_equations(planes, selected, coarse.T_map_moving, metric);
   coarse.equations.inliers = agreeing.inliers;
   coarse.equations.agreement = agreeing.agreement;
@@ -158,7 +170,7 @@ void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryR
     const bool has_few =
         !by_accelerometer && 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
     const bool has_failed = !has_pose() || has_few;
-    if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric);
+    if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric, prior);
     ++result.passes;
     if (has_no_time()) return;
     if (!registration.T_map_moving.is_finite()) return;
@@ -196,10 +208,14 @@ void Odometry::State::register_predicted(OdometryResult& result) {
   registration.T_map_moving = T_predicted;
   coarse_was_due = coarse_is_due();
   if (scans == 1) {
-    find_initial_velocity(result);
+    if (!motion_is_known) find_initial_velocity(result);
     select_points(T_predicted);
   }
   register_points(coarse_was_due, metric_of_prediction(), result);
+  if (scans == 1 && motion_is_known) {
+    motion_is_known = fits_prediction();
+    if (!motion_is_known) return register_predicted(result);
+  }
   count_inliers(result);
 }
 

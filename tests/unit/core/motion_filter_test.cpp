@@ -274,6 +274,36 @@ TEST_CASE("the prediction expects roll and pitch as fast as the scans have shown
   CHECK(off_road < 6.0 * M_PI * nilio::kRadiansPerDegree);
 }
 
+TEST_CASE("a new map begins where the vehicle is, and its motion goes on", "[motion_filter]") {
+  MotionFilter filter;
+  filter.reset({}, Time{0});
+  for (int i = 1; i <= 20; ++i) {
+    filter.propagate({}, Time::from_seconds(kScanSeconds * i));
+    filter.update(straight_on(kScanSeconds * i), information_of(0.005));
+  }
+  filter.propagate({}, Time::from_seconds(4.0));
+  const MotionFilter before = filter;
+  filter.begin_map();
+  CHECK(filter.state().T_map_base.translation == before.state().T_map_base.translation);
+  CHECK(filter.state().twist() == before.state().twist());
+  CHECK(filter.twist_covariance() == before.twist_covariance());
+  CHECK(filter.pose_covariance()(0, 0) < 1e-3 * before.pose_covariance()(0, 0));
+  CHECK(filter.covariance().topRightCorner(6, MotionFilter::kSize - 6).isZero());
+}
+
+TEST_CASE("the distance of a relocalised pose is in deviations of the prediction", "[motion_filter]") {
+  MotionFilter filter;
+  filter.reset({}, Time{0});
+  filter.set_twist(Vector6::Zero(), Vector6::Constant(0.25));
+  filter.propagate({}, Time::from_seconds(2.0));
+  const double deviation = std::sqrt(filter.pose_covariance()(0, 0));
+  REQUIRE(deviation > 0.5);
+  SE3 pose = filter.state().T_map_base;
+  CHECK(filter.squared_distance(pose) == Approx(0.0).margin(1e-12));
+  pose.translation.x() += 2.0 * deviation;
+  CHECK(filter.squared_distance(pose) == Approx(4.0).epsilon(0.05));
+}
+
 TEST_CASE("a corner that the prediction did not expect widens the yaw alone", "[motion_filter]") {
   MotionFilter before;
   before.reset({}, Time{0});

@@ -259,6 +259,39 @@ TEST_CASE("a vehicle that left its map without scans resets it at the predicted 
   CHECK(since.translation.x() == Approx(1.9).margin(0.1));
 }
 
+TEST_CASE("with an IMU the speed outlasts a gap that ends in an unknown tube", "[odometry]") {
+  constexpr int kGapBegin = 30;
+  constexpr int kGapEnd = 60;
+  constexpr double kSpeed = 20.0;
+  const PoseFunction fast = [](double t) {
+    const double yaw = 0.1 * std::sin(1.6 * t);
+    const double lateral = kSpeed * 0.1 / 1.6 * (1.0 - std::cos(1.6 * t));
+    return SE3{Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())),
+               Vector3(kSpeed * t, lateral, 0.0)};
+  };
+  // The pillars end within the gap: scans of the bare tube do not show the speed.
+  Room room = Room::with_pillars();
+  room.low = {-500.0, -12.0, -1.8};
+  room.high = {1000.0, 12.0, 5.0};
+  Odometry odometry(OdometryConfig{});
+  std::vector<OdometryResult> after_gap;
+  int imu_index = -20;
+  for (int i = 0; i < kGapEnd + 40; ++i) {
+    for (; imu_index * 0.005 < (i + 1) * kPeriod + 0.01; ++imu_index)
+      odometry.add_imu(imu_sample(fast, imu_index * 0.005, Vector3::Zero()));
+    if (i >= kGapBegin && i < kGapEnd) continue;
+    Scan scan = scan_room(room, fast, i * kPeriod, static_cast<std::uint64_t>(i));
+    std::erase_if(scan.points, [](const Point& point) { return std::hypot(point.x, point.y) > 25.0F; });
+    const OdometryResult result = odometry.register_scan(scan);
+    if (i == kGapBegin - 1) CHECK(result.state == TrackingState::kTracking);
+    if (i >= kGapEnd) after_gap.push_back(result);
+  }
+  CHECK(std::any_of(after_gap.begin(), after_gap.end(), [](const OdometryResult& result) {
+    return result.state == TrackingState::kInitialising;
+  }));
+  for (const OdometryResult& result : after_gap) CHECK(result.twist[0] == Approx(kSpeed).margin(1.0));
+}
+
 TEST_CASE("a drive that continues in another place is lost, resets its map and tracks within 35 scans",
           "[odometry]") {
   constexpr int kSeam = 40;
