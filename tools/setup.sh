@@ -18,6 +18,21 @@ if [[ ${1:-} == --tests ]]; then
     user-mode-linux busybox-static qemu-system-x86 cpio kmod libelf1 systemd)
 fi
 
+# A full disk ends builds and tests in the middle, with a message of whatever wrote last.
+check_disk() {
+  local needed_mib=3000
+  [[ ${1:-} == --tests ]] && needed_mib=6500
+  local folder there_mib=0 free_mib
+  folder=$(cd "$(dirname "$0")/.." && pwd)
+  [[ ! -d $folder/build ]] || there_mib=$(du --summarize --block-size=1M "$folder/build" | cut --fields=1)
+  free_mib=$(df --block-size=1M --output=avail "$folder" | tail -n 1)
+  if ((free_mib + there_mib < needed_mib)); then
+    echo "setup: the disk of $folder has ${free_mib// /} MiB free, builds and tests need $((needed_mib - there_mib)) more: make room" >&2
+    exit 1
+  fi
+}
+check_disk "$@"
+
 # The kernel of tests/vm is only unpacked, not installed; without it those tests are skipped.
 finish() {
   [[ ${1:-} == --tests ]] || return 0
