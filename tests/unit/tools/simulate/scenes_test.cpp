@@ -1,6 +1,9 @@
+#include "nilio/core/se3.hpp"
 #include "tools/simulate/scenes/scene.hpp"
+#include "tools/simulate/town/town_drive.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include <catch2/catch.hpp>
 
@@ -43,4 +46,25 @@ TEST_CASE("a bus stops at its halt, stays, and continues at its speed", "[simula
   CHECK(bus.travelled_m(braking_from_s + 67.0) == Approx(150.0));
   CHECK(bus.travelled_m(braking_from_s + 75.0) == Approx(150.0 + 33.75));
   CHECK(bus.travelled_m(braking_from_s + 76.0) == Approx(150.0 + 33.75 + 9.0));
+}
+
+TEST_CASE("a vehicle that follows a script turns no tighter than it can steer, not even where it turns round",
+          "[simulate_scenes]") {
+  constexpr double kTightestRadiusM = 5.0;
+  constexpr double kSwayRad = 1e-3;
+  for (const SceneKind kind : {SceneKind::kReversing, SceneKind::kUTurn, SceneKind::kThreePointTurn}) {
+    CAPTURE(info_of(kind).name);
+    SceneConfig config;
+    config.speed_m_s = info_of(kind).speed_m_s;
+    const auto poses = make_scripted_town_drive(kind, config);
+    REQUIRE(poses.size() > 100);
+    double turned_rad = 0.0;
+    for (std::size_t i = 1; i < poses.size(); ++i) {
+      const nilio::core::SE3 motion = poses[i - 1].inverse() * poses[i];
+      const double yaw_rad = std::abs(nilio::core::so3_log(motion.rotation).z());
+      CHECK(yaw_rad <= motion.translation.norm() / kTightestRadiusM + kSwayRad);
+      turned_rad += yaw_rad;
+    }
+    CHECK(turned_rad > 1.4);
+  }
 }
