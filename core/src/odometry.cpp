@@ -1,15 +1,32 @@
 #include "nilio/core/odometry.hpp"
 
 #include "core/src/odometry_impl.hpp"
+#include "core/src/prefault.hpp"
+
+#include <algorithm>
+#include <utility>
 
 namespace nilio::core {
 
 namespace {
 
+// Voxels of the filter while a map begins, as shares of the configured one.
+constexpr float kFirstVoxelShare = 0.5F;
+constexpr float kInitialVoxelShare = 0.7F;
+// Minimum number of points of a first map.
+constexpr std::size_t kMinStartPoints = 50;
 // Share of the time between scans.
 constexpr double kRecoveryShare = 0.5;
-// Time after a jump in which poses are lost.
-constexpr Duration kJumpMemory = Duration::from_seconds(1.0);
+// Points times iterations of ICP, about 0.2 ms, and points to insert, from which a second thread pays.
+constexpr std::size_t kMinSharedWork = 4000;
+constexpr std::size_t kMinSharedPoints = 8000;
+// Below both limits the vehicle is stationary and nothing is inserted: noise would thicken planes for ever.
+constexpr double kStationarySpeed = 0.05;
+constexpr double kStationaryTurnRate = 0.01;
+
+bool is_stationary(const Vector6& twist) {
+  return twist.head<3>().norm() < kStationarySpeed && twist.tail<3>().norm() < kStationaryTurnRate;
+}
 
 }  // namespace
 
@@ -19,22 +36,70 @@ Odometry::Odometry(Odometry&&) noexcept = default;
 Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 Odometry::~Odometry() = default;
 
-bool Odometry::add_imu(const ImuSample& sample) {
-  ImuSample in_lidar_time = sample;
-  in_lidar_time.stamp = sample.stamp - state_->monitor.time_shift();
-  if (!state_->imu.add(in_lidar_time, state_->config.T_base_imu.rotation)) return false;
-  state_->monitor.add(sample);
-  return true;
+bool Odometry::add_imu(const ImuSample& sample) { return state_->motion.add_imu(sample); }
+
+const ImuHealth& Odometry::imu_health() const { return state_->motion.monitor().health(); }
+
+const std::vector<Eigen::Vector3f>& Odometry::deskewed_points() const {
+  return state_->preprocessing.deskewed();
 }
 
-const ImuHealth& Odometry::imu_health() const { return state_->monitor.health(); }
-
-const std::vector<Eigen::Vector3f>& Odometry::deskewed_points() const { return state_->deskewed; }
-
-float Odometry::deskewed_intensity(std::size_t index) const { return state_->sweep[index].intensity; }
+float Odometry::deskewed_intensity(std::size_t index) const {
+  return state_->preprocessing.sweep()[index].intensity;
+}
 
 BeamCorrection Odometry::beam_correction(std::size_t ring) const {
-  return state_->beam_calibration.correction_of(ring);
+  return state_->preprocessing.beam_calibration().correction_of(ring);
+}
+
+OdometryResult Odometry::register_scan(const Scan& scan) {
+  State& s = *state_;
+  s.update_map();
+  s.budget.begin_scan(scan.received_ns, s.motion.is_initialising(), s.recovery_budget(scan));
+  return register_within_budget(scan);
+}
+
+/// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence. The map is
+/// updated by update_map().
+OdometryResult Odometry::register_within_budget(const Scan& scan) {
+  State& s = *state_;
+  OdometryResult result = State::result_for(scan);
+  result.recovery_budget = s.recovery_budget(scan);
+  s.clock.stamp(result, OdometryStage::kStarted);
+  const std::size_t visited = s.filter_points(scan, result);
+  if (s.restart_is_due()) s.motion.leave_map();
+  if (s.motion.scans() == 0) {
+    s.threads.all.execute([&] { s.start(scan, result); });
+  } else {
+    s.predict(scan, result);
+    s.budget.record(WorkKind::kPrepare, visited);
+    s.clock.stamp(result, OdometryStage::kFiltered);
+    s.registration_threads().execute([&] { s.register_sweep(result); });
+    s.clock.stamp(result, OdometryStage::kFine);
+    s.check_alignment(result);
+  }
+  s.finish(scan, result);
+  return result;
+}
+
+void Odometry::update_map(OdometryResult& result) {
+  state_->update_map();
+  state_->count_map(result);
+  state_->clock.stamp(result, OdometryStage::kMapped);
+}
+
+Odometry::State::State(const OdometryConfig& configuration, ClockFunction clock_function)
+    : config(configuration),
+      clock{clock_function},
+      threads{tbb::task_arena(config.threads)},
+      budget(config.budget, clock_function),
+      preprocessing(config),
+      motion(config),
+      map(config, info_of(config.registration).needs_points),
+      ndt_icp(config, budget, clock),
+      search(config, ndt_icp, budget),
+      gate(config, ndt_icp.method()) {
+  prefault(config.max_filtered_points, first_sweep.points);
 }
 
 OdometryResult Odometry::State::result_for(const Scan& scan) {
@@ -45,103 +110,184 @@ OdometryResult Odometry::State::result_for(const Scan& scan) {
   return result;
 }
 
-/// Fills the poses of the end and the middle of a sweep.
-void Odometry::State::set_poses(const SweepMotion& moved, const SE3& T_map_end,
-                                OdometryResult& result) const {
-  result.T_odom_base = T_odom_map * T_map_end;
-  result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
-}
-
-/// Fills twist and IMU corrections from the motion.
-void Odometry::State::fill_motion(const SweepMotion& moved, const MotionState& state,
-                                  OdometryResult& result) const {
-  result.twist = moved.end_twist();
-  result.gyro_bias = state.gyro_bias;
-  result.imu_time_shift = monitor.time_shift();
-}
-
-void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
-  time = scan.end;
-  set_poses(motion, T_map_base, result);
-  ++scans;
-  T_map_last_middle = motion_filter.state().T_map_base;
-  last_middle = motion_filter.state().time;
-  last_fine_iterations = static_cast<std::size_t>(result.fine_iterations);
-  count_map(result);
-  if (!result.predicted) registered_time = time;
-  fill_motion(motion, motion_filter.state(), result);
-  result.degradation_level = degradation_level_of(result);
-  fill_confidence(motion_filter, motion, T_map_base, motion_prior.span_s(), result);
-  if (result.state != TrackingState::kInitialising && !is_drivable_step(T_map_base, motion_prior.span_s()))
-    jumped_at = time;
-  T_published = T_map_base;
-  published_speed = result.twist.head<3>().norm();
-}
-
-/// Covariance of a pose, `span_s` after the last published one; `lost` if no vehicle can have driven to it,
-/// or to one of the last second: tracking vouches for the motion of a second.
-void Odometry::State::fill_confidence(const MotionFilter& filter_at_middle, const SweepMotion& moved,
-                                      const SE3& T_map_pose, double span_s, OdometryResult& result) const {
-  MotionFilter at_end = filter_at_middle;
-  at_end.propagate(motion_prior.inputs, moved.span().end);
-  const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
-  result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
-  result.twist_covariance = at_end.twist_covariance();
-  const bool has_jumped = jumped_at && moved.span().end - *jumped_at < kJumpMemory;
-  if (result.state != TrackingState::kInitialising && (has_jumped || !is_drivable_step(T_map_pose, span_s)))
-    result.state = TrackingState::kLost;
-}
-
 /// Time for a recovery, which tries hypotheses that tracking does not need; zero while tracking. Half of the
 /// time to the next scan keeps up with the scans.
 Duration Odometry::State::recovery_budget(const Scan& scan) const {
-  const bool is_due = scans >= kInitialScans && (recovers || is_gap((scan.end - time).seconds()));
-  return is_due ? Duration::from_seconds(kRecoveryShare * period_s) : Duration{};
+  const bool is_due = !motion.is_initialising() && (gate.last_failed() || motion.prior_for(scan).is_gap);
+  return is_due ? Duration::from_seconds(kRecoveryShare * motion.period_s()) : Duration{};
+}
+
+std::size_t Odometry::State::filter_points(const Scan& scan, OdometryResult& result) {
+  // Methods that register against points need all of them.
+  const std::size_t most = ndt_icp.method().needs_points ? scan.points.size() : config.scan_points;
+  const std::size_t visited = budget.choose_scan_points(std::min(most, scan.points.size()));
+  const float voxel_share = motion.scans() == 0        ? kFirstVoxelShare
+                            : motion.is_initialising() ? kInitialVoxelShare
+                                                       : 1.0F;
+  preprocessing.filter(scan, visited, voxel_share);
+  result.points = static_cast<std::uint32_t>(scan.points.size());
+  result.points_filtered = static_cast<std::uint32_t>(preprocessing.sweep().size());
+  return visited;
+}
+
+bool Odometry::State::restart_is_due() const {
+  return gate.restart_is_due(motion) && preprocessing.sweep().size() >= kMinStartPoints;
+}
+
+/// The first scan of a map.
+void Odometry::State::start(const Scan& scan, OdometryResult& result) {
+  if (first_sweep.points.empty()) motion.level(scan);
+  motion.start(scan);
+  alignment = {};
+  first_sweep.points = preprocessing.sweep();
+  first_sweep.span = motion.prior().span;
+  const double plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
+  gate.begin_map(plane_voxel_m);
+  map.reset(plane_voxel_m);
+  place_first_sweep();
+  result.stop_reason = StopReason::kConverged;
+  for (const auto stage : {OdometryStage::kFiltered, OdometryStage::kCoarse, OdometryStage::kFine})
+    clock.stamp(result, stage);
+}
+
+/// The map is that of the first sweep, with the velocity known by now.
+void Odometry::State::place_first_sweep() {
+  motion.place_first_sweep(first_sweep.span);
+  map.reset(map.plane_voxel_m());
+  const auto& points = preprocessing.deskew(first_sweep.points, motion.motion());
+  map.insert(first_sweep.points, points, motion.T_map_last_middle(), coarse_voxel_m());
+}
+
+void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
+  motion.predict(scan);
+  result.imu_used = motion.prior().inputs.gyro;
+  // The second scan first determines the initial velocity, then selects points.
+  if (motion.scans() > 1) select_points(motion.T_predicted());
+}
+
+void Odometry::State::select_points(const SE3& T_map_guess) {
+  ndt_icp.select(preprocessing.sweep(), motion.motion(), map, T_map_guess, gate.coarse_is_due(motion));
+}
+
+/// Threads of this registration.
+tbb::task_arena& Odometry::State::registration_threads() {
+  const bool is_little =
+      motion.scans() > 1 && !gate.coarse_is_due(motion) && gate.is_tracking() &&
+      static_cast<std::size_t>(alignment.fine_iterations) * ndt_icp.selected() < kMinSharedWork;
+  return is_little ? threads.one : threads.all;
+}
+
+void Odometry::State::register_sweep(OdometryResult& result) {
+  register_predicted(result);
+  if (preprocessing.sweep().empty() || alignment.had_no_time()) return;
+  reconsider_stationary(result);
+  if (motion.is_initialising() || motion.prior().is_stationary) return;
+  reconsider_imu(result);
+  if (gate.is_doubtful(alignment, motion)) compare_hypotheses(result);
+}
+
+void Odometry::State::register_predicted(OdometryResult& result) {
+  const bool is_second = motion.scans() == 1;
+  const bool coarse = gate.coarse_is_due(motion);
+  if (is_second) {
+    if (!motion.motion_goes_on()) find_initial_velocity(result);
+    select_points(motion.T_predicted());
+  }
+  align({motion.T_predicted(), metric_of(motion.filter()), coarse}, result);
+  if (!is_second || !motion.motion_goes_on() || motion.fits(alignment.registration)) return;
+  motion.forget_motion();
+  register_predicted(result);
+}
+
+void Odometry::State::align(const AlignmentStart& start, OdometryResult& result) {
+  alignment = ndt_icp.align(map, motion, start, result);
+  alignment.count(result);
+}
+
+void Odometry::State::check_alignment(OdometryResult& result) {
+  const RegistrationResult& registration = alignment.registration;
+  result.stop_reason = registration.stop_reason;
+  if (gate.accepts(alignment, motion)) {
+    result.state = gate.accept(alignment, motion);
+    result.degenerate_axes = registration.degenerate_axes;
+    alignment.relocalized ? motion.relocate(registration) : motion.update(registration);
+    if (!motion.prior().motion_compensated) result.deskew_rate = motion.filter().state().angular_velocity;
+  } else {
+    result.predicted = true;
+    if (alignment.has_converged())
+      result.stop_reason = StopReason::kDegenerate;
+    else if (preprocessing.sweep().empty() && budget.was_short())
+      result.stop_reason = StopReason::kBudget;
+    // A budget too small for tracking is no reason to exceed it.
+    const bool for_lack_of_time = result.stop_reason == StopReason::kBudget && result.recovery_budget.ns == 0;
+    result.state = gate.fail(motion, for_lack_of_time);
+    motion.coast();
+  }
+  alignment.awaits_map = true;
+}
+
+void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
+  count_map(result);
+  result.degradation_level = degradation_level_of(result);
+  alignment.fine_iterations = result.fine_iterations;
+  describe(motion.prior(), motion.filter(), motion.motion(), motion.T_map_base(), result);
+  gate.publish(motion.T_map_base(), motion.prior().span_s(), scan.end, result.twist.head<3>().norm(),
+               result.state);
+  motion.finish(alignment.registration.degenerate_axes);
+}
+
+void Odometry::State::describe(const MotionPrior& prior, const MotionFilter& at_middle,
+                               const SweepMotion& moved, const SE3& T_map_base,
+                               OdometryResult& result) const {
+  result.T_odom_base = motion.T_odom_map() * T_map_base;
+  result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
+  result.twist = moved.end_twist();
+  result.gyro_bias = at_middle.state().gyro_bias;
+  result.imu_time_shift = motion.monitor().time_shift();
+  MotionFilter at_end = at_middle;
+  at_end.propagate(prior.inputs, moved.span().end);
+  const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
+  result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
+  result.twist_covariance = at_end.twist_covariance();
+  if (result.state != TrackingState::kInitialising &&
+      !gate.is_drivable(T_map_base, prior.span_s(), moved.span().end))
+    result.state = TrackingState::kLost;
+}
+
+DegradationLevel Odometry::State::degradation_level_of(const OdometryResult& result) const {
+  if (!budget.was_short()) return DegradationLevel::kFull;
+  const bool has_coarse = result.coarse_iterations > 0;
+  if (result.fine_iterations == 0)
+    return has_coarse ? DegradationLevel::kNdtOnly : DegradationLevel::kPredictionOnly;
+  return alignment.with_coarse && !has_coarse ? DegradationLevel::kIcpOnly : DegradationLevel::kFewerPoints;
 }
 
 void Odometry::State::count_map(OdometryResult& result) const {
-  result.map_voxels = static_cast<std::uint32_t>(planes.size());
-  result.map_refused = planes.refused() + ndt_map.refused();
+  result.map_voxels = static_cast<std::uint32_t>(map.planes().size());
+  result.map_refused = map.refused();
 }
 
-/// NI-LIO section 3: preprocess, predict with the IMU, NDT coarse and ICP fine until convergence. The map is
-/// updated by update_map().
-OdometryResult Odometry::register_within_budget(const Scan& scan) {
-  State& s = *state_;
-  OdometryResult result = State::result_for(scan);
-  result.recovery_budget = s.recovery_budget(scan);
-  s.stamp(result, OdometryStage::kStarted);
-  s.filter_points(scan, result);
-  if (s.restart_is_due()) s.reset_map();
-  if (s.scans == 0) {
-    s.arena.execute([&] { s.start(scan, result); });
-  } else {
-    s.predict(scan, result);
-    // The second scan first determines the initial velocity, then selects points.
-    if (s.scans > 1) s.select_points(s.T_predicted);
-    s.budget.record(WorkKind::kPrepare, s.scan_points);
-    s.stamp(result, OdometryStage::kFiltered);
-    s.registration_arena().execute([&] { s.register_sweep(result); });
-    s.stamp(result, OdometryStage::kFine);
-    s.check_registration(result);
-    s.map_update_pending = true;
-  }
-  s.finish(scan, result);
-  return result;
+float Odometry::State::coarse_voxel_m() const {
+  return kCoarseVoxelMetres * (preprocessing.is_dense() ? kInitialVoxelShare : 1.0F);
 }
 
-OdometryResult Odometry::register_scan(const Scan& scan) {
-  State& s = *state_;
-  s.apply_pending_map_update();
-  s.budget.begin_scan(scan.received_ns, s.scans < kInitialScans, s.recovery_budget(scan));
-  return register_within_budget(scan);
-}
-
-void Odometry::update_map(OdometryResult& result) {
-  State& s = *state_;
-  s.apply_pending_map_update();
-  s.count_map(result);
-  s.stamp(result, OdometryStage::kMapped);
+/// The map takes the last scan, unless it is in doubt or shows nothing new.
+void Odometry::State::update_map() {
+  if (!std::exchange(alignment.awaits_map, false)) return;
+  const std::vector<SweepPoint>& sweep = preprocessing.sweep();
+  tbb::task_arena& arena = sweep.size() < kMinSharedPoints ? threads.one : threads.all;
+  arena.execute([&] {
+    const MotionState& state = motion.filter().state();
+    const bool is_observed = alignment.registration.degenerate_axes == 0 && !motion.prior().is_stationary;
+    if (config.calibrate_beams && gate.vouches() && is_observed && motion.scans() > kInitialScans)
+      ndt_icp.add_residuals(map, motion, alignment, config.T_base_lidar, preprocessing.beam_calibration());
+    const bool is_new = !is_stationary(state.twist()) && map.is_elsewhere(state.T_map_base);
+    const auto& points = preprocessing.deskew(sweep, motion.motion());
+    if (gate.vouches() && (preprocessing.is_dense() || is_new))
+      map.insert(sweep, points, state.T_map_base, coarse_voxel_m());
+    preprocessing.move_deskewed(motion.motion().T_middle_end().inverse());
+    map.evict_far_from(motion.T_map_base().translation);
+  });
 }
 
 }  // namespace nilio::core

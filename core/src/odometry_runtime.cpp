@@ -19,7 +19,7 @@ constexpr int kPolls = 10'000;
 }  // namespace
 
 int OdometryRuntime::warm_up(const std::function<void()>& on_thread) {
-  const int wanted = odometry_->state_->arena.max_concurrency();
+  const int wanted = odometry_->state_->threads.all.max_concurrency();
   std::atomic<int> arrived{0};
   std::atomic<bool> over{false};
   // Each arriving thread waits for all others, so that every thread takes exactly one call.
@@ -31,16 +31,17 @@ int OdometryRuntime::warm_up(const std::function<void()>& on_thread) {
       std::this_thread::sleep_for(kPoll);
     over.store(true);
   };
-  odometry_->state_->arena.execute([&] { tbb::parallel_for(0, wanted, come, tbb::simple_partitioner()); });
+  odometry_->state_->threads.all.execute(
+      [&] { tbb::parallel_for(0, wanted, come, tbb::simple_partitioner()); });
   return arrived.load();
 }
 
-std::optional<Time> OdometryRuntime::latest_imu() const { return odometry_->state_->imu.latest(); }
+std::optional<Time> OdometryRuntime::latest_imu() const { return odometry_->state_->motion.imu().latest(); }
 
 OdometryResult OdometryRuntime::register_scan(const Scan& scan, const BudgetDecisions& decisions) {
   Odometry::State& s = *odometry_->state_;
-  s.apply_pending_map_update();
-  s.budget.begin_scan(decisions, s.scans < kInitialScans);
+  s.update_map();
+  s.budget.begin_scan(decisions, s.motion.is_initialising());
   return odometry_->register_within_budget(scan);
 }
 
@@ -53,19 +54,18 @@ void OdometryRuntime::note_published(const OdometryResult& result) {
 OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   const Odometry::State& s = *odometry_->state_;
   OdometryResult result = Odometry::State::result_for(scan);
-  const Odometry::State::MotionPrior prior = s.motion_prior_for(scan);
-  MotionFilter filter = s.motion_filter;
+  const MotionPrior prior = s.motion.prior_for(scan);
+  MotionFilter filter = s.motion.filter();
   filter.propagate(prior.inputs, prior.span.middle());
-  const SweepMotion motion(prior.span, filter.state(), prior.inputs);
+  const SweepMotion moved(prior.span, filter.state(), prior.inputs);
   result.imu_used = prior.inputs.gyro;
-  const SE3 T_map_base = s.scans == 0 ? s.T_map_base : filter.state().T_map_base * motion.T_middle_end();
-  s.set_poses(motion, T_map_base, result);
+  const bool has_begun = s.motion.scans() > 0;
+  const SE3 T_map_base = has_begun ? filter.state().T_map_base * moved.T_middle_end() : s.motion.T_map_base();
   result.predicted = true;
-  s.fill_motion(motion, filter.state(), result);
   result.degradation_level = DegradationLevel::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
-  result.state = s.state_without_registration(1);
-  s.fill_confidence(filter, motion, T_map_base, (scan.end - s.time).seconds(), result);
+  result.state = s.gate.state_without_registration(s.motion, 1);
+  s.describe(prior, filter, moved, T_map_base, result);
   return result;
 }
 

@@ -29,6 +29,13 @@ std::size_t group_of(const Eigen::Vector3f& normal, float square_range) {
 
 }  // namespace
 
+void sample_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
+                   std::vector<Eigen::Vector3f>& output) {
+  output.clear();
+  const std::size_t count = std::min(target, points.size());
+  for (std::size_t i = 0; i < count; ++i) output.push_back(points[i * points.size() / count]);
+}
+
 NormalSpaceSampler::NormalSpaceSampler(std::size_t capacity) {
   candidates_.reserve(capacity);
   for (auto& group : groups_) group.reserve(capacity);

@@ -12,6 +12,10 @@
 
 namespace nilio::core {
 
+/// Samples at most `target` points evenly.
+void sample_evenly(const std::vector<Eigen::Vector3f>& points, std::size_t target,
+                   std::vector<Eigen::Vector3f>& output);
+
 struct SelectionConfig {
   /// Maximum number of points.
   std::size_t target = 2000;

@@ -1,29 +1,22 @@
-#include "core/src/odometry_impl.hpp"
+#include "core/src/registration/ndt_icp.hpp"
+
+#include "core/src/prefault.hpp"
+#include "core/src/registration/gauss_newton.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace nilio::core {
 
 namespace {
 
+constexpr std::size_t kCoarsePoints = 800;
 // Scale of the robust kernel in standard deviations of a guess that is as bad for every point.
 constexpr double kKernelSigmas = 0.5;
-// A pass is repeated if the end of the sweep moves by more than registration resolves.
-constexpr double kMotionEpsilonMetres = 2.5e-3;
-constexpr double kMotionEpsilonRadians = 2.5e-4;
-// Points times iterations of ICP, about 0.2 ms, from which a second thread pays.
-constexpr std::size_t kMinSharedWork = 4000;
-constexpr double kCoarseTriggerErrorMetres = 0.5;
-constexpr double kCoarseTriggerGap = 1.5;
-
 constexpr int kMaxWidenings = 3;
-
-// Velocities of a vehicle that is not stationary after all, m/s and rad/s.
-constexpr double kWalkingSpeed = 2.0;
-
 // Error of the mean of a non-planar voxel.
 constexpr double kVoxelMeanDeviation = 0.1;
+// Convergence thresholds within the basin of ICP; the best of several hypotheses is registered again.
+constexpr CoarseEpsilon kRoughEpsilon{0.1, 0.01};
 
 /// Weight of Gaussians beside a prior. All points of a voxel share the error of its mean, which their number
 /// does not reduce: a better prediction is not drawn to it.
@@ -40,33 +33,13 @@ bool has_found_pose(const RegistrationResult& coarse) {
           coarse.stop_reason == StopReason::kMaxIterations);
 }
 
+/// The prior of the registration; none for a relocalised pose.
+std::optional<PosePrior> pose_prior(const MotionEstimator& motion, bool relocalized) {
+  if (relocalized) return std::nullopt;
+  return PosePrior{motion.T_predicted(), motion.filter().pose_covariance()};
+}
+
 }  // namespace
-
-void Odometry::State::select_points(const SE3& T_guess) {
-  motion.deskew(sweep, deskewed);
-  const std::size_t target = budget.choose_registration_points(config.registration_points, coarse_is_due());
-  const SelectionConfig selection_config{target, kCoarseVoxelMetres, PlaneMetric{}.max_planarity};
-  selector.select(planes, filter, deskewed, T_guess, selection_config, selection);
-  selected_sweep.clear();
-  for (const std::uint32_t index : selection) selected_sweep.push_back(sweep[index]);
-  const std::size_t wanted = std::min(target, sweep.size());
-  known_share = wanted == 0 ? 0.0 : static_cast<double>(selection.size()) / static_cast<double>(wanted);
-  sample_evenly(deskewed, kCoarsePoints, coarse_points);
-}
-
-bool Odometry::State::coarse_is_due() const {
-  if (!method.coarse) return false;
-  if (config.coarse == CoarsePolicy::kAlways || coarse_scans_left > 0 || failures > 0) return true;
-  return std::max(prediction_error_m, sigma_m) > kCoarseTriggerErrorMetres || is_gap(motion_prior.span_s());
-}
-
-bool Odometry::State::is_gap(double span_s) const { return span_s > kCoarseTriggerGap * period_s; }
-
-PlaneMetric Odometry::State::metric_of_prediction() const {
-  PlaneMetric metric = plane_metric(kMinSigmaMetres);
-  metric.guess_covariance = motion_filter.pose_covariance();
-  return metric;
-}
 
 PlaneMetric plane_metric(double sigma_m) {
   PlaneMetric metric;
@@ -75,241 +48,197 @@ PlaneMetric plane_metric(double sigma_m) {
   return metric;
 }
 
-RegistrationResult Odometry::State::register_fine(const std::vector<Eigen::Vector3f>& points,
-                                                  const SE3& T_guess, const PlaneMetric& metric,
-                                                  const std::optional<PosePrior>& prior,
-                                                  OdometryResult& result) {
+PlaneMetric metric_of(const MotionFilter& prediction) {
+  PlaneMetric metric = plane_metric(kMinSigmaMetres);
+  metric.guess_covariance = prediction.pose_covariance();
+  return metric;
+}
+
+void Alignment::count(OdometryResult& result) const {
+  result.points_used = static_cast<std::uint32_t>(points);
+  result.correspondences = registration.equations.correspondences;
+  result.inlier_ratio =
+      points == 0 ? 0.0 : static_cast<double>(registration.equations.inliers) / static_cast<double>(points);
+}
+
+NdtIcp::NdtIcp(const OdometryConfig& config, ComputeBudget& budget, StageClock clock)
+    : method_(info_of(config.registration)),
+      budget_(budget),
+      clock_(clock),
+      max_points_(config.registration_points),
+      max_passes_(config.max_passes),
+      max_coarse_iterations_(config.max_coarse_iterations),
+      max_fine_iterations_(config.max_fine_iterations),
+      sampler_(config.max_filtered_points),
+      downsampler_(config.max_filtered_points) {
+  prefault(config.max_filtered_points, deskewed_);
+  prefault(max_points_, selection_, selected_sweep_, selected_, point_times_);
+  prefault(kCoarsePoints, coarse_points_);
+}
+
+void NdtIcp::select(const std::vector<SweepPoint>& sweep, const SweepMotion& motion, const LocalMap& map,
+                    const SE3& T_map_guess, bool coarse) {
+  motion.deskew(sweep, deskewed_);
+  const std::size_t target = budget_.choose_registration_points(max_points_, coarse);
+  const SelectionConfig selection_config{target, kCoarseVoxelMetres, PlaneMetric{}.max_planarity};
+  sampler_.select(map.planes(), downsampler_, deskewed_, T_map_guess, selection_config, selection_);
+  selected_sweep_.clear();
+  for (const std::uint32_t index : selection_) selected_sweep_.push_back(sweep[index]);
+  const std::size_t wanted = std::min(target, sweep.size());
+  known_share_ = wanted == 0 ? 0.0 : static_cast<double>(selection_.size()) / static_cast<double>(wanted);
+  sample_evenly(deskewed_, kCoarsePoints, coarse_points_);
+}
+
+RegistrationResult NdtIcp::register_fine(const LocalMap& map, std::span<const Eigen::Vector3f> points,
+                                         const SE3& T_map_guess, const PlaneMetric& metric,
+                                         const std::optional<PosePrior>& prior, const SweepProblem* problem,
+                                         OdometryResult& result) {
   SolverOptions options;
-  options.max_iterations = config.max_fine_iterations;
+  options.max_iterations = max_fine_iterations_;
   options.prior = prior;
-  const SweepProblem problem = prior && is_manoeuvring ? sweep_problem() : SweepProblem{};
-  if (!problem.times_s.empty()) options.sweep = &problem;
-  options.budget = &budget;
-  const RegistrationMaps maps{&planes, &ndt_map, point_map ? &*point_map : nullptr};
-  const RegistrationResult fine = method.refine(maps, points, T_guess, metric, options);
+  options.sweep = problem;
+  options.budget = &budget_;
+  const RegistrationMaps maps{&map.planes(), &map.gaussians(), map.points()};
+  const RegistrationResult fine = method_.refine(maps, points, T_map_guess, metric, options);
   result.fine_iterations += fine.iterations;
   return fine;
 }
 
-RegistrationResult Odometry::State::register_coarse(OdometryResult& result) {
-  const RegistrationResult coarse = register_coarsely(ndt_map, coarse_points, registration.T_map_moving,
-                                                      config.max_coarse_iterations, &budget);
+RegistrationResult NdtIcp::register_coarse(const LocalMap& map, RegistrationResult& registration,
+                                           OdometryResult& result) {
+  const RegistrationResult coarse = register_coarsely(
+      map.gaussians(), coarse_points_, registration.T_map_moving, max_coarse_iterations_, &budget_);
   result.coarse_iterations += coarse.iterations;
   if (has_found_pose(coarse)) registration.T_map_moving = coarse.T_map_moving;
   return coarse;
 }
 
-/// The prior of the registration; none for a relocalised pose.
-std::optional<PosePrior> Odometry::State::pose_prior() const {
-  if (relocalized) return std::nullopt;
-  return PosePrior{T_predicted, motion_filter.pose_covariance()};
-}
-
 /// Twist of the sweep beside its pose: its points are seen one after the other.
-SweepProblem Odometry::State::sweep_problem() {
-  const auto half_s = static_cast<float>(0.5 * motion_prior.span.seconds());
-  point_times.clear();
-  for (const SweepPoint& point : selected_sweep) point_times.push_back(point.time_s + half_s);
-  return {point_times,
-          motion.middle_twist(),
-          {T_predicted, motion_filter.state().twist(), motion_filter.motion_covariance()}};
-}
-
-/// The motion follows the registered pose. Returns whether the end of the sweep moves by less than
-/// registration resolves.
-bool Odometry::State::refine_motion() {
-  const SE3 T_middle_end = motion.T_middle_end();
-  follow(registration.sweep_information.isZero()
-             ? motion_filter.conditioned_on(registration.T_map_moving)
-             : motion_filter.conditioned_on(registration.T_map_moving, registration.twist));
-  const SE3 change = T_middle_end.inverse() * motion.T_middle_end();
-  return change.translation.norm() < kMotionEpsilonMetres &&
-         so3_log(change.rotation).norm() < kMotionEpsilonRadians;
+SweepProblem NdtIcp::sweep_problem(const MotionEstimator& motion) {
+  const auto half_s = static_cast<float>(0.5 * motion.prior().span.seconds());
+  point_times_.clear();
+  for (const SweepPoint& point : selected_sweep_) point_times_.push_back(point.time_s + half_s);
+  const MotionFilter& filter = motion.filter();
+  return {point_times_,
+          motion.motion().middle_twist(),
+          {motion.T_predicted(), filter.state().twist(), filter.motion_covariance()}};
 }
 
 /// The pose of NDT where ICP failed or had no time, beside an IMU with the prior, and with the inliers and
 /// agreement of the plane map.
-RegistrationResult Odometry::State::kept_coarse(RegistrationResult coarse, const PlaneMetric& metric,
-                                                const std::optional<PosePrior>& prior) {
-  if (has_no_time()) {
+RegistrationResult NdtIcp::kept_coarse(const LocalMap& map, RegistrationResult coarse,
+                                       const PlaneMetric& metric, const std::optional<PosePrior>& prior,
+                                       bool had_no_time) {
+  if (had_no_time) {
     coarse.stop_reason = StopReason::kBudget;
-  } else if (prior && motion_prior.imu_covers) {
+  } else if (prior) {
     SolverOptions options;
-    options.max_iterations = config.max_fine_iterations;
+    options.max_iterations = max_fine_iterations_;
     options.prior = prior;
-    options.budget = &budget;
-    const RegistrationResult held = register_ndt(ndt_map, coarse_points, coarse.T_map_moving,
+    options.budget = &budget_;
+    const RegistrationResult held = register_ndt(map.gaussians(), coarse_points_, coarse.T_map_moving,
                                                  std::span(kNdtKernelSchedule).last<1>(), options);
     if (held.iterations > 0) coarse = held;
   }
-  const NormalEquations agreeing = plane_equations(planes, selected, coarse.T_map_moving, metric);
+  const NormalEquations agreeing = plane_equations(map.planes(), selected_, coarse.T_map_moving, metric);
   coarse.equations.inliers = agreeing.inliers;
   coarse.equations.agreement = agreeing.agreement;
   return coarse;
 }
 
-void Odometry::State::register_points(bool coarse, PlaneMetric metric, OdometryResult& result) {
-  const bool by_accelerometer = motion_prior.is_stationary || motion_prior.inputs.accelerometer;
-  RegistrationResult by_coarse;
+Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const AlignmentStart& start,
+                        OdometryResult& result) {
+  const MotionPrior& about = motion.prior();
+  const bool by_accelerometer = about.is_stationary || about.inputs.accelerometer;
+  Alignment alignment;
+  alignment.with_coarse = start.coarse;
+  alignment.relocalized = start.relocalized;
+  alignment.known_share = known_share_;
+  RegistrationResult& registration = alignment.registration;
+  registration.T_map_moving = start.T_map_guess;
+  PlaneMetric metric = start.metric;
+  RegistrationResult coarse;
+  bool is_manoeuvring = false;
   int widenings = 0;
-  is_manoeuvring = false;
-  for (int pass = 0; pass < config.max_passes; ++pass) {
-    if (pass > 0 && !budget.allows(WorkKind::kIcp, selected_sweep.size())) {
+  for (int pass = 0; pass < max_passes_; ++pass) {
+    if (pass > 0 && !budget_.allows(WorkKind::kIcp, selected_sweep_.size())) {
       registration.stop_reason = StopReason::kBudget;
-      return;
+      break;
     }
-    const std::optional<PosePrior> prior = pose_prior();
+    const std::optional<PosePrior> prior = pose_prior(motion, start.relocalized);
     metric.gaussian_weight = gaussian_weight(prior);
-    motion.deskew(selected_sweep, selected);
-    registered_points = selected.size();
-    if (coarse && pass == 0) by_coarse = register_coarse(result);
-    if (pass == 0) stamp(result, OdometryStage::kCoarse);
-    registration = register_fine(selected, registration.T_map_moving, metric, prior, result);
+    motion.motion().deskew(selected_sweep_, selected_);
+    alignment.points = selected_.size();
+    if (start.coarse && pass == 0) coarse = register_coarse(map, registration, result);
+    if (pass == 0) clock_.stamp(result, OdometryStage::kCoarse);
+    const SweepProblem problem = prior && is_manoeuvring ? sweep_problem(motion) : SweepProblem{};
+    registration = register_fine(map, selected_, registration.T_map_moving, metric, prior,
+                                 problem.times_s.empty() ? nullptr : &problem, result);
     // ICP with less than half of NDT's correspondences is a minimum among few points; NDT also follows
     // moving objects, so not beside a prior from the accelerometer.
     const bool has_few =
-        !by_accelerometer && 2 * registration.equations.correspondences < by_coarse.equations.correspondences;
-    const bool has_failed = !has_pose() || has_few;
-    if (has_failed && has_found_pose(by_coarse)) registration = kept_coarse(by_coarse, metric, prior);
+        !by_accelerometer && 2 * registration.equations.correspondences < coarse.equations.correspondences;
+    if ((!alignment.has_pose() || has_few) && has_found_pose(coarse)) {
+      const std::optional<PosePrior> held = about.imu_covers ? prior : std::nullopt;
+      registration = kept_coarse(map, coarse, metric, held, alignment.had_no_time());
+    }
     ++result.passes;
-    if (has_no_time()) return;
-    if (!registration.T_map_moving.is_finite()) return;
-    if (relocalized) {
-      if (registration.stop_reason != StopReason::kMaxIterations) return;
+    if (alignment.had_no_time() || !alignment.pose().is_finite()) break;
+    if (start.relocalized) {
+      if (registration.stop_reason != StopReason::kMaxIterations) break;
       continue;
     }
-    const bool is_settled = refine_motion();
-    if (widenings < kMaxWidenings &&
-        motion_filter.adapt_to_manoeuvre(registration.T_map_moving, motion_prior.inputs)) {
-      const MotionFilter adapted = motion_filter;
-      motion_filter = last_filter;
-      motion_filter.adapt_as(adapted);
-      motion_filter.propagate(motion_prior.inputs, motion_prior.span.middle());
-      metric = metric_of_prediction();
+    const bool is_settled = motion.follow(registration);
+    if (widenings < kMaxWidenings && motion.widen_for_manoeuvre(alignment.pose())) {
+      metric = metric_of(motion.filter());
+      is_manoeuvring = !about.inputs.gyro && !about.motion_compensated && !about.is_gap;
       ++widenings;
-      is_manoeuvring = !motion_prior.inputs.gyro && !motion_compensated && !is_gap(motion_prior.span_s());
       --pass;
-      static_cast<void>(refine_motion());
+      static_cast<void>(motion.follow(registration));
       continue;
     }
-    if (is_settled || motion_compensated) return;
+    if (is_settled || about.motion_compensated) break;
   }
+  return alignment;
 }
 
-/// Arena of this registration; results do not depend on it.
-tbb::task_arena& Odometry::State::registration_arena() {
-  const bool is_little = scans > 1 && !coarse_is_due() && failures == 0 &&
-                         last_fine_iterations * selected_sweep.size() < kMinSharedWork;
-  return is_little ? single_thread_arena : arena;
+RegistrationResult NdtIcp::align_roughly(const LocalMap& map, std::span<const Eigen::Vector3f> points,
+                                         const SE3& T_map_hypothesis, double sigma_m,
+                                         OdometryResult& result) {
+  RegistrationResult coarse;
+  coarse.T_map_moving = T_map_hypothesis;
+  if (method_.coarse)
+    coarse = register_coarsely(map.gaussians(), points, T_map_hypothesis, max_coarse_iterations_, &budget_,
+                               kRoughEpsilon);
+  result.coarse_iterations += coarse.iterations;
+  return register_fine(map, points, coarse.T_map_moving, plane_metric(sigma_m), std::nullopt, nullptr,
+                       result);
 }
 
-void Odometry::State::register_predicted(OdometryResult& result) {
-  registration = {};
-  registration.T_map_moving = T_predicted;
-  coarse_was_due = coarse_is_due();
-  if (scans == 1) {
-    if (!motion_is_known) find_initial_velocity(result);
-    select_points(T_predicted);
+void NdtIcp::add_residuals(const LocalMap& map, const MotionEstimator& motion, const Alignment& alignment,
+                           const SE3& T_base_lidar, BeamCalibration& calibration) {
+  const PlaneMetric metric;
+  const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
+  const SE3 T_map_lidar = motion.filter().state().T_map_base * T_base_lidar;
+  const Matrix3 R_map_lidar = T_map_lidar.rotation.toRotationMatrix();
+  const SE3 T_lidar_base = T_base_lidar.inverse();
+  motion.motion().deskew(selected_sweep_, selected_);
+  for (std::size_t i = 0; i < selected_.size(); ++i) {
+    const Vector3 p = T_lidar_base * selected_[i].cast<double>();
+    const Vector3 q = T_map_lidar * p;
+    const VoxelIndex index = map.planes().index_of(q);
+    const GaussianVoxel* surface = map.planes().find(index);
+    if (surface == nullptr || static_cast<double>(surface->planarity) > metric.max_planarity) continue;
+    const Vector3 normal = surface->normal.cast<double>();
+    const double distance_m = normal.dot(q - map.planes().corner_of(index) - surface->mean.cast<double>());
+    const double square = distance_m * distance_m;
+    if (square > kGateSigmas * kGateSigmas * point_variance) continue;
+    const double root = point_variance / (point_variance + square);
+    const double certainty = point_variance / (point_variance + static_cast<double>(surface->thickness));
+    calibration.add(
+        {selected_sweep_[i].beam, p, R_map_lidar.transpose() * normal, distance_m, root * root * certainty});
   }
-  register_points(coarse_was_due, metric_of_prediction(), result);
-  if (scans == 1 && motion_is_known) {
-    motion_is_known = fits_prediction();
-    if (!motion_is_known) return register_predicted(result);
-  }
-  count_inliers(result);
-}
-
-void Odometry::State::register_sweep(OdometryResult& result) {
-  register_predicted(result);
-  if (sweep.empty() || has_no_time()) return;
-  reconsider_stationary(result);
-  if (scans < kInitialScans || motion_prior.is_stationary) return;
-  reconsider_imu(result);
-  if (is_doubtful()) compare_hypotheses(result);
-}
-
-/// The budget ended before the first iteration: the registration is no evidence.
-bool Odometry::State::has_no_time() const {
-  return registration.stop_reason == StopReason::kBudget && registration.iterations == 0;
-}
-
-DegradationLevel Odometry::State::degradation_level_of(const OdometryResult& result) const {
-  if (!budget.was_short()) return DegradationLevel::kFull;
-  const bool has_coarse = result.coarse_iterations > 0;
-  if (result.fine_iterations == 0)
-    return has_coarse ? DegradationLevel::kNdtOnly : DegradationLevel::kPredictionOnly;
-  return method.coarse && coarse_was_due && !has_coarse ? DegradationLevel::kIcpOnly
-                                                        : DegradationLevel::kFewerPoints;
-}
-
-void Odometry::State::count_inliers(OdometryResult& result) const {
-  result.points_used = static_cast<std::uint32_t>(registered_points);
-  result.correspondences = registration.equations.correspondences;
-  result.inlier_ratio = registered_points == 0 ? 0.0
-                                               : static_cast<double>(registration.equations.inliers) /
-                                                     static_cast<double>(registered_points);
-}
-
-/// Motion between the midpoints of two sweeps.
-RegisteredMotion Odometry::State::registered_motion() const {
-  return {last_middle, motion_prior.span.middle(), T_map_last_middle, registration.T_map_moving};
-}
-
-Odometry::State::Hypothesis Odometry::State::hypothesis() const {
-  return {motion_prior, motion_filter,     motion,
-          registration, registered_points, has_pose() ? agreement() : 0.0};
-}
-
-void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& result) {
-  motion_prior = earlier.prior;
-  motion_filter = earlier.filter;
-  motion = earlier.motion;
-  registration = earlier.registration;
-  registered_points = earlier.points;
-  T_predicted = motion_filter.state().T_map_base;
-  sigma_m = prediction_deviation();
-  count_inliers(result);
-}
-
-/// Other vehicles move the scan of a stationary one, and the IMU does not see a smooth walking pace: the
-/// vehicle is stationary unless the map agrees much better with a motion.
-void Odometry::State::reconsider_stationary(OdometryResult& result) {
-  if (!motion_prior.is_stationary || scans == 1) return;
-  if (fits_prediction()) return;
-  const Hypothesis stationary = hypothesis();
-  motion_prior.is_stationary = false;
-  motion_filter = last_filter;
-  motion_filter.set_twist(Vector6::Zero(), Vector6::Constant(kWalkingSpeed * kWalkingSpeed));
-  predict_motion();
-  select_points(T_predicted);
-  register_predicted(result);
-  if (is_plausible() && kAgreementCollapse * agreement() > stationary.agreement) {
-    end_stationary();
-  } else {
-    return_to(stationary, result);
-  }
-}
-
-/// A wrong IMU distorts the scan by deskewing and holds the pose: where the two do not agree, the scan is
-/// registered without it, and what agrees better with the map is kept.
-void Odometry::State::reconsider_imu(OdometryResult& result) {
-  if (!motion_prior.inputs.gyro) return;
-  const bool is_contradicted =
-      is_plausible() && monitor.contradicts(imu, motion_filter.state().gyro_bias, registered_motion());
-  if (!is_contradicted && !is_doubtful()) return;
-  const Hypothesis with_imu = hypothesis();
-  motion_prior.inputs.gyro = motion_prior.inputs.accelerometer = false;
-  motion_filter = last_filter;
-  predict_motion();
-  select_points(T_predicted);
-  register_predicted(result);
-  if (is_plausible() && (is_contradicted || agreement() > with_imu.agreement)) {
-    result.imu_used = false;
-    if (is_contradicted || monitor.contradicts(imu, motion_filter.state().gyro_bias, registered_motion()))
-      monitor.demote();
-    return;
-  }
-  return_to(with_imu, result);
+  calibration.update(measurement_variance(alignment.registration.equations));
 }
 
 }  // namespace nilio::core

@@ -1,0 +1,111 @@
+#include "core/src/recovery/pose_search.hpp"
+
+#include "core/src/prefault.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace nilio::core {
+
+namespace {
+
+// Points per hypothesis, enough to rank hypotheses, and more where there is time.
+constexpr std::size_t kFewPoints = 250;
+constexpr std::size_t kManyPoints = 800;
+// Initial velocity search: displacements along the vehicle's axis for -20 to 50 m/s at 10 Hz; the best few
+// that are not the same place are registered.
+constexpr double kMinDisplacementMetres = -2.0;
+constexpr double kDisplacementStepMetres = 1.0;
+constexpr std::size_t kDisplacements = 8;
+constexpr int kDisplacementTrials = 2;
+constexpr double kSamePlaceMetres = 1.25;
+
+// Relocalisation hypotheses around the prediction. NDT converges from 3 m and 10 deg around each.
+struct Offset {
+  double forward_m;
+  double yaw_rad;
+};
+constexpr std::array<Offset, 7> kOffsets = {
+    {{0.0, 0.0}, {0.0, 0.17}, {0.0, -0.17}, {0.0, 0.35}, {0.0, -0.35}, {4.0, 0.0}, {-4.0, 0.0}}};
+constexpr std::size_t kHypotheses = kOffsets.size() + 1;
+// Typical number of NDT iterations for a hypothesis.
+constexpr std::size_t kSearchIterations = 15;
+
+SE3 displaced(const SE3& T_predicted, std::size_t i) {
+  const double forward_m = kMinDisplacementMetres + kDisplacementStepMetres * static_cast<double>(i);
+  return T_predicted * SE3{Eigen::Quaterniond::Identity(), Vector3(forward_m, 0.0, 0.0)};
+}
+
+/// The vehicle may have stopped at the last registered pose, or be near the predicted one.
+SE3 hypothesis(std::size_t i, const MotionEstimator& motion) {
+  if (i == 0) return motion.T_accepted() * motion.motion().T_middle_end().inverse();
+  const Offset& offset = kOffsets[i - 1];
+  return motion.T_predicted() *
+         SE3{so3_exp(offset.yaw_rad * Vector3::UnitZ()), Vector3(offset.forward_m, 0.0, 0.0)};
+}
+
+}  // namespace
+
+PoseSearch::PoseSearch(const OdometryConfig& config, NdtIcp& ndt_icp, ComputeBudget& budget)
+    : ndt_icp_(ndt_icp), budget_(budget) {
+  prefault(config.max_filtered_points, deskewed_);
+  prefault(kManyPoints, points_);
+}
+
+void PoseSearch::sample(const std::vector<SweepPoint>& sweep, const MotionEstimator& motion,
+                        std::size_t count) {
+  motion.motion().deskew(sweep, deskewed_);
+  sample_evenly(deskewed_, count, points_);
+}
+
+void PoseSearch::try_hypothesis(const SE3& T_map_hypothesis, const LocalMap& map,
+                                const MotionEstimator& motion, FoundPose& best, OdometryResult& result) {
+  const RegistrationResult found =
+      ndt_icp_.align_roughly(map, points_, T_map_hypothesis, motion.deviation_m(), result);
+  if (!found.T_map_moving.is_finite() || found.equations.inliers <= best.inliers) return;
+  best = {found.T_map_moving, found.equations.inliers};
+}
+
+FoundPose PoseSearch::find_displacement(const std::vector<SweepPoint>& sweep, const LocalMap& map,
+                                        const MotionEstimator& motion, OdometryResult& result) {
+  sample(sweep, motion, kFewPoints);
+  const SE3& T_predicted = motion.T_predicted();
+  std::array<double, kDisplacements> scores{};
+  for (std::size_t i = 0; i < scores.size(); ++i)
+    scores[i] = ndt_equations(map.gaussians(), points_, displaced(T_predicted, i), {kNdtKernelSchedule[0]})
+                    .weight_sum;
+  FoundPose best{T_predicted, 0};
+  for (int trial = 0; trial < kDisplacementTrials; ++trial) {
+    const auto top =
+        static_cast<std::size_t>(std::max_element(scores.begin(), scores.end()) - scores.begin());
+    try_hypothesis(displaced(T_predicted, top), map, motion, best, result);
+    for (std::size_t i = 0; i < scores.size(); ++i) {
+      const double apart_m =
+          kDisplacementStepMetres * std::abs(static_cast<double>(i) - static_cast<double>(top));
+      if (apart_m < kSamePlaceMetres) scores[i] = 0.0;
+    }
+  }
+  return best;
+}
+
+std::uint32_t PoseSearch::inliers_at(const SE3& T_map_middle, const LocalMap& map) const {
+  return plane_equations(map.planes(), points_, T_map_middle, plane_metric(kMinSigmaMetres)).inliers;
+}
+
+FoundPose PoseSearch::relocalize(const std::vector<SweepPoint>& sweep, const LocalMap& map,
+                                 const MotionEstimator& motion, OdometryResult& result) {
+  const bool has_time = budget_.allows(WorkKind::kNdt, kSearchIterations * kManyPoints);
+  sample(sweep, motion, has_time ? kManyPoints : kFewPoints);
+  FoundPose best{motion.T_predicted(), 0};
+  has_tried_all_ = false;
+  for (std::size_t tried = 0; tried < kHypotheses; ++tried) {
+    if (!budget_.allows(WorkKind::kNdt, kSearchIterations * points_.size())) return best;
+    try_hypothesis(hypothesis(next_hypothesis_, motion), map, motion, best, result);
+    next_hypothesis_ = (next_hypothesis_ + 1) % kHypotheses;
+  }
+  has_tried_all_ = true;
+  return best;
+}
+
+}  // namespace nilio::core

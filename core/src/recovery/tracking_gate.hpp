@@ -1,0 +1,88 @@
+#pragma once
+
+#include "nilio/core/odometry_config.hpp"
+#include "nilio/core/tracking.hpp"
+
+#include "core/src/estimation/motion_estimator.hpp"
+#include "core/src/registration/ndt_icp.hpp"
+
+#include <optional>
+
+namespace nilio::core {
+
+/// Share of the usual agreement with the map, or of that of another hypothesis, below which one is out of
+/// family.
+inline constexpr double kAgreementCollapse = 0.75;
+
+/// Decides whether a registration is accepted and what is said about the pose: by the agreement of the points
+/// with the map, compared with the usual one, and by the motion limits of a vehicle. Not thread-safe.
+class TrackingGate {
+ public:
+  TrackingGate(const OdometryConfig& config, const RegistrationMethodInfo& method);
+
+  /// A new map, with planes in voxels of this size.
+  void begin_map(double plane_voxel_m);
+  /// Whether the map is to be reset: it failed at its beginning, or relocalisation failed for long.
+  [[nodiscard]] bool restart_is_due(const MotionEstimator& motion) const;
+  /// Whether NDT runs before ICP.
+  [[nodiscard]] bool coarse_is_due(const MotionEstimator& motion) const;
+  /// The last scan was accepted at once.
+  [[nodiscard]] bool is_tracking() const { return failures_ == 0; }
+  [[nodiscard]] bool last_failed() const { return recovers_; }
+  /// The map may take the last scan.
+  [[nodiscard]] bool vouches() const { return failures_ == 0 && !doubtful_; }
+
+  // Evidence about an alignment of the scan that `motion` predicts.
+  /// Mean agreement of the points with the map, 0 to 1; 0 without a pose.
+  [[nodiscard]] double agreement(const Alignment& alignment, const MotionEstimator& motion) const;
+  [[nodiscard]] bool is_in_family(const Alignment& alignment, const MotionEstimator& motion) const;
+  [[nodiscard]] bool is_doubtful(const Alignment& alignment, const MotionEstimator& motion) const;
+  [[nodiscard]] bool accepts(const Alignment& alignment, const MotionEstimator& motion) const;
+
+  // Decisions; each before the motion is updated with it.
+  TrackingState accept(const Alignment& alignment, const MotionEstimator& motion);
+  /// The registration failed; `for_lack_of_time` is no reason to recover.
+  TrackingState fail(const MotionEstimator& motion, bool for_lack_of_time);
+  /// State of a pose without registration, after so many more scans.
+  [[nodiscard]] TrackingState state_without_registration(const MotionEstimator& motion,
+                                                         int scans_to_come) const;
+  /// A relocalisation tried all hypotheses.
+  void count_search() { ++searches_; }
+
+  // Poses that leave the odometry.
+  /// Whether a vehicle can have driven to the pose within `seconds` since the last published one, and to
+  /// those of the last second: tracking vouches for the motion of a second.
+  [[nodiscard]] bool is_drivable(const SE3& T_map_base, double seconds, Time stamp) const;
+  void publish(const SE3& T_map_base, double seconds, Time stamp, double speed_m_s, TrackingState state);
+
+ private:
+  [[nodiscard]] bool bridges_gap(const Alignment& alignment, const MotionEstimator& motion) const;
+  [[nodiscard]] bool exceeds_motion_limits(const Alignment& alignment, const MotionEstimator& motion) const;
+  [[nodiscard]] bool is_drivable_step(const SE3& T_map_base, double seconds) const;
+
+  CoarsePolicy coarse_policy_;
+  bool has_coarse_;
+  double plane_voxel_m_ = 0.0;
+  double mean_agreement_ = 0.0;
+  double mean_known_share_ = 0.0;
+  double prediction_error_m_ = 0.0;
+  int coarse_scans_left_;
+  /// Whether the last pose was relocalised or out of family, how many were so in a row (predicted ones
+  /// included), predicted poses in a row, and complete relocalisations without success.
+  bool doubtful_ = false;
+  int doubts_ = 0;
+  int failures_ = 0;
+  int searches_ = 0;
+  bool recovers_ = false;  ///< the last registration failed, and not for lack of time
+  SE3 T_published_;
+  double published_speed_m_s_ = 0.0;
+  std::optional<Time> jumped_at_;  ///< last pose to which no vehicle can have driven
+};
+
+/// Whether the alignment has a pose at which a vehicle can be: its speed is one of a vehicle, and a
+/// relocalised pose is a local optimum.
+[[nodiscard]] bool is_plausible(const Alignment& alignment, const MotionEstimator& motion);
+/// Whether a deviation from constant motion is within the acceleration limits.
+[[nodiscard]] bool is_drivable_deviation(const SE3& deviation, double seconds);
+
+}  // namespace nilio::core

@@ -1,0 +1,165 @@
+#include "core/src/recovery/tracking_gate.hpp"
+
+#include <catch2/catch.hpp>
+
+using namespace nilio::core;
+
+namespace {
+
+constexpr double kPeriodS = 0.1;
+
+/// A gate and the motion of scans that arrive every 0.1 s, at rest.
+struct Drive {
+  OdometryConfig config;
+  MotionEstimator motion{config};
+  TrackingGate gate{config, info_of(RegistrationMethod::kNdtIcp)};
+  int scans = 0;
+
+  Drive() {
+    motion.start(next_scan());
+    gate.begin_map(1.5);
+    motion.place_first_sweep(motion.prior().span);
+    motion.finish(0);
+    for (std::uint64_t i = 1; i <= kInitialScans; ++i) accept(good());
+  }
+  Scan next_scan() {
+    Scan scan;
+    scan.start = Time::from_seconds(kPeriodS * scans++);
+    scan.end = scan.start + Duration::from_seconds(kPeriodS);
+    return scan;
+  }
+  /// An alignment at the predicted pose that agrees with the map.
+  [[nodiscard]] static Alignment good(double agreement = 0.8) {
+    Alignment result;
+    result.points = 1000;
+    result.known_share = 1.0;
+    result.registration.stop_reason = StopReason::kConverged;
+    result.registration.iterations = 3;
+    result.registration.equations.agreement = 1000.0 * agreement;
+    result.registration.information = 1e6 * Matrix6::Identity();
+    return result;
+  }
+  TrackingState accept(Alignment alignment) {
+    motion.predict(next_scan());
+    alignment.registration.T_map_moving = motion.T_predicted();
+    REQUIRE(gate.accepts(alignment, motion));
+    const TrackingState state = gate.accept(alignment, motion);
+    motion.update(alignment.registration);
+    motion.finish(alignment.registration.degenerate_axes);
+    return state;
+  }
+  TrackingState fail(bool for_lack_of_time = false) {
+    motion.predict(next_scan());
+    const TrackingState state = gate.fail(motion, for_lack_of_time);
+    motion.coast();
+    motion.finish(0);
+    return state;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("the fifth predicted pose in a row is lost, and a registration ends that", "[tracking_gate]") {
+  Drive drive;
+  for (int i = 0; i < 4; ++i) CHECK(drive.fail() == TrackingState::kDegraded);
+  CHECK(drive.fail() == TrackingState::kLost);
+  CHECK(drive.gate.last_failed());
+  CHECK_FALSE(drive.gate.vouches());
+  CHECK(drive.accept(Drive::good()) == TrackingState::kTracking);
+  CHECK(drive.gate.vouches());
+}
+
+TEST_CASE("a scan for which there was no time is no reason to recover", "[tracking_gate]") {
+  Drive drive;
+  drive.fail(true);
+  CHECK_FALSE(drive.gate.last_failed());
+}
+
+TEST_CASE("agreement out of family is degraded, and the eighth in a row is lost", "[tracking_gate]") {
+  Drive drive;
+  const Alignment doubtful = Drive::good(0.5);
+  for (int i = 0; i < 7; ++i) CHECK(drive.accept(doubtful) == TrackingState::kDegraded);
+  CHECK(drive.accept(doubtful) == TrackingState::kLost);
+  CHECK_FALSE(drive.gate.vouches());
+}
+
+TEST_CASE("a direction that the scan does not show degrades the pose, but not that of a vehicle out of doubt",
+          "[tracking_gate]") {
+  Drive drive;
+  Alignment alignment = Drive::good();
+  alignment.registration.degenerate_axes = 1;
+  CHECK(drive.accept(alignment) == TrackingState::kDegraded);
+  CHECK(drive.gate.vouches());
+  CHECK_FALSE(drive.motion.prior_for(drive.next_scan()).inputs.speed_is_observed);
+}
+
+TEST_CASE("points that no voxel knows agree with nothing", "[tracking_gate]") {
+  Drive drive;
+  drive.motion.predict(drive.next_scan());
+  Alignment alignment = Drive::good();
+  CHECK(drive.gate.agreement(alignment, drive.motion) == Approx(0.8));
+  alignment.known_share = 0.5;
+  CHECK(drive.gate.agreement(alignment, drive.motion) == Approx(0.8));
+  alignment.known_share = 0.25;
+  CHECK(drive.gate.agreement(alignment, drive.motion) == Approx(0.4));
+  alignment.registration.stop_reason = StopReason::kTooFewPoints;
+  CHECK(drive.gate.agreement(alignment, drive.motion) == 0.0);
+}
+
+TEST_CASE("NDT runs at the beginning, after a failure, and for 20 scans after a direction was not seen",
+          "[tracking_gate]") {
+  Drive drive;
+  for (int i = 0; i < 20; ++i) drive.accept(Drive::good());
+  CHECK_FALSE(drive.gate.coarse_is_due(drive.motion));
+  drive.fail();
+  CHECK(drive.gate.coarse_is_due(drive.motion));
+  for (int i = 0; i < 2; ++i) drive.accept(Drive::good());
+  CHECK_FALSE(drive.gate.coarse_is_due(drive.motion));
+  Drive beginning;
+  beginning.gate.begin_map(1.5);
+  Alignment blind = Drive::good();
+  blind.registration.degenerate_axes = 2;
+  beginning.accept(blind);
+  for (int i = 0; i < 20; ++i) {
+    CHECK(beginning.gate.coarse_is_due(beginning.motion));
+    beginning.accept(Drive::good());
+  }
+  CHECK_FALSE(beginning.gate.coarse_is_due(beginning.motion));
+}
+
+TEST_CASE("a map is begun anew after 30 predicted poses or ten searches in vain", "[tracking_gate]") {
+  Drive drive;
+  for (int i = 0; i < 29; ++i) drive.fail();
+  CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
+  drive.fail();
+  CHECK(drive.gate.restart_is_due(drive.motion));
+  drive.gate.begin_map(1.5);
+  CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
+  for (int i = 0; i < 10; ++i) drive.gate.count_search();
+  CHECK(drive.gate.restart_is_due(drive.motion));
+}
+
+TEST_CASE("a pose to which no vehicle can have driven is lost, and so are those of a second after it",
+          "[tracking_gate]") {
+  Drive drive;
+  const auto at = [](double x) { return SE3{Eigen::Quaterniond::Identity(), Vector3(x, 0.0, 0.0)}; };
+  const auto stamp = [](double t) { return Time::from_seconds(t); };
+  drive.gate.publish(at(0.0), 0.1, stamp(1.0), 10.0, TrackingState::kTracking);
+  CHECK(drive.gate.is_drivable(at(1.0), 0.1, stamp(1.1)));
+  // 10 m/s and 5 m/s more within 0.1 s.
+  CHECK(drive.gate.is_drivable(at(1.5), 0.1, stamp(1.1)));
+  CHECK_FALSE(drive.gate.is_drivable(at(1.6), 0.1, stamp(1.1)));
+  drive.gate.publish(at(5.0), 0.1, stamp(1.1), 10.0, TrackingState::kLost);
+  CHECK_FALSE(drive.gate.is_drivable(at(6.0), 0.1, stamp(2.0)));
+  CHECK(drive.gate.is_drivable(at(6.0), 0.1, stamp(2.2)));
+}
+
+TEST_CASE("a relocalised pose must be a local optimum", "[tracking_gate]") {
+  Drive drive;
+  drive.motion.predict(drive.next_scan());
+  Alignment alignment = Drive::good();
+  alignment.registration.stop_reason = StopReason::kMaxIterations;
+  CHECK(is_plausible(alignment, drive.motion));
+  alignment.relocalized = true;
+  CHECK_FALSE(is_plausible(alignment, drive.motion));
+}
