@@ -220,7 +220,7 @@ void Odometry::State::check_alignment(OdometryResult& result) {
       result.stop_reason = StopReason::kBudget;
     // A budget too small for tracking is no reason to exceed it.
     const bool for_lack_of_time = result.stop_reason == StopReason::kBudget && result.recovery_budget.ns == 0;
-    result.state = gate.fail(motion, for_lack_of_time);
+    result.state = gate.fail(alignment, motion, for_lack_of_time);
     motion.coast();
   }
   alignment.awaits_map = true;

@@ -16,6 +16,8 @@ constexpr double kWalkingSpeed = 2.0;
 // A pass of registration is repeated if the end of the sweep moves by more than registration resolves.
 constexpr double kMotionEpsilonMetres = 2.5e-3;
 constexpr double kMotionEpsilonRadians = 2.5e-4;
+// Acceleration that tyres can transmit, m/s^2.
+constexpr double kTyreAcceleration = 10.0;
 constexpr double kPeriodMemory = 0.9;
 constexpr double kGapPeriods = 1.5;
 constexpr double kInnovationMemory = 0.8;
@@ -61,7 +63,7 @@ void MotionEstimator::level(const Scan& scan) {
 }
 
 void MotionEstimator::leave_map() {
-  motion_goes_on_ = !is_initialising() && prior_.inputs.measure_motion();
+  motion_goes_on_ = !is_initialising() && (prior_.inputs.measure_motion() || prior_.is_known_gap);
   if (is_initialising()) T_map_base_ = T_accepted_;
   scans_ = 0;
   speed_is_observed_ = true;
@@ -101,6 +103,8 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   result.previous = prior_.span.end;
   result.span = {scan.motion_compensated ? scan.end : scan.start, scan.end};
   result.is_gap = is_gap(result.span_s());
+  // The second scan tells how far scans are apart.
+  result.is_known_gap = result.is_gap && !scan.after_time_jump && scans_ > 1;
   result.motion_compensated = scan.motion_compensated;
   const Time from = std::min(filter_.state().time, result.span.start);
   result.imu_covers =
@@ -225,8 +229,13 @@ bool MotionEstimator::fits(const RegistrationResult& registration) const {
          kFarInnovation;
 }
 
+/// Beside an IMU that measured the motion the filter tells. Without one tyres do behind a gap, whose duration
+/// is not known where a clock was set.
 bool MotionEstimator::may_reach(const SE3& T_map_middle) const {
-  return !prior_.inputs.measure_motion() || filter_.squared_distance(T_map_middle) < kFarInnovation;
+  if (prior_.inputs.measure_motion()) return filter_.squared_distance(T_map_middle) < kFarInnovation;
+  if (!prior_.is_known_gap) return true;
+  const double seconds = prior_.span_s();
+  return prediction_error(T_map_middle).translation.norm() <= 0.5 * kTyreAcceleration * seconds * seconds;
 }
 
 RegisteredMotion MotionEstimator::motion_to(const SE3& T_map_middle) const {

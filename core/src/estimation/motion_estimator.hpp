@@ -35,7 +35,8 @@ struct MotionPrior {
   bool imu_covers = false;  ///< from the midpoint of the last sweep to the end of this one
   MotionInputs inputs;
   bool is_stationary = false;
-  bool is_gap = false;  ///< longer than scans are apart
+  bool is_gap = false;        ///< longer than scans are apart
+  bool is_known_gap = false;  ///< and no clock was set meanwhile
   bool motion_compensated = false;
   [[nodiscard]] double span_s() const { return (span.end - previous).seconds(); }
 };
@@ -76,7 +77,7 @@ class MotionEstimator {
   // The beginning of a map.
   /// Levels the output by gravity, as far as the IMU shows it during the first scan.
   void level(const Scan& scan);
-  /// The map ends; the motion goes on where the IMU measured it.
+  /// The map ends; the motion goes on where the IMU measured it, and behind a gap.
   void leave_map();
   /// First scan of a map.
   void start(const Scan& scan);
@@ -122,7 +123,7 @@ class MotionEstimator {
 
   /// Whether the registered pose is where the filter expects it.
   [[nodiscard]] bool fits(const RegistrationResult& registration) const;
-  /// Whether the IMU that measured the motion, if one did, leaves the pose within reach.
+  /// Whether the vehicle can have reached a pose that recovery found.
   [[nodiscard]] bool may_reach(const SE3& T_map_middle) const;
   /// Whether the registered motion contradicts the gyro clearly.
   [[nodiscard]] bool contradicts_gyro(const SE3& T_map_middle) const;

@@ -29,7 +29,8 @@ constexpr double kMaxTurnRate = 6.0;
 // Maximum acceleration, short of an accident.
 constexpr double kMaxAcceleration = 50.0;
 constexpr double kMaxTurnAcceleration = 10.0;
-// Time after a jump in which poses are lost.
+// Time after a jump in which poses are lost, and behind a gap over which the map ended, degraded: tracking
+// vouches for the motion of a second.
 constexpr Duration kJumpMemory = Duration::from_seconds(1.0);
 
 /// Maximum displacement of a point at the lever.
@@ -68,7 +69,8 @@ void TrackingGate::begin_map(double plane_voxel_m) {
 
 bool TrackingGate::restart_is_due(const MotionEstimator& motion) const {
   const bool has_not_begun = failures_ > 0 && motion.is_initialising();
-  return has_not_begun || failures_ >= kRestartAfterFailures || searches_ >= kRestartAfterSearches;
+  return has_not_begun || elsewhere_at_ == motion.prior().span.end || failures_ >= kRestartAfterFailures ||
+         searches_ >= kRestartAfterSearches;
 }
 
 bool TrackingGate::coarse_is_due(const MotionEstimator& motion) const {
@@ -110,6 +112,13 @@ bool TrackingGate::exceeds_motion_limits(const Alignment& alignment, const Motio
   return !is_drivable_deviation(error, motion.prior().span_s() * (failures_ + 1));
 }
 
+/// A gap after which the prediction does not tell the place leads to one that the map does not know: the map
+/// is reset there, and the motion goes on, before a scan that follows other vehicles can end it.
+bool TrackingGate::leads_elsewhere(const Alignment& alignment, const MotionEstimator& motion) const {
+  return motion.prior().is_known_gap && motion.deviation_m() >= kMaxSigmaMetres &&
+         2.0 * alignment.known_share < mean_known_share_ && !is_in_family(alignment, motion);
+}
+
 bool TrackingGate::accepts(const Alignment& alignment, const MotionEstimator& motion) const {
   const bool is_tracked = !alignment.relocalized && alignment.has_converged();
   return is_plausible(alignment, motion) &&
@@ -122,6 +131,7 @@ TrackingState TrackingGate::accept(const Alignment& alignment, const MotionEstim
   // A hidden view does not move a stationary vehicle.
   doubtful_ = (!is_in_family(alignment, motion) && !is_stationary) || alignment.relocalized ||
               (failures_ > 0 && !alignment.has_converged());
+  if (leads_elsewhere(alignment, motion)) elsewhere_at_ = motion.prior().span.end;
   const double memory = mean_agreement_ == 0.0 ? 0.0 : kAgreementMemory;
   if (!doubtful_) {
     mean_agreement_ = memory * mean_agreement_ + (1.0 - memory) * agreement(alignment, motion);
@@ -138,11 +148,15 @@ TrackingState TrackingGate::accept(const Alignment& alignment, const MotionEstim
     coarse_scans_left_ = registration.degenerate_axes == 0 ? coarse_scans_left_ - 1 : kScansToBeSure;
   if (motion.is_initialising()) return TrackingState::kInitialising;
   if (doubts_ >= kLostAfterDoubts) return TrackingState::kLost;
-  const bool is_degraded = (registration.degenerate_axes != 0 && !is_stationary) || doubtful_;
+  const bool was_elsewhere = elsewhere_at_ && motion.prior().previous - *elsewhere_at_ < kJumpMemory;
+  const bool is_degraded =
+      (registration.degenerate_axes != 0 && !is_stationary) || doubtful_ || was_elsewhere;
   return is_degraded ? TrackingState::kDegraded : TrackingState::kTracking;
 }
 
-TrackingState TrackingGate::fail(const MotionEstimator& motion, bool for_lack_of_time) {
+TrackingState TrackingGate::fail(const Alignment& alignment, const MotionEstimator& motion,
+                                 bool for_lack_of_time) {
+  if (!for_lack_of_time && leads_elsewhere(alignment, motion)) elsewhere_at_ = motion.prior().span.end;
   ++failures_;
   ++doubts_;
   recovers_ = !for_lack_of_time;

@@ -22,7 +22,8 @@ class TrackingGate {
 
   /// A new map, with planes in voxels of this size.
   void begin_map(double plane_voxel_m);
-  /// Whether the map is to be reset: it failed at its beginning, or relocalisation failed for long.
+  /// Whether the map is to be reset: it failed at its beginning, a gap led away from it, or relocalisation
+  /// failed for long.
   [[nodiscard]] bool restart_is_due(const MotionEstimator& motion) const;
   /// Whether NDT runs before ICP.
   [[nodiscard]] bool coarse_is_due(const MotionEstimator& motion) const;
@@ -42,7 +43,7 @@ class TrackingGate {
   // Decisions; each before the motion is updated with it.
   TrackingState accept(const Alignment& alignment, const MotionEstimator& motion);
   /// The registration failed; `for_lack_of_time` is no reason to recover.
-  TrackingState fail(const MotionEstimator& motion, bool for_lack_of_time);
+  TrackingState fail(const Alignment& alignment, const MotionEstimator& motion, bool for_lack_of_time);
   /// State of a pose without registration, after so many more scans.
   [[nodiscard]] TrackingState state_without_registration(const MotionEstimator& motion,
                                                          int scans_to_come) const;
@@ -56,6 +57,7 @@ class TrackingGate {
   void publish(const SE3& T_map_base, double seconds, Time stamp, double speed_m_s, TrackingState state);
 
  private:
+  [[nodiscard]] bool leads_elsewhere(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool bridges_gap(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool exceeds_motion_limits(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool is_drivable_step(const SE3& T_map_base, double seconds) const;
@@ -76,7 +78,8 @@ class TrackingGate {
   bool recovers_ = false;  ///< the last registration failed, and not for lack of time
   SE3 T_published_;
   double published_speed_m_s_ = 0.0;
-  std::optional<Time> jumped_at_;  ///< last pose to which no vehicle can have driven
+  std::optional<Time> jumped_at_;     ///< last pose to which no vehicle can have driven
+  std::optional<Time> elsewhere_at_;  ///< last pose behind a gap in a place that the map does not know
 };
 
 /// Whether the alignment has a pose at which a vehicle can be: its speed is one of a vehicle, and a

@@ -124,8 +124,7 @@ SweepProblem NdtIcp::sweep_problem(const MotionEstimator& motion) {
           {motion.T_predicted(), filter.state().twist(), filter.motion_covariance()}};
 }
 
-/// The pose of NDT where ICP failed or had no time, beside an IMU with the prior, and with the inliers and
-/// agreement of the plane map.
+/// The pose of NDT where ICP failed or had no time, with the inliers and agreement of the plane map.
 RegistrationResult NdtIcp::kept_coarse(const LocalMap& map, RegistrationResult coarse,
                                        const PlaneMetric& metric, const std::optional<PosePrior>& prior,
                                        bool had_no_time) {
@@ -179,7 +178,9 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
     const bool has_few =
         !by_accelerometer && 2 * registration.equations.correspondences < coarse.equations.correspondences;
     if ((!alignment.has_pose() || has_few) && has_found_pose(coarse)) {
-      const std::optional<PosePrior> held = about.imu_covers ? prior : std::nullopt;
+      // NDT follows moving objects where nothing holds it: an IMU, or the motion before a new map.
+      const bool is_known = about.imu_covers || (motion.motion_goes_on() && motion.is_initialising());
+      const std::optional<PosePrior> held = is_known ? prior : std::nullopt;
       registration = kept_coarse(map, coarse, metric, held, alignment.had_no_time());
     }
     ++result.passes;
@@ -189,7 +190,8 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
       continue;
     }
     const bool is_settled = motion.follow(registration);
-    if (widenings < kMaxWidenings && motion.widen_for_manoeuvre(alignment.pose())) {
+    // Over a gap the filter expects manoeuvres already.
+    if (!about.is_known_gap && widenings < kMaxWidenings && motion.widen_for_manoeuvre(alignment.pose())) {
       metric = metric_of(motion.filter());
       is_manoeuvring = !about.inputs.gyro && !about.motion_compensated && !about.is_gap;
       ++widenings;

@@ -120,6 +120,36 @@ TEST_CASE("without an IMU no motion goes on in a new map", "[motion_estimator]")
   CHECK(drive.motion.filter().state().velocity.norm() == 0.0);
 }
 
+TEST_CASE("behind a gap the motion goes on in a new map also without an IMU, and tyres say how far",
+          "[motion_estimator]") {
+  StraightDrive drive(20.0);
+  drive.drive(20);
+  drive.scans += 20;
+  drive.motion.predict(drive.next());
+  REQUIRE(drive.motion.prior().is_gap);
+  const double x = drive.motion.T_predicted().translation.x();
+  // 2.1 s at 10 m/s^2.
+  CHECK(drive.motion.may_reach(at(x - 21.0)));
+  CHECK_FALSE(drive.motion.may_reach(at(x - 23.0)));
+  drive.motion.coast();
+  drive.motion.finish(0);
+  drive.motion.leave_map();
+  CHECK(drive.motion.motion_goes_on());
+  drive.motion.start(drive.next());
+  CHECK(drive.motion.filter().state().velocity.x() == Approx(20.0).margin(0.5));
+  CHECK(drive.motion.T_map_base().translation.x() == Approx(x + 3.0).margin(0.2));
+}
+
+TEST_CASE("a pose behind a gap may be anywhere if a clock was set meanwhile", "[motion_estimator]") {
+  StraightDrive drive(20.0);
+  drive.drive(20);
+  drive.scans += 10;
+  Scan scan = drive.next();
+  scan.after_time_jump = true;
+  drive.motion.predict(scan);
+  CHECK(drive.motion.may_reach(at(drive.motion.T_predicted().translation.x() - 20.0)));
+}
+
 TEST_CASE("with an IMU that measured the motion it goes on in a new map", "[motion_estimator]") {
   const nilio::tests::SyntheticImuDrive truth;
   OdometryConfig config;

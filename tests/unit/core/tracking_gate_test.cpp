@@ -16,11 +16,14 @@ struct Drive {
   int scans = 0;
 
   Drive() {
+    start();
+    for (std::uint64_t i = 1; i <= kInitialScans; ++i) accept(good());
+  }
+  void start() {
     motion.start(next_scan());
     gate.begin_map(1.5);
     motion.place_first_sweep(motion.prior().span);
     motion.finish(0);
-    for (std::uint64_t i = 1; i <= kInitialScans; ++i) accept(good());
   }
   Scan next_scan() {
     Scan scan;
@@ -50,7 +53,7 @@ struct Drive {
   }
   TrackingState fail(bool for_lack_of_time = false) {
     motion.predict(next_scan());
-    const TrackingState state = gate.fail(motion, for_lack_of_time);
+    const TrackingState state = gate.fail(good(), motion, for_lack_of_time);
     motion.coast();
     motion.finish(0);
     return state;
@@ -127,7 +130,7 @@ TEST_CASE("NDT runs at the beginning, after a failure, and for 20 scans after a 
   CHECK_FALSE(beginning.gate.coarse_is_due(beginning.motion));
 }
 
-TEST_CASE("a map is begun anew after 30 predicted poses or ten searches in vain", "[tracking_gate]") {
+TEST_CASE("a map is reset after 30 predicted poses or ten searches in vain", "[tracking_gate]") {
   Drive drive;
   for (int i = 0; i < 29; ++i) drive.fail();
   CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
@@ -137,6 +140,34 @@ TEST_CASE("a map is begun anew after 30 predicted poses or ten searches in vain"
   CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
   for (int i = 0; i < 10; ++i) drive.gate.count_search();
   CHECK(drive.gate.restart_is_due(drive.motion));
+}
+
+TEST_CASE(
+    "behind a gap in a place that the map does not know it is reset, and tracking is said a second later",
+    "[tracking_gate]") {
+  Alignment unknown = Drive::good();
+  unknown.known_share = 0.2;
+  Drive drive;
+  drive.scans += 1;
+  drive.accept(unknown);
+  // Over one missing scan the prediction tells the place.
+  CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
+  drive.accept(Drive::good());
+  drive.scans += 25;
+  CHECK(drive.accept(unknown) == TrackingState::kDegraded);
+  REQUIRE(drive.gate.restart_is_due(drive.motion));
+  drive.motion.leave_map();
+  CHECK(drive.motion.motion_goes_on());
+  drive.start();
+  CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
+  for (int i = 1; i < 5; ++i) CHECK(drive.accept(Drive::good()) == TrackingState::kInitialising);
+  for (int i = 5; i < 10; ++i) CHECK(drive.accept(Drive::good()) == TrackingState::kDegraded);
+  CHECK(drive.accept(Drive::good()) == TrackingState::kTracking);
+
+  Drive known;
+  known.scans += 25;
+  known.accept(Drive::good(0.5));
+  CHECK_FALSE(known.gate.restart_is_due(known.motion));
 }
 
 TEST_CASE("a pose to which no vehicle can have driven is lost, and so are those of a second after it",
