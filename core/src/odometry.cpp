@@ -113,7 +113,7 @@ OdometryResult Odometry::State::result_for(const Scan& scan) {
 /// Time for a recovery, which tries hypotheses that tracking does not need; zero while tracking. Half of the
 /// time to the next scan keeps up with the scans.
 Duration Odometry::State::recovery_budget(const Scan& scan) const {
-  const bool is_due = !motion.is_initialising() && (gate.last_failed() || motion.prior_for(scan).is_gap);
+  const bool is_due = !motion.is_initialising() && (gate.last_failed() || motion.is_behind_gap(scan));
   return is_due ? Duration::from_seconds(kRecoveryShare * motion.period_s()) : Duration{};
 }
 
@@ -143,17 +143,16 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   first_sweep.span = motion.prior().span;
   const double plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   gate.begin_map(plane_voxel_m);
-  map.reset(plane_voxel_m);
-  place_first_sweep();
+  place_first_sweep(plane_voxel_m);
   result.stop_reason = StopReason::kConverged;
   for (const auto stage : {OdometryStage::kFiltered, OdometryStage::kCoarse, OdometryStage::kFine})
     clock.stamp(result, stage);
 }
 
 /// The map is that of the first sweep, with the velocity known by now.
-void Odometry::State::place_first_sweep() {
+void Odometry::State::place_first_sweep(double plane_voxel_m) {
   motion.place_first_sweep(first_sweep.span);
-  map.reset(map.plane_voxel_m());
+  map.reset(plane_voxel_m);
   const auto& points = preprocessing.deskew(first_sweep.points, motion.motion());
   map.insert(first_sweep.points, points, motion.T_map_last_middle(), coarse_voxel_m());
 }

@@ -37,7 +37,7 @@ struct Odometry::State {
   std::size_t filter_points(const Scan& scan, OdometryResult& result);
   [[nodiscard]] bool restart_is_due() const;
   void start(const Scan& scan, OdometryResult& result);
-  void place_first_sweep();
+  void place_first_sweep(double plane_voxel_m);
   void predict(const Scan& scan, OdometryResult& result);
   void select_points(const SE3& T_map_guess);
   tbb::task_arena& registration_threads();

@@ -102,7 +102,7 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   MotionPrior result;
   result.previous = prior_.span.end;
   result.span = {scan.motion_compensated ? scan.end : scan.start, scan.end};
-  result.is_gap = is_gap(result.span_s());
+  result.is_gap = is_behind_gap(scan);
   // The second scan tells how far scans are apart.
   result.is_known_gap = result.is_gap && !scan.after_time_jump && scans_ > 1;
   result.motion_compensated = scan.motion_compensated;
@@ -119,7 +119,9 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   return result;
 }
 
-bool MotionEstimator::is_gap(double seconds) const { return seconds > kGapPeriods * period_s_; }
+bool MotionEstimator::is_behind_gap(const Scan& scan) const {
+  return (scan.end - prior_.span.end).seconds() > kGapPeriods * period_s_;
+}
 
 bool MotionEstimator::detect_stationary() {
   if (prior_.imu_covers && monitor_.force_usable(prior_.previous)) {

@@ -133,6 +133,8 @@ class MotionEstimator {
   }
 
   [[nodiscard]] MotionPrior prior_for(const Scan& scan) const;
+  /// Whether the time since the last scan is longer than scans are apart.
+  [[nodiscard]] bool is_behind_gap(const Scan& scan) const;
   [[nodiscard]] const MotionPrior& prior() const { return prior_; }
   [[nodiscard]] const MotionFilter& filter() const { return filter_; }
   [[nodiscard]] const SweepMotion& motion() const { return motion_; }
@@ -161,7 +163,6 @@ class MotionEstimator {
 
  private:
   [[nodiscard]] RegisteredMotion motion_to(const SE3& T_map_middle) const;
-  [[nodiscard]] bool is_gap(double seconds) const;
   [[nodiscard]] bool detect_stationary();
   void initialise_gravity();
   void settle();

@@ -23,13 +23,13 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
 /// The speed at the second scan is unknown, but for a stationary vehicle. The first map is built again with
 /// what is found.
 void Odometry::State::find_initial_velocity(OdometryResult& result) {
-  SE3 T_map_middle = search_displacement(result);
+  const SE3 T_map_middle = search_displacement(result);
   const double seconds = motion.seconds_since_last_middle();
   Vector6 deviation;
   deviation << Vector3::Constant(kFoundDeviationMetres), Vector3::Constant(kFoundDeviationRadians);
   const Vector6 twist = se3_log(motion.T_map_last_middle().inverse() * T_map_middle) / seconds;
   motion.set_last_twist(twist, deviation.cwiseAbs2() / (seconds * seconds));
-  if (!motion.prior().motion_compensated) place_first_sweep();
+  if (!motion.prior().motion_compensated) place_first_sweep(map.plane_voxel_m());
   motion.predict_again();
 }
 

@@ -87,14 +87,18 @@ bool TrackingGate::bridges_gap(const Alignment& alignment, const MotionEstimator
          kGateSigmas * motion.deviation_m() < plane_voxel_m_ && motion.fits(alignment.registration);
 }
 
-/// A new view of half of the scene is normal; beyond, unknown places agree with nothing, unless the
-/// prediction leads there over a gap.
+/// Share of the scene that the map knows, 1 down to half of what it usually knows: a new view of half of the
+/// scene is normal.
+double TrackingGate::seen_before(const Alignment& alignment) const {
+  return mean_known_share_ > 0.0 ? std::min(1.0, 2.0 * alignment.known_share / mean_known_share_) : 1.0;
+}
+
+/// Unknown places agree with nothing, unless the prediction leads there over a gap.
 double TrackingGate::agreement(const Alignment& alignment, const MotionEstimator& motion) const {
   if (alignment.points == 0 || !alignment.has_pose()) return 0.0;
-  double seen_before =
-      mean_known_share_ > 0.0 ? std::min(1.0, 2.0 * alignment.known_share / mean_known_share_) : 1.0;
-  if (seen_before < 1.0 && bridges_gap(alignment, motion)) seen_before = 1.0;
-  return seen_before * alignment.registration.equations.agreement / static_cast<double>(alignment.points);
+  double seen = seen_before(alignment);
+  if (seen < 1.0 && bridges_gap(alignment, motion)) seen = 1.0;
+  return seen * alignment.registration.equations.agreement / static_cast<double>(alignment.points);
 }
 
 bool TrackingGate::is_in_family(const Alignment& alignment, const MotionEstimator& motion) const {
@@ -116,7 +120,7 @@ bool TrackingGate::exceeds_motion_limits(const Alignment& alignment, const Motio
 /// is reset there, and the motion goes on, before a scan that follows other vehicles can end it.
 bool TrackingGate::leads_elsewhere(const Alignment& alignment, const MotionEstimator& motion) const {
   return motion.prior().is_known_gap && motion.deviation_m() >= kMaxSigmaMetres &&
-         2.0 * alignment.known_share < mean_known_share_ && !is_in_family(alignment, motion);
+         seen_before(alignment) < 1.0 && !is_in_family(alignment, motion);
 }
 
 bool TrackingGate::accepts(const Alignment& alignment, const MotionEstimator& motion) const {

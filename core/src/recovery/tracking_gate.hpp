@@ -57,6 +57,7 @@ class TrackingGate {
   void publish(const SE3& T_map_base, double seconds, Time stamp, double speed_m_s, TrackingState state);
 
  private:
+  [[nodiscard]] double seen_before(const Alignment& alignment) const;
   [[nodiscard]] bool leads_elsewhere(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool bridges_gap(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool exceeds_motion_limits(const Alignment& alignment, const MotionEstimator& motion) const;

@@ -89,15 +89,20 @@ void NdtIcp::select(const std::vector<SweepPoint>& sweep, const SweepMotion& mot
   sample_evenly(deskewed_, kCoarsePoints, coarse_points_);
 }
 
+SolverOptions NdtIcp::solver_options(const std::optional<PosePrior>& prior) const {
+  SolverOptions options;
+  options.max_iterations = max_fine_iterations_;
+  options.prior = prior;
+  options.budget = &budget_;
+  return options;
+}
+
 RegistrationResult NdtIcp::register_fine(const LocalMap& map, std::span<const Eigen::Vector3f> points,
                                          const SE3& T_map_guess, const PlaneMetric& metric,
                                          const std::optional<PosePrior>& prior, const SweepProblem* problem,
                                          OdometryResult& result) {
-  SolverOptions options;
-  options.max_iterations = max_fine_iterations_;
-  options.prior = prior;
+  SolverOptions options = solver_options(prior);
   options.sweep = problem;
-  options.budget = &budget_;
   const RegistrationMaps maps{&map.planes(), &map.gaussians(), map.points()};
   const RegistrationResult fine = method_.refine(maps, points, T_map_guess, metric, options);
   result.fine_iterations += fine.iterations;
@@ -131,12 +136,9 @@ RegistrationResult NdtIcp::kept_coarse(const LocalMap& map, RegistrationResult c
   if (had_no_time) {
     coarse.stop_reason = StopReason::kBudget;
   } else if (prior) {
-    SolverOptions options;
-    options.max_iterations = max_fine_iterations_;
-    options.prior = prior;
-    options.budget = &budget_;
-    const RegistrationResult held = register_ndt(map.gaussians(), coarse_points_, coarse.T_map_moving,
-                                                 std::span(kNdtKernelSchedule).last<1>(), options);
+    const RegistrationResult held =
+        register_ndt(map.gaussians(), coarse_points_, coarse.T_map_moving,
+                     std::span(kNdtKernelSchedule).last<1>(), solver_options(prior));
     if (held.iterations > 0) coarse = held;
   }
   const NormalEquations agreeing = plane_equations(map.planes(), selected_, coarse.T_map_moving, metric);

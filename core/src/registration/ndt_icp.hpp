@@ -94,6 +94,7 @@ class NdtIcp {
   [[nodiscard]] RegistrationResult kept_coarse(const LocalMap& map, RegistrationResult coarse,
                                                const PlaneMetric& metric,
                                                const std::optional<PosePrior>& prior, bool had_no_time);
+  [[nodiscard]] SolverOptions solver_options(const std::optional<PosePrior>& prior) const;
   [[nodiscard]] SweepProblem sweep_problem(const MotionEstimator& motion);
 
   const RegistrationMethodInfo& method_;

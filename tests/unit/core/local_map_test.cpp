@@ -1,5 +1,6 @@
 #include "core/src/map/local_map.hpp"
 
+#include "tests/support/sweep_of_scan.hpp"
 #include "tests/support/synthetic_room.hpp"
 
 #include <catch2/catch.hpp>
@@ -7,22 +8,15 @@
 using namespace nilio::core;
 using nilio::tests::Room;
 using nilio::tests::scan_room;
+using nilio::tests::sweep_of;
+using nilio::tests::TestSweep;
 
 namespace {
 
-struct RoomScan {
-  std::vector<SweepPoint> sweep;
-  std::vector<Eigen::Vector3f> points;
-
-  RoomScan() {
-    const Scan scan = scan_room(
-        Room::with_pillars(), [](double) { return SE3{}; }, 0.0, 0);
-    for (const Point& p : scan.points) {
-      points.emplace_back(p.x, p.y, p.z);
-      sweep.push_back({points.back(), 0.0F, static_cast<float>(p.ring), p.intensity});
-    }
-  }
-};
+TestSweep sweep_of_room() {
+  return sweep_of(scan_room(
+      Room::with_pillars(), [](double) { return SE3{}; }, 0.0, 0));
+}
 
 OdometryConfig small_map() {
   OdometryConfig config;
@@ -33,7 +27,7 @@ OdometryConfig small_map() {
 }  // namespace
 
 TEST_CASE("a sweep enters planes and Gaussians, and points only where a method needs them", "[local_map]") {
-  const RoomScan scan;
+  const TestSweep scan = sweep_of_room();
   LocalMap map(small_map(), false);
   map.reset(1.5);
   map.insert(scan.sweep, scan.points, SE3{}, kCoarseVoxelMetres);
@@ -56,7 +50,7 @@ TEST_CASE("a sweep enters planes and Gaussians, and points only where a method n
 
 TEST_CASE("a vehicle is elsewhere after 2 cm or a tenth of a degree since the last insertion",
           "[local_map]") {
-  const RoomScan scan;
+  const TestSweep scan = sweep_of_room();
   LocalMap map(small_map(), false);
   const SE3 T_inserted{so3_exp(Vector3(0.0, 0.0, 0.7)), Vector3(3.0, 4.0, 0.0)};
   map.insert(scan.sweep, scan.points, T_inserted, kCoarseVoxelMetres);
@@ -70,7 +64,7 @@ TEST_CASE("a vehicle is elsewhere after 2 cm or a tenth of a degree since the la
 }
 
 TEST_CASE("what the vehicle leaves behind is evicted from every reading", "[local_map]") {
-  const RoomScan scan;
+  const TestSweep scan = sweep_of_room();
   LocalMap map(small_map(), true);
   map.insert(scan.sweep, scan.points, SE3{}, kCoarseVoxelMetres);
   for (int i = 0; i < 20; ++i) map.evict_far_from(Vector3(1000.0, 0.0, 0.0));

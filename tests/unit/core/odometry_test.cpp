@@ -28,12 +28,15 @@ SE3 driving(double t) {
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(8.0 * t, lateral, 0.0)};
 }
 
-/// The same in bends that are as sharp as a town's: up to 23 deg/s.
-SE3 winding(double t) {
-  const double yaw = 0.25 * std::sin(1.6 * t);
-  const double lateral = 8.0 * 0.25 / 1.6 * (1.0 - std::cos(1.6 * t));
-  return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(8.0 * t, lateral, 0.0)};
+/// Bends one after the other.
+SE3 winding_at(double t, double speed_m_s, double largest_yaw_rad) {
+  const double yaw = largest_yaw_rad * std::sin(1.6 * t);
+  const double lateral = speed_m_s * largest_yaw_rad / 1.6 * (1.0 - std::cos(1.6 * t));
+  return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(speed_m_s * t, lateral, 0.0)};
 }
+
+/// As sharp as a town's: up to 23 deg/s.
+SE3 winding(double t) { return winding_at(t, 8.0, 0.25); }
 
 struct Run {
   std::vector<OdometryResult> results;
@@ -263,12 +266,7 @@ TEST_CASE("with an IMU the speed outlasts a gap that ends in an unknown tube", "
   constexpr int kGapBegin = 30;
   constexpr int kGapEnd = 60;
   constexpr double kSpeed = 20.0;
-  const PoseFunction fast = [](double t) {
-    const double yaw = 0.1 * std::sin(1.6 * t);
-    const double lateral = kSpeed * 0.1 / 1.6 * (1.0 - std::cos(1.6 * t));
-    return SE3{Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())),
-               Vector3(kSpeed * t, lateral, 0.0)};
-  };
+  const PoseFunction fast = [](double t) { return winding_at(t, kSpeed, 0.1); };
   // The pillars end within the gap: scans of the bare tube do not show the speed.
   Room room = Room::with_pillars();
   room.low = {-500.0, -12.0, -1.8};

@@ -1,13 +1,15 @@
 #include "core/src/recovery/pose_search.hpp"
 
+#include "tests/support/sweep_of_scan.hpp"
 #include "tests/support/synthetic_room.hpp"
 
 #include <catch2/catch.hpp>
-#include <tbb/task_arena.h>
 
 using namespace nilio::core;
 using nilio::tests::Room;
 using nilio::tests::scan_room;
+using nilio::tests::sweep_of;
+using nilio::tests::TestSweep;
 
 namespace {
 
@@ -20,14 +22,7 @@ Scan scan_from(const SE3& T_room_base, int i) {
   return scan;
 }
 
-std::vector<SweepPoint> sweep_of(const Scan& scan) {
-  std::vector<SweepPoint> result;
-  for (std::size_t i = 0; i < scan.points.size(); i += 3) {
-    const Point& p = scan.points[i];
-    result.push_back({{p.x, p.y, p.z}, 0.0F, static_cast<float>(p.ring), p.intensity});
-  }
-  return result;
-}
+constexpr std::size_t kStep = 3;
 
 /// A map of the hall from its origin, and the search in it.
 struct Search {
@@ -42,13 +37,10 @@ struct Search {
   explicit Search(const BudgetConfig& budget_config = {}) : budget(budget_config, nullptr) {
     map.reset(1.5);
     for (int i = 0; i < 3; ++i) {
-      const Scan scan = scan_from(pose(0.4 * i), i);
-      const std::vector<SweepPoint> sweep = sweep_of(scan);
-      std::vector<Eigen::Vector3f> points;
-      for (const SweepPoint& point : sweep) points.push_back(point.position);
-      map.insert(sweep, points, pose(0.4 * i), kCoarseVoxelMetres);
+      const TestSweep scan = sweep_of(scan_from(pose(0.4 * i), i), kStep);
+      map.insert(scan.sweep, scan.points, pose(0.4 * i), kCoarseVoxelMetres);
     }
-    budget.begin_scan(0, !budget_config.budget.ns);
+    budget.begin_scan(0, false);
     motion.start(scan_from(pose(0.0), 0));
     motion.place_first_sweep(motion.prior().span);
     motion.finish(0);
@@ -67,7 +59,7 @@ TEST_CASE("the second scan of a moving vehicle is found along its axis", "[pose_
     CAPTURE(x);
     Search s;
     const FoundPose found =
-        s.search.find_displacement(sweep_of(scan_from(pose(x), 1)), s.map, s.motion, s.result);
+        s.search.find_displacement(sweep_of(scan_from(pose(x), 1), kStep).sweep, s.map, s.motion, s.result);
     CHECK(distance(found, pose(x)) < 0.05);
     CHECK(found.inliers > 80);
     CHECK(s.search.inliers_at(pose(x), s.map) > s.search.inliers_at(pose(x + 1.5), s.map));
@@ -79,7 +71,8 @@ TEST_CASE("a lost vehicle is found beside the prediction", "[pose_search]") {
   for (const SE3& truth : {pose(5.0), pose(-5.0), pose(1.0, 0.4), pose(0.5, -0.4)}) {
     CAPTURE(truth.translation.x());
     Search s;
-    const FoundPose found = s.search.relocalize(sweep_of(scan_from(truth, 1)), s.map, s.motion, s.result);
+    const FoundPose found =
+        s.search.relocalize(sweep_of(scan_from(truth, 1), kStep).sweep, s.map, s.motion, s.result);
     CHECK(distance(found, truth) < 0.05);
     CHECK(s.search.has_tried_all());
   }
@@ -90,7 +83,7 @@ TEST_CASE("hypotheses for which there is no time are tried with the next scans",
   little.mode = BudgetMode::kOps;
   little.budget = Duration::from_milliseconds(4.0);
   Search s(little);
-  const std::vector<SweepPoint> sweep = sweep_of(scan_from(pose(-5.0), 1));
+  const std::vector<SweepPoint> sweep = sweep_of(scan_from(pose(-5.0), 1), kStep).sweep;
   int calls = 0;
   double nearest = 1e9;
   do {
