@@ -20,9 +20,12 @@ constexpr double kMotionEpsilonRadians = 2.5e-4;
 constexpr double kTyreAcceleration = 10.0;
 constexpr double kPeriodMemory = 0.9;
 constexpr double kGapPeriods = 1.5;
-constexpr double kInnovationMemory = 0.8;
-constexpr double kMaxInnovation = 9.0;
-constexpr Duration kAccelerometerBan = Duration::from_seconds(5.0);
+
+/// Whether the scan shows the rotation about every axis.
+bool shows_rotation(const RegistrationResult& registration) {
+  constexpr std::uint8_t kRotationAxes = 0b111000;
+  return (registration.degenerate_axes & kRotationAxes) == 0;
+}
 
 double deviation_at_lever(const Matrix6& covariance) {
   const double square = covariance.topLeftCorner<3, 3>().trace() +
@@ -31,15 +34,6 @@ double deviation_at_lever(const Matrix6& covariance) {
 }
 
 }  // namespace
-
-bool AccelerometerBan::observe(double innovation_squared, Time time) {
-  mean_innovation_ =
-      kInnovationMemory * mean_innovation_ + (1.0 - kInnovationMemory) * innovation_squared / 6.0;
-  if (mean_innovation_ < kMaxInnovation) return false;
-  mean_innovation_ = 0.0;
-  until_ = time + kAccelerometerBan;
-  return true;
-}
 
 MotionEstimator::MotionEstimator(const OdometryConfig& config)
     : T_base_imu_(config.T_base_imu),
@@ -114,8 +108,7 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   result.inputs.gyro = result.imu_covers && monitor_.usable(from, scan.end);
   result.inputs.speed_is_observed = speed_is_observed_;
   result.inputs.gyro_is_verified = monitor_.is_verified();
-  result.inputs.accelerometer = result.imu_covers && gravity_known_ && monitor_.force_usable(from) &&
-                                !accelerometer_ban_.is_in_force(scan.end);
+  result.inputs.accelerometer = result.imu_covers && gravity_known_ && monitor_.force_usable(from);
   return result;
 }
 
@@ -135,7 +128,7 @@ bool MotionEstimator::detect_stationary() {
 
 /// Gravity from the mean specific force, where nothing better is known.
 void MotionEstimator::initialise_gravity() {
-  if (gravity_known_ || !prior_.imu_covers || accelerometer_ban_.is_in_force(prior_.span.end)) return;
+  if (gravity_known_ || !prior_.imu_covers || !monitor_.force_usable(prior_.previous)) return;
   const Time from = filter_.state().time;
   const Time to = std::min(prior_.span.middle(), *imu_.latest());
   if (to <= from) return;
@@ -244,22 +237,33 @@ RegisteredMotion MotionEstimator::motion_to(const SE3& T_map_middle) const {
   return {last_filter_.state().time, prior_.span.middle(), T_map_last_middle(), T_map_middle};
 }
 
-bool MotionEstimator::contradicts_gyro(const SE3& T_map_middle) const {
-  return monitor_.contradicts(imu_, filter_.state().gyro_bias, motion_to(T_map_middle));
+bool MotionEstimator::contradicts_gyro(const RegistrationResult& registration) const {
+  return shows_rotation(registration) &&
+         monitor_.contradicts(imu_, filter_.state().gyro_bias, motion_to(registration.T_map_moving));
+}
+
+/// An IMU whose predictions scans contradict in one direction is left out until turns prove it.
+void MotionEstimator::observe_innovation(const RegistrationResult& registration) {
+  if (!prior_.inputs.measure_motion()) return;
+  innovation_bias_.add(filter_.weighted_innovation(registration.T_map_moving, registration.information));
+  if (!innovation_bias_.is_significant()) return;
+  innovation_bias_ = {};
+  gravity_known_ = false;
+  monitor_.demote();
 }
 
 void MotionEstimator::update(const RegistrationResult& registration) {
   const SE3& T_map_middle = registration.T_map_moving;
-  const double innovation_squared =
-      filter_.normalised_innovation_squared(T_map_middle, registration.information);
-  if (prior_.inputs.accelerometer && accelerometer_ban_.observe(innovation_squared, prior_.span.end))
-    gravity_known_ = false;
+  observe_innovation(registration);
   if (registration.sweep_information.isZero())
     filter_.update(T_map_middle, registration.information);
   else
     filter_.update(T_map_middle, registration.twist, registration.sweep_information);
   const Duration shift = monitor_.time_shift();
-  monitor_.observe(imu_, filter_.state().gyro_bias, motion_to(T_map_middle));
+  if (shows_rotation(registration))
+    monitor_.observe(imu_, filter_.state().gyro_bias, motion_to(T_map_middle));
+  else
+    monitor_.skip();
   if (monitor_.time_shift() != shift) imu_.move_stamps(shift - monitor_.time_shift());
   settle();
 }

@@ -4,6 +4,7 @@
 #include "nilio/core/scan.hpp"
 
 #include "core/src/estimation/imu_buffer.hpp"
+#include "core/src/estimation/innovation_bias.hpp"
 #include "core/src/estimation/motion_filter.hpp"
 #include "core/src/estimation/stationary_detector.hpp"
 #include "core/src/imu_monitor/imu_monitor.hpp"
@@ -39,20 +40,6 @@ struct MotionPrior {
   bool is_known_gap = false;  ///< and no clock was set meanwhile
   bool motion_compensated = false;
   [[nodiscard]] double span_s() const { return (span.end - previous).seconds(); }
-};
-
-/// An accelerometer that scans keep contradicting has wrong gravity, axes or units: it is left out for a
-/// while after innovations beyond three standard deviations over some scans.
-class AccelerometerBan {
- public:
-  /// Squared innovation, 6 degrees of freedom, of a scan at `time` that the accelerometer predicted. Returns
-  /// whether a ban begins.
-  bool observe(double innovation_squared, Time time);
-  [[nodiscard]] bool is_in_force(Time time) const { return time < until_; }
-
- private:
-  double mean_innovation_ = 0.0;  ///< normalised, of recent scans
-  Time until_;
 };
 
 /// Motion of the vehicle from scan to scan (NI-LIO 3.4): which sensors drive the prediction, the filter of
@@ -125,8 +112,8 @@ class MotionEstimator {
   [[nodiscard]] bool fits(const RegistrationResult& registration) const;
   /// Whether the vehicle can have reached a pose that recovery found.
   [[nodiscard]] bool may_reach(const SE3& T_map_middle) const;
-  /// Whether the registered motion contradicts the gyro clearly.
-  [[nodiscard]] bool contradicts_gyro(const SE3& T_map_middle) const;
+  /// Whether the registered motion contradicts the gyro clearly; only a rotation that the scan shows does.
+  [[nodiscard]] bool contradicts_gyro(const RegistrationResult& registration) const;
   /// Deviation of a pose from the prediction.
   [[nodiscard]] SE3 prediction_error(const SE3& T_map_middle) const {
     return T_predicted_.inverse() * T_map_middle;
@@ -165,6 +152,7 @@ class MotionEstimator {
   [[nodiscard]] RegisteredMotion motion_to(const SE3& T_map_middle) const;
   [[nodiscard]] bool detect_stationary();
   void initialise_gravity();
+  void observe_innovation(const RegistrationResult& registration);
   void settle();
 
   SE3 T_base_imu_;
@@ -187,7 +175,7 @@ class MotionEstimator {
   bool speed_is_observed_ = true;  ///< by the last scan
   bool motion_goes_on_ = false;
   bool gravity_known_ = false;
-  AccelerometerBan accelerometer_ban_;
+  InnovationBias innovation_bias_;  ///< of the scans that the IMU predicted
 };
 
 }  // namespace nilio::core

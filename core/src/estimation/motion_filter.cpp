@@ -451,6 +451,14 @@ double MotionFilter::normalised_innovation_squared(const SE3& T_map_base, const 
   return square;
 }
 
+WeightedInnovation MotionFilter::weighted_innovation(const SE3& T_map_base,
+                                                     const Matrix6& information) const {
+  // The registered pose is where the gradients of scan and prior cancel: S^-1 v = P^-1 x.
+  const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
+  return {solve_ldlt(pose_covariance(), moved),
+          solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information)};
+}
+
 double MotionFilter::squared_distance(const SE3& T_map_base) const {
   const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
   Matrix6 covariance = pose_covariance();

@@ -5,6 +5,7 @@
 #include "nilio/core/units.hpp"
 
 #include "core/src/estimation/imu_buffer.hpp"
+#include "core/src/estimation/innovation_bias.hpp"
 
 #include <optional>
 
@@ -102,6 +103,9 @@ class MotionFilter {
   /// Squared Mahalanobis distance of a pose from the prediction, 6 degrees of freedom: of the scan alone with
   /// `information`, at the pose that it and the prediction give together.
   [[nodiscard]] double normalised_innovation_squared(const SE3& T_map_base, const Matrix6& information) const;
+  /// The innovation of that pose with its weight.
+  [[nodiscard]] WeightedInnovation weighted_innovation(const SE3& T_map_base,
+                                                       const Matrix6& information) const;
   /// Squared Mahalanobis distance of a relocalised pose from the prediction, 6 degrees of freedom.
   [[nodiscard]] double squared_distance(const SE3& T_map_base) const;
   /// Updates with velocities of zero, and sets the pose: that of all sweeps of a stationary vehicle.

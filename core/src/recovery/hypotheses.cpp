@@ -64,7 +64,8 @@ void Odometry::State::reconsider_stationary(OdometryResult& result) {
 /// registered without it, and what agrees better with the map is kept.
 void Odometry::State::reconsider_imu(OdometryResult& result) {
   if (!motion.prior().inputs.gyro) return;
-  const bool is_contradicted = is_plausible(alignment, motion) && motion.contradicts_gyro(alignment.pose());
+  const bool is_contradicted =
+      is_plausible(alignment, motion) && motion.contradicts_gyro(alignment.registration);
   if (!is_contradicted && !gate.is_doubtful(alignment, motion)) return;
   const Hypothesis with_imu = hypothesis();
   motion.predict_without_imu();
@@ -74,7 +75,7 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
       (!is_contradicted && gate.agreement(alignment, motion) <= with_imu.agreement))
     return return_to(with_imu, result);
   result.imu_used = false;
-  if (is_contradicted || motion.contradicts_gyro(alignment.pose())) motion.demote_imu();
+  if (is_contradicted || motion.contradicts_gyro(alignment.registration)) motion.demote_imu();
 }
 
 /// The tracked pose stays unless a relocalised one converged and agrees better with the map; a pose that no

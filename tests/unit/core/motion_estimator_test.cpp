@@ -2,6 +2,8 @@
 
 #include "tests/support/synthetic_imu_drive.hpp"
 
+#include <numbers>
+
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
@@ -202,16 +204,70 @@ TEST_CASE("with an IMU that measured the motion it goes on in a new map", "[moti
   CHECK(motion.filter().state().velocity.x() == Approx(truth.speed(6.05)).margin(0.3));
 }
 
-TEST_CASE("an accelerometer beyond three standard deviations for long is left out for five seconds",
+TEST_CASE("an IMU that senses a motion that scans do not show, as on a ship, is left out",
           "[motion_estimator]") {
-  AccelerometerBan ban;
-  const auto time = [](double s) { return Time::from_seconds(s); };
-  for (int i = 0; i < 100; ++i) CHECK_FALSE(ban.observe(6.0 * 4.0, time(0.1 * i)));
-  CHECK_FALSE(ban.observe(6.0 * 20.0, time(10.0)));
-  int scans = 1;
-  while (!ban.observe(6.0 * 20.0, time(10.0 + 0.1 * scans))) ++scans;
-  CHECK(scans < 6);
-  const double begin = 10.0 + 0.1 * scans;
-  CHECK(ban.is_in_force(time(begin + 4.9)));
-  CHECK_FALSE(ban.is_in_force(time(begin + 5.1)));
+  MotionEstimator motion{OdometryConfig{}};
+  int samples = 0;
+  const auto add_samples_until = [&](double t) {
+    for (; 0.0025 * samples < t; ++samples) {
+      const double s = 0.0025 * samples;
+      const double noise = samples % 2 == 0 ? 0.02 : -0.02;
+      // From 3 s on the ship rolls by 2 degrees within 11 s.
+      const double omega = 2.0 * std::numbers::pi / 11.0;
+      const double roll = s < 3.0 ? 0.0 : 0.035 * std::sin(omega * (s - 3.0));
+      const double rate = s < 3.0 ? 0.0 : 0.035 * omega * std::cos(omega * (s - 3.0));
+      motion.add_imu({Time::from_seconds(s),
+                      {rate + 0.01 * noise, 0.0, 0.0},
+                      {noise, 9.81 * std::sin(roll) - noise, 9.81 * std::cos(roll)}});
+    }
+  };
+  bool was_used = false;
+  int used_last = 0;
+  for (int i = 0; i < 100; ++i) {
+    add_samples_until(kPeriodS * (i + 1) + 0.01);
+    if (i == 0) {
+      motion.start(scan_at(0.0));
+      motion.place_first_sweep(motion.prior().span);
+    } else {
+      motion.predict(scan_at(kPeriodS * i));
+      const MotionFilter& filter = motion.filter();
+      // The scan shows a vehicle at rest to 1 cm and 0.06 degrees; prior and scan together give the pose.
+      const Matrix6 P = filter.pose_covariance();
+      Matrix6 information = Matrix6::Zero();
+      information.diagonal() << Vector3::Constant(1e4), Vector3::Constant(1e6);
+      const Vector6 innovation = se3_log(filter.state().T_map_base.inverse());
+      RegistrationResult registration =
+          registered(filter.state().T_map_base *
+                     se3_exp((P.inverse() + information).inverse() * information * innovation));
+      registration.information = information;
+      motion.follow(registration);
+      motion.update(registration);
+      was_used = was_used || motion.prior().inputs.measure_motion();
+      if (motion.prior().inputs.gyro) used_last = i;
+    }
+    motion.finish(0);
+  }
+  CHECK(was_used);
+  CHECK(used_last > 30);
+  CHECK(used_last < 80);
+  CHECK(motion.filter().state().T_map_base.translation.norm() < 0.1);
+}
+
+TEST_CASE("a rotation that the scan does not show does not contradict the gyro", "[motion_estimator]") {
+  StraightDrive drive(0.0);
+  for (int i = 0; i < 1000; ++i)
+    drive.motion.add_imu({Time::from_seconds(0.0025 * i), {1e-4 * (i % 2), 0.0, 0.0}, {0.0, 0.0, 9.81}});
+  drive.drive(10);
+  // The scans turn by one degree each, the gyro does not.
+  RegistrationResult turned;
+  for (int i = 1; i <= 2; ++i) {
+    turned = registered({so3_exp(0.02 * i * Vector3::UnitZ()), Vector3::Zero()});
+    drive.motion.predict(drive.next());
+    if (i == 1) drive.motion.update(turned);
+  }
+  CHECK(drive.motion.contradicts_gyro(turned));
+  turned.degenerate_axes = 0b100000;
+  CHECK_FALSE(drive.motion.contradicts_gyro(turned));
+  turned.degenerate_axes = 0b000001;
+  CHECK(drive.motion.contradicts_gyro(turned));
 }

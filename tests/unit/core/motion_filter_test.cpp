@@ -197,6 +197,10 @@ TEST_CASE("the normalised innovation is that of the scan alone", "[motion_filter
   const MotionFilter filter({}, covariance);
   const double expected = innovation.dot((P + information.inverse()).inverse() * innovation);
   CHECK(filter.normalised_innovation_squared(se3_exp(moved), information) == Approx(expected).epsilon(1e-3));
+  const WeightedInnovation weighted = filter.weighted_innovation(se3_exp(moved), information);
+  const Matrix6 inverse = (P + information.inverse()).inverse();
+  CHECK((weighted.information - inverse).norm() < 1e-6 * inverse.norm());
+  CHECK((weighted.score - inverse * innovation).norm() < 1e-3 * weighted.score.norm());
 }
 
 TEST_CASE("over a gap the uncertainty grows as that of white acceleration, sway stays bounded",
