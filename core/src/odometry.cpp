@@ -78,7 +78,7 @@ OdometryResult Odometry::register_within_budget(const Scan& scan) {
     s.clock.stamp(result, OdometryStage::kFine);
     s.check_alignment(result);
   }
-  s.finish(scan, result);
+  s.finish(result);
   return result;
 }
 
@@ -225,19 +225,19 @@ void Odometry::State::check_alignment(OdometryResult& result) {
   alignment.awaits_map = true;
 }
 
-void Odometry::State::finish(const Scan& scan, OdometryResult& result) {
+void Odometry::State::finish(OdometryResult& result) {
   count_map(result);
   result.degradation_level = degradation_level_of(result);
   alignment.fine_iterations = result.fine_iterations;
-  describe(motion.prior(), motion.filter(), motion.motion(), motion.T_map_base(), result);
-  gate.publish(motion.T_map_base(), motion.prior().span_s(), scan.end, result.twist.head<3>().norm(),
-               result.state);
+  const PublishedPose pose =
+      describe(motion.prior(), motion.filter(), motion.motion(), motion.T_map_base(), result);
+  gate.publish(pose, result.state);
   motion.finish(alignment.registration.degenerate_axes);
 }
 
-void Odometry::State::describe(const MotionPrior& prior, const MotionFilter& at_middle,
-                               const SweepMotion& moved, const SE3& T_map_base,
-                               OdometryResult& result) const {
+PublishedPose Odometry::State::describe(const MotionPrior& prior, const MotionFilter& at_middle,
+                                        const SweepMotion& moved, const SE3& T_map_base,
+                                        OdometryResult& result) const {
   result.T_odom_base = motion.T_odom_map() * T_map_base;
   result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
   result.twist = moved.end_twist();
@@ -248,9 +248,10 @@ void Odometry::State::describe(const MotionPrior& prior, const MotionFilter& at_
   const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
   result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
   result.twist_covariance = at_end.twist_covariance();
-  if (result.state != TrackingState::kInitialising &&
-      !gate.is_drivable(T_map_base, prior.span_s(), moved.span().end))
-    result.state = TrackingState::kLost;
+  const PublishedPose pose{T_map_base, moved.span().end, prior.span_s(), result.twist.head<3>().norm(),
+                           at_middle.pose_covariance()};
+  result.state = gate.published_state(pose, result.state);
+  return pose;
 }
 
 DegradationLevel Odometry::State::degradation_level_of(const OdometryResult& result) const {

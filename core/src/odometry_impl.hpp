@@ -45,7 +45,7 @@ struct Odometry::State {
   void register_predicted(OdometryResult& result);
   void align(const AlignmentStart& start, OdometryResult& result);
   void check_alignment(OdometryResult& result);
-  void finish(const Scan& scan, OdometryResult& result);
+  void finish(OdometryResult& result);
   void update_map();
 
   // Hypotheses.
@@ -72,10 +72,10 @@ struct Odometry::State {
   void count_map(OdometryResult& result) const;
   /// Voxel of the points for NDT in the map.
   [[nodiscard]] float coarse_voxel_m() const;
-  /// Fills poses, twist, covariances: of a pose at the end of a sweep, from the filter at its midpoint.
-  /// `lost` if no vehicle can have driven to it.
-  void describe(const MotionPrior& prior, const MotionFilter& at_middle, const SweepMotion& moved,
-                const SE3& T_map_base, OdometryResult& result) const;
+  /// Fills poses, twist, covariances: of a pose at the end of a sweep, from the filter at its midpoint; and
+  /// what the gate says about the pose.
+  PublishedPose describe(const MotionPrior& prior, const MotionFilter& at_middle, const SweepMotion& moved,
+                         const SE3& T_map_base, OdometryResult& result) const;
 
   const OdometryConfig config;
   const StageClock clock;

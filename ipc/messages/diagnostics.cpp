@@ -110,13 +110,14 @@ constexpr std::array kRows{
         "odometry", "pose age", "", "no pose for 1 s (level stale)", "no pose is published",
         "read niliod's line 'no scan for ...': power and cable of the LiDAR, its port, the sender's address",
         find_age},
-    DiagnosticRow{
-        "odometry", "state", "initialising or degraded", "lost",
-        "degraded: the pose follows the prediction in part or as a whole and its covariance grows; lost: "
-        "it is no longer reliable",
-        "see the states in docs/states.md; drive on slowly where there is structure, and check the "
-        "LiDAR's view and mounting",
-        find_state},
+    DiagnosticRow{"odometry", "state", "initialising or degraded", "lost",
+                  "degraded: the pose follows the prediction in part or as a whole and its covariance grows, "
+                  "or it is not known "
+                  "to 0.10 m; lost: "
+                  "it is no longer reliable",
+                  "see the states in docs/states.md; drive on slowly where there is structure, and check the "
+                  "LiDAR's view and mounting",
+                  find_state},
     DiagnosticRow{"odometry", "resets", "the map was reset or the pose was relocalised since the last report",
                   "", "the pose jumps; after a map reset, poses before and after do not fit together",
                   "read the reason in niliod's log; treat the route before as another one", find_resets},

@@ -1,6 +1,7 @@
 #include "core/src/recovery/tracking_gate.hpp"
 
 #include "nilio/core/portable_math.hpp"
+#include "nilio/core/units.hpp"
 
 #include "core/src/registration/gauss_newton.hpp"
 
@@ -29,9 +30,28 @@ constexpr double kMaxTurnRate = 6.0;
 // Maximum acceleration, short of an accident.
 constexpr double kMaxAcceleration = 50.0;
 constexpr double kMaxTurnAcceleration = 10.0;
-// Time after a jump in which poses are lost, and behind a gap over which the map ended, degraded: tracking
-// vouches for the motion of a second.
-constexpr Duration kJumpMemory = Duration::from_seconds(1.0);
+// Time over which tracking vouches for the motion: after a jump poses are lost, after an uncertain one and
+// behind a gap over which the map ended they are degraded.
+constexpr Duration kVouchedTime = Duration::from_seconds(1.0);
+
+// Error of the motion over that time; beyond it the benchmark counts a silent error.
+constexpr double kMotionErrorMetres = 0.10;
+constexpr double kMotionErrorShare = 0.02;
+constexpr double kMotionErrorRadians = kRadiansPerDegree;
+
+/// Whether the motion between two such poses, a second apart, is known as tracking promises.
+bool is_certain(const PublishedPose& pose) {
+  const auto is_known = [&](const Matrix3& covariance, double allowed) {
+    return kGateSigmas * std::sqrt(2.0 * covariance.trace()) <= allowed;
+  };
+  const double allowed_m = kMotionErrorMetres + kMotionErrorShare * pose.speed_m_s * kVouchedTime.seconds();
+  return is_known(pose.covariance.topLeftCorner<3, 3>(), allowed_m) &&
+         is_known(pose.covariance.bottomRightCorner<3, 3>(), kMotionErrorRadians);
+}
+
+bool is_within(const std::optional<Time>& event, Time stamp) {
+  return event && stamp - *event < kVouchedTime;
+}
 
 /// Maximum displacement of a point at the lever.
 double metres_of(const SE3& error) {
@@ -152,7 +172,7 @@ TrackingState TrackingGate::accept(const Alignment& alignment, const MotionEstim
     coarse_scans_left_ = registration.degenerate_axes == 0 ? coarse_scans_left_ - 1 : kScansToBeSure;
   if (motion.is_initialising()) return TrackingState::kInitialising;
   if (doubts_ >= kLostAfterDoubts) return TrackingState::kLost;
-  const bool was_elsewhere = elsewhere_at_ && motion.prior().previous - *elsewhere_at_ < kJumpMemory;
+  const bool was_elsewhere = is_within(elsewhere_at_, motion.prior().previous);
   const bool is_degraded =
       (registration.degenerate_axes != 0 && !is_stationary) || doubtful_ || was_elsewhere;
   return is_degraded ? TrackingState::kDegraded : TrackingState::kTracking;
@@ -173,24 +193,29 @@ TrackingState TrackingGate::state_without_registration(const MotionEstimator& mo
   return failures_ + scans_to_come >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
 }
 
-bool TrackingGate::is_drivable_step(const SE3& T_map_base, double seconds) const {
-  const SE3 step = T_published_.inverse() * T_map_base;
+bool TrackingGate::is_drivable_step(const PublishedPose& pose) const {
+  const SE3 step = T_published_.inverse() * pose.T_map_base;
   const double reach =
-      std::min(kMaxSpeed, published_speed_m_s_ + kMaxAcceleration * seconds) * seconds + kScanErrorMetres;
+      std::min(kMaxSpeed, published_speed_m_s_ + kMaxAcceleration * pose.seconds) * pose.seconds +
+      kScanErrorMetres;
   return step.translation.norm() <= reach &&
-         so3_log(step.rotation).norm() <= kMaxTurnRate * seconds + kScanErrorMetres;
+         so3_log(step.rotation).norm() <= kMaxTurnRate * pose.seconds + kScanErrorMetres;
 }
 
-bool TrackingGate::is_drivable(const SE3& T_map_base, double seconds, Time stamp) const {
-  const bool has_jumped = jumped_at_ && stamp - *jumped_at_ < kJumpMemory;
-  return !has_jumped && is_drivable_step(T_map_base, seconds);
+TrackingState TrackingGate::published_state(const PublishedPose& pose, TrackingState state) const {
+  if (state == TrackingState::kInitialising) return state;
+  if (is_within(jumped_at_, pose.stamp) || !is_drivable_step(pose)) return TrackingState::kLost;
+  const bool is_uncertain = is_within(uncertain_at_, pose.stamp) || !is_certain(pose);
+  return state == TrackingState::kTracking && is_uncertain ? TrackingState::kDegraded : state;
 }
 
-void TrackingGate::publish(const SE3& T_map_base, double seconds, Time stamp, double speed_m_s,
-                           TrackingState state) {
-  if (state != TrackingState::kInitialising && !is_drivable_step(T_map_base, seconds)) jumped_at_ = stamp;
-  T_published_ = T_map_base;
-  published_speed_m_s_ = speed_m_s;
+void TrackingGate::publish(const PublishedPose& pose, TrackingState state) {
+  if (state != TrackingState::kInitialising) {
+    if (!is_drivable_step(pose)) jumped_at_ = pose.stamp;
+    if (!is_certain(pose)) uncertain_at_ = pose.stamp;
+  }
+  T_published_ = pose.T_map_base;
+  published_speed_m_s_ = pose.speed_m_s;
 }
 
 }  // namespace nilio::core

@@ -14,6 +14,16 @@ namespace nilio::core {
 /// family.
 inline constexpr double kAgreementCollapse = 0.75;
 
+/// A pose that leaves the odometry.
+struct PublishedPose {
+  SE3 T_map_base;
+  Time stamp;
+  double seconds = 0.0;  ///< since the last one
+  double speed_m_s = 0.0;
+  /// Covariance of the pose at the midpoint of the sweep, where the scan shows it: m^2, rad^2.
+  Matrix6 covariance = Matrix6::Zero();
+};
+
 /// Decides whether a registration is accepted and what is said about the pose: by the agreement of the points
 /// with the map, compared with the usual one, and by the motion limits of a vehicle. Not thread-safe.
 class TrackingGate {
@@ -50,18 +60,18 @@ class TrackingGate {
   /// A relocalisation tried all hypotheses.
   void count_search() { ++searches_; }
 
-  // Poses that leave the odometry.
-  /// Whether a vehicle can have driven to the pose within `seconds` since the last published one, and to
-  /// those of the last second: tracking vouches for the motion of a second.
-  [[nodiscard]] bool is_drivable(const SE3& T_map_base, double seconds, Time stamp) const;
-  void publish(const SE3& T_map_base, double seconds, Time stamp, double speed_m_s, TrackingState state);
+  // Poses that leave the odometry. Tracking vouches for the motion of a second.
+  /// State to publish for a pose whose registration has `state`: lost if no vehicle can have driven to it
+  /// and to those of the last second, not tracking if it or one of those is uncertain.
+  [[nodiscard]] TrackingState published_state(const PublishedPose& pose, TrackingState state) const;
+  void publish(const PublishedPose& pose, TrackingState state);
 
  private:
   [[nodiscard]] double seen_before(const Alignment& alignment) const;
   [[nodiscard]] bool leads_elsewhere(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool bridges_gap(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool exceeds_motion_limits(const Alignment& alignment, const MotionEstimator& motion) const;
-  [[nodiscard]] bool is_drivable_step(const SE3& T_map_base, double seconds) const;
+  [[nodiscard]] bool is_drivable_step(const PublishedPose& pose) const;
 
   CoarsePolicy coarse_policy_;
   bool has_coarse_;
@@ -79,6 +89,7 @@ class TrackingGate {
   bool recovers_ = false;  ///< the last registration failed, and not for lack of time
   SE3 T_published_;
   double published_speed_m_s_ = 0.0;
+  std::optional<Time> uncertain_at_;  ///< last uncertain pose
   std::optional<Time> jumped_at_;     ///< last pose to which no vehicle can have driven
   std::optional<Time> elsewhere_at_;  ///< last pose behind a gap in a place that the map does not know
 };

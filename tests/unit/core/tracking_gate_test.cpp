@@ -1,5 +1,9 @@
 #include "core/src/recovery/tracking_gate.hpp"
 
+#include "nilio/core/units.hpp"
+
+#include <cmath>
+
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
@@ -173,16 +177,54 @@ TEST_CASE(
 TEST_CASE("a pose to which no vehicle can have driven is lost, and so are those of a second after it",
           "[tracking_gate]") {
   Drive drive;
-  const auto at = [](double x) { return SE3{Eigen::Quaterniond::Identity(), Vector3(x, 0.0, 0.0)}; };
-  const auto stamp = [](double t) { return Time::from_seconds(t); };
-  drive.gate.publish(at(0.0), 0.1, stamp(1.0), 10.0, TrackingState::kTracking);
-  CHECK(drive.gate.is_drivable(at(1.0), 0.1, stamp(1.1)));
+  const auto at = [](double x, double t, double since) {
+    return PublishedPose{{Eigen::Quaterniond::Identity(), Vector3(x, 0.0, 0.0)},
+                         Time::from_seconds(t),
+                         since,
+                         10.0,
+                         Matrix6::Zero()};
+  };
+  const auto state_of = [&](const PublishedPose& pose) {
+    return drive.gate.published_state(pose, TrackingState::kTracking);
+  };
+  drive.gate.publish(at(0.0, 1.0, 0.1), TrackingState::kTracking);
+  CHECK(state_of(at(1.0, 1.1, 0.1)) == TrackingState::kTracking);
   // 10 m/s and 5 m/s more within 0.1 s.
-  CHECK(drive.gate.is_drivable(at(1.5), 0.1, stamp(1.1)));
-  CHECK_FALSE(drive.gate.is_drivable(at(1.6), 0.1, stamp(1.1)));
-  drive.gate.publish(at(5.0), 0.1, stamp(1.1), 10.0, TrackingState::kLost);
-  CHECK_FALSE(drive.gate.is_drivable(at(6.0), 0.1, stamp(2.0)));
-  CHECK(drive.gate.is_drivable(at(6.0), 0.1, stamp(2.2)));
+  CHECK(state_of(at(1.5, 1.1, 0.1)) == TrackingState::kTracking);
+  CHECK(state_of(at(1.6, 1.1, 0.1)) == TrackingState::kLost);
+  CHECK(drive.gate.published_state(at(1.6, 1.1, 0.1), TrackingState::kInitialising) ==
+        TrackingState::kInitialising);
+  drive.gate.publish(at(5.0, 1.1, 0.1), TrackingState::kLost);
+  CHECK(state_of(at(6.0, 2.0, 0.1)) == TrackingState::kLost);
+  CHECK(state_of(at(6.0, 2.2, 0.1)) == TrackingState::kTracking);
+}
+
+TEST_CASE(
+    "a pose that is not known to 0.1 m and 2 % or 1 degree is degraded, as are those of a second after it",
+    "[tracking_gate]") {
+  Drive drive;
+  const auto at = [](double t, double speed, double metres, double degrees = 0.0) {
+    PublishedPose pose{{}, Time::from_seconds(t), 0.1, speed, Matrix6::Zero()};
+    pose.covariance(1, 1) = metres * metres;
+    pose.covariance(5, 5) = std::pow(degrees * nilio::kRadiansPerDegree, 2);
+    return pose;
+  };
+  const auto state_of = [&](const PublishedPose& pose) {
+    return drive.gate.published_state(pose, TrackingState::kTracking);
+  };
+  // Three deviations of the difference of two poses: 3 sqrt(2) 0.0236 m = 0.1 m.
+  CHECK(state_of(at(1.0, 0.0, 0.023)) == TrackingState::kTracking);
+  CHECK(state_of(at(1.0, 0.0, 0.024)) == TrackingState::kDegraded);
+  CHECK(state_of(at(1.0, 10.0, 0.070)) == TrackingState::kTracking);
+  CHECK(state_of(at(1.0, 10.0, 0.071)) == TrackingState::kDegraded);
+  CHECK(state_of(at(1.0, 0.0, 0.0, 0.23)) == TrackingState::kTracking);
+  CHECK(state_of(at(1.0, 0.0, 0.0, 0.24)) == TrackingState::kDegraded);
+  CHECK(drive.gate.published_state(at(1.0, 0.0, 1.0), TrackingState::kLost) == TrackingState::kLost);
+  drive.gate.publish(at(1.0, 0.0, 1.0), TrackingState::kInitialising);
+  CHECK(state_of(at(1.1, 0.0, 0.01)) == TrackingState::kTracking);
+  drive.gate.publish(at(1.1, 0.0, 1.0), TrackingState::kDegraded);
+  CHECK(state_of(at(2.0, 0.0, 0.01)) == TrackingState::kDegraded);
+  CHECK(state_of(at(2.2, 0.0, 0.01)) == TrackingState::kTracking);
 }
 
 TEST_CASE("a relocalised pose must be a local optimum", "[tracking_gate]") {

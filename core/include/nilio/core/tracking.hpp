@@ -8,7 +8,7 @@ namespace nilio::core {
 enum class TrackingState : std::uint8_t {
   kInitialising,  ///< map and velocity are not yet established
   kTracking,
-  kDegraded,  ///< the pose follows the prediction in part or as a whole
+  kDegraded,  ///< the pose follows the prediction in part or as a whole, or is not known well enough
   kLost,      ///< several scans in a row could not be registered
 };
 
