@@ -23,9 +23,11 @@ core::ScanPose scan_pose(const PoseRecord& record) {
   pose.linear_velocity = vector(record.linear_velocity);
   pose.angular_velocity = vector(record.angular_velocity);
   pose.gyro_bias = vector(record.gyro_bias);
+  pose.accelerometer_bias = vector(record.accelerometer_bias);
+  pose.gravity = vector(record.gravity);
   pose.imu_time_shift = {record.imu_time_shift_ns};
-  pose.imu_trusted = record.imu_used;
-  pose.predicted = record.predicted;
+  pose.gyro_used = record.imu_used;
+  pose.accelerometer_used = record.accelerometer_used;
   return pose;
 }
 

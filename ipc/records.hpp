@@ -52,7 +52,11 @@ struct PoseRecord {
   /// Gyro bias, rad/s in base_link, and time shift; both are subtracted from the IMU's samples.
   std::array<double, 3> gyro_bias{};
   std::int64_t imu_time_shift_ns = 0;
+  /// Accelerometer bias, m/s^2 in base_link, and gravity in odom.
+  std::array<double, 3> accelerometer_bias{};
+  std::array<double, 3> gravity{};
   bool imu_used = false;
+  bool accelerometer_used = false;
   core::ClockSource clock_source = core::ClockSource::kHost;
   bool after_time_jump = false;
   bool predicted = false;            ///< no registration; the pose is the prediction

@@ -242,6 +242,9 @@ PublishedPose Odometry::State::describe(const MotionPrior& prior, const MotionFi
   result.T_odom_base_middle = result.T_odom_base * moved.T_middle_end().inverse();
   result.twist = moved.end_twist();
   result.gyro_bias = at_middle.state().gyro_bias;
+  result.accelerometer_bias = at_middle.state().accelerometer_bias;
+  result.gravity = motion.T_odom_map().rotation * at_middle.state().gravity;
+  result.accelerometer_used = prior.inputs.measure_motion();
   result.imu_time_shift = motion.monitor().time_shift();
   MotionFilter at_end = at_middle;
   at_end.propagate(prior.inputs, moved.span().end);

@@ -58,6 +58,8 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
     record.angular_velocity[k] = result.twist[i + 3];
     record.deskew_rate[k] = result.deskew_rate[i];
     record.gyro_bias[k] = result.gyro_bias[i];
+    record.accelerometer_bias[k] = result.accelerometer_bias[i];
+    record.gravity[k] = result.gravity[i];
   }
   record.orientation_xyzw = core::xyzw(result.T_odom_base.rotation);
   record.middle_orientation_xyzw = core::xyzw(result.T_odom_base_middle.rotation);
@@ -67,6 +69,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.stop_reason = result.stop_reason;
   record.imu_time_shift_ns = result.imu_time_shift.ns;
   record.imu_used = result.imu_used;
+  record.accelerometer_used = result.accelerometer_used;
   record.predicted = result.predicted;
   record.degenerate_axes = result.degenerate_axes;
   record.degradation_level = result.degradation_level;

@@ -4,8 +4,8 @@
 #include "nilio/core/se3.hpp"
 #include "nilio/core/time.hpp"
 
-#include "core/src/estimation/accelerometer_consistency.hpp"
 #include "core/src/estimation/imu_buffer.hpp"
+#include "core/src/estimation/motion_filter.hpp"
 
 #include <cstddef>
 #include <optional>
@@ -16,12 +16,14 @@ namespace nilio::core {
 struct ScanPose {
   Time stamp;  ///< end of the scan, LiDAR time
   SE3 T_odom_base;
-  Vector3 linear_velocity = Vector3::Zero();   ///< of base_link in its own axes, m/s
-  Vector3 angular_velocity = Vector3::Zero();  ///< of base_link in its own axes, rad/s
-  Vector3 gyro_bias = Vector3::Zero();         ///< in base_link, rad/s
-  Duration imu_time_shift;                     ///< subtracted from IMU stamps gives LiDAR time
-  bool imu_trusted = false;                    ///< the odometry uses the gyro
-  bool predicted = false;                      ///< no registration: the velocity is no measurement
+  Vector3 linear_velocity = Vector3::Zero();     ///< of base_link in its own axes, m/s
+  Vector3 angular_velocity = Vector3::Zero();    ///< of base_link in its own axes, rad/s
+  Vector3 gyro_bias = Vector3::Zero();           ///< in base_link, rad/s
+  Vector3 accelerometer_bias = Vector3::Zero();  ///< in base_link, m/s^2
+  Vector3 gravity = Vector3::Zero();             ///< in odom, m/s^2
+  Duration imu_time_shift;                       ///< subtracted from IMU stamps gives LiDAR time
+  bool gyro_used = false;                        ///< by the odometry
+  bool accelerometer_used = false;               ///< by the odometry
 };
 
 /// Pose of base_link at the time of an IMU sample.
@@ -44,9 +46,9 @@ struct ImuRateOdometryConfig {
   std::size_t capacity = 4096;
 };
 
-/// Propagates the last scan pose with every IMU sample: rotation from the gyro minus its bias, velocity from
-/// the accelerometer where that passed its consistency test (AccelerometerConsistency), else constant in the
-/// vehicle's axes. Without an accepted IMU the scan's twist is constant. Allocates only at construction. Not
+/// Propagates the state that the motion filter had after the last scan with every IMU sample, by the same
+/// equations and with the sensors that the odometry uses: without an accelerometer the velocity is constant
+/// in the vehicle's axes, without a gyro the scan's rates go on. Allocates only at construction. Not
 /// thread-safe.
 class ImuRateOdometry {
  public:
@@ -61,30 +63,19 @@ class ImuRateOdometry {
   /// Whether there is a scan pose.
   [[nodiscard]] bool has_pose() const { return has_pose_; }
   /// LiDAR time of the last sample or scan pose, whichever is later.
-  [[nodiscard]] Time latest() const { return imu_time_ - scan_.imu_time_shift; }
+  [[nodiscard]] Time latest() const { return state_.time - scan_.imu_time_shift; }
   /// The pose at a time near latest(), extrapolated with the current twist.
   [[nodiscard]] SE3 pose_near(Time time) const;
-  /// Whether the accelerometer is in use.
-  [[nodiscard]] bool follows_accelerometer() const { return accelerometer_.helps(); }
 
  private:
-  void update_accelerometer(const ScanPose& next);
   void step_to(std::size_t sample);
-  void follow_gyro(Time to);
-  [[nodiscard]] Vector3 rate_at(Time imu_time) const;
-  /// Lever-arm velocity of the IMU, in base_link.
-  [[nodiscard]] Vector3 lever(const Vector3& rate) const;
 
   ImuRateOdometryConfig config_;
   ImuBuffer imu_;  ///< stamps as the IMU gave them
   bool has_pose_ = false;
   ScanPose scan_;
-  Time imu_time_;  ///< of the state, in the IMU's time
-  SE3 T_odom_base_;
-  Vector3 velocity_ = Vector3::Zero();  ///< in base_link
-  Vector3 angular_velocity_ = Vector3::Zero();
+  MotionState state_;  ///< in odom, at a time of the IMU
   bool follows_gyro_ = false;
-  AccelerometerConsistency accelerometer_;
 };
 
 /// Covariance (position then rotation, odom axes) `age` after a scan with covariances `pose` and `twist`

@@ -33,9 +33,14 @@ struct OdometryResult {
   /// Bias subtracted from the gyro's rates, rad/s in base_link, and shift subtracted from the IMU's stamps.
   Vector3 gyro_bias = Vector3::Zero();
   Duration imu_time_shift;
+  /// Bias subtracted from the specific forces, m/s^2 in base_link, and gravity in odom.
+  Vector3 accelerometer_bias = Vector3::Zero();
+  Vector3 gravity = Vector3::Zero();
   TrackingState state = TrackingState::kInitialising;
   StopReason stop_reason = StopReason::kConverged;
   bool imu_used = false;
+  /// The accelerometer predicted the velocity, beside the gyro.
+  bool accelerometer_used = false;
   /// No registration was accepted: the pose is the prediction.
   bool predicted = false;
   std::uint8_t degenerate_axes = 0;
