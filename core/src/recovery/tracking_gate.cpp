@@ -173,8 +173,8 @@ TrackingState TrackingGate::accept(const Alignment& alignment, const MotionEstim
   if (motion.is_initialising()) return TrackingState::kInitialising;
   if (doubts_ >= kLostAfterDoubts) return TrackingState::kLost;
   const bool was_elsewhere = is_within(elsewhere_at_, motion.prior().previous);
-  const bool is_degraded =
-      (registration.degenerate_axes != 0 && !is_stationary) || doubtful_ || was_elsewhere;
+  const bool is_degraded = (registration.degenerate_axes != 0 && !is_stationary) || alignment.only_ndt ||
+                           doubtful_ || was_elsewhere;
   return is_degraded ? TrackingState::kDegraded : TrackingState::kTracking;
 }
 
