@@ -107,7 +107,7 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   result.inputs.imu_position = T_base_imu_.translation;
   result.inputs.gyro = result.imu_covers && monitor_.usable(from, scan.end);
   result.inputs.speed_is_observed = speed_is_observed_;
-  result.inputs.gyro_is_verified = monitor_.is_verified();
+  result.inputs.gyro_scale_deviation = monitor_.scale_deviation();
   result.inputs.accelerometer = result.imu_covers && gravity_known_ && monitor_.force_usable(from);
   return result;
 }

@@ -26,10 +26,6 @@ constexpr auto kGravityBlock = MotionFilter::kGravityBlock;
 // (0.01 deg/s and 300 ug per root hertz).
 constexpr double kGyroDensity = 5.0 * 0.01 * kRadiansPerDegree;
 constexpr double kAccelerometerDensity = 5.0 * 300e-6 * kGravity;
-// Scale and axes of such gyros: a hundredth of the rate.
-constexpr double kGyroScale = 0.01;
-// The same before turns have verified them.
-constexpr double kUnverifiedGyroScale = 0.3;
 // Scale, axes and delay of automotive accelerometers: a fiftieth of the acceleration, for seconds
 // (Singer 1970: 2 a^2 tau).
 constexpr double kAccelerometerScale = 0.02;
@@ -124,8 +120,7 @@ Matrix sensor_noise(const MotionState& s, const Vector3& acceleration, const Mot
   add(kAccelBias, kAccelBiasWalk);
   add(kGravityBlock, kTiltWalk * kGravity * std::sqrt(s.velocity.norm()));
   if (inputs.gyro) {
-    const double scale =
-        (inputs.gyro_is_verified ? kGyroScale : kUnverifiedGyroScale) * s.angular_velocity.norm();
+    const double scale = inputs.gyro_scale_deviation * s.angular_velocity.norm();
     Eigen::Matrix<double, 6, 3> G;  // rotation and, where it is integrated in turning axes, velocity
     G.topRows<3>().setIdentity();
     G.bottomRows<3>() = inputs.accelerometer ? skew(s.velocity) : Matrix3::Zero();

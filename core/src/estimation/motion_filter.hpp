@@ -35,8 +35,8 @@ struct MotionState {
 struct MotionInputs {
   const ImuBuffer* imu = nullptr;          ///< needed for the two below
   Vector3 imu_position = Vector3::Zero();  ///< in base_link, m
-  bool gyro = false;              ///< the gyro gives the rates; otherwise they stay, roll's and pitch's decay
-  bool gyro_is_verified = false;  ///< turns have shown its scale and axes
+  bool gyro = false;  ///< the gyro gives the rates; otherwise they stay, roll's and pitch's decay
+  double gyro_scale_deviation = 0.0;  ///< error by its scale and axes, relative to the rate
   bool accelerometer = false;     ///< the accelerometer changes the velocity; otherwise it stays in body axes
   bool speed_is_observed = true;  ///< the last scan showed the position along base_link's x
   [[nodiscard]] bool measure_motion() const { return gyro && accelerometer; }

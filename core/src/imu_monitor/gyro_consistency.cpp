@@ -14,7 +14,7 @@ constexpr double kConsistencyMemory = 0.9;
 constexpr double kMinConsistencyWeight = 5.0;
 // 0.05 deg is 2.6 cm at 30 m, the noise of a range: differences below it decide nothing.
 constexpr double kIndifferent = 0.05 * kRadiansPerDegree;
-// Rejection: the gyro's error is so many times that of a constant rate.
+// Rejection: the gyro's error is so many times that of a constant rate, and no error of its scale.
 constexpr double kPlainlyWorse = 2.0;
 constexpr double kContradiction = 0.3 * kRadiansPerDegree;
 // Rotation of a scan that reveals a wrong gyro.
@@ -29,12 +29,23 @@ constexpr double kLargestShareOfSquares = 1.0 / 36.0;
 // Noise of a registered rotation, subtracted from the evidence.
 constexpr double kNoiseSquares = 0.03 * 0.03 * kRadiansPerDegree * kRadiansPerDegree;
 
+// Relative errors by scale and axes: of a gyro that no turn has shown, beyond which it is wrong, and the
+// least of any.
+constexpr double kUnknownScale = 0.3;
+constexpr double kLeastScale = 0.01;
+
 }  // namespace
+
+double GyroConsistency::scale_deviation() const {
+  const double squares = kUnknownScale * kUnknownScale * kEvidenceSquares + gyro_evidence_;
+  return std::clamp(std::sqrt(squares / (kEvidenceSquares + turned_evidence_)), kLeastScale, kUnknownScale);
+}
 
 bool GyroConsistency::compared() const { return weight_ >= kMinConsistencyWeight; }
 
 bool GyroConsistency::rejected() const {
-  return !accepted_ && (rejected_ || (gyro_evidence_ > kEvidenceSquares && !is_proven()));
+  return !accepted_ && (rejected_ || (gyro_evidence_ > kEvidenceSquares &&
+                                      scale_deviation() >= kUnknownScale && !is_proven()));
 }
 
 double GyroConsistency::gyro_error() const {
@@ -58,6 +69,7 @@ void GyroConsistency::reject() {
   rejected_ = true;
   gyro_evidence_ = 0.0;
   constant_evidence_ = 0.0;
+  turned_evidence_ = 0.0;
 }
 
 void GyroConsistency::reset_evidence() {
@@ -71,21 +83,24 @@ bool GyroConsistency::is_proven() const {
   return constant_evidence_ > needed && gyro_evidence_ < kLargestShareOfSquares * constant_evidence_;
 }
 
-void GyroConsistency::gather_evidence(double gyro_angle, double constant_angle) {
+void GyroConsistency::gather_evidence(double gyro_angle, double constant_angle, double turned) {
   const auto excess = [](double angle) { return std::max(0.0, angle * angle - kNoiseSquares); };
   gyro_evidence_ = kEvidenceMemory * gyro_evidence_ + excess(gyro_angle);
   constant_evidence_ = kEvidenceMemory * constant_evidence_ + excess(constant_angle);
+  turned_evidence_ = kEvidenceMemory * turned_evidence_ + turned * turned;
 }
 
 void GyroConsistency::update(double gyro_angle, double constant_angle, double turned) {
   gyro_squares_ = kConsistencyMemory * gyro_squares_ + gyro_angle * gyro_angle;
   constant_squares_ = kConsistencyMemory * constant_squares_ + constant_angle * constant_angle;
+  turned_squares_ = kConsistencyMemory * turned_squares_ + turned * turned;
   weight_ = kConsistencyMemory * weight_ + 1.0;
   if (!compared()) return;
-  if (turned > kTurning) gather_evidence(gyro_angle, constant_angle);
+  if (turned > kTurning) gather_evidence(gyro_angle, constant_angle, turned);
   const double gyro = gyro_error();
   const double constant = std::max(constant_rate_error(), kIndifferent);
-  if ((accepted_ || turned > kTurning) && gyro > kPlainlyWorse * constant) reject();
+  const double scaled = kUnknownScale * std::sqrt(turned_squares_ / weight_);
+  if ((accepted_ || turned > kTurning) && gyro > std::max(kPlainlyWorse * constant, scaled)) reject();
   if (!accepted_ && gyro <= constant && is_proven()) {
     accepted_ = true;
     rejected_ = false;

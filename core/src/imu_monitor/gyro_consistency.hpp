@@ -26,23 +26,27 @@ class GyroConsistency {
   /// Root mean squares of the last second, rad per scan.
   [[nodiscard]] double gyro_error() const;
   [[nodiscard]] double constant_rate_error() const;
+  /// Error of a rotation by the gyro's scale and axes, relative to it, as turns have shown it.
+  [[nodiscard]] double scale_deviation() const;
   [[nodiscard]] const Vector3& registered_rate() const { return rate_; }
 
  private:
   void update(double gyro_angle, double constant_angle, double turned);
-  void gather_evidence(double gyro_angle, double constant_angle);
+  void gather_evidence(double gyro_angle, double constant_angle, double turned);
   [[nodiscard]] bool is_proven() const;
 
   Vector3 rate_ = Vector3::Zero();
   bool has_rate_ = false;
   double gyro_squares_ = 0.0;
   double constant_squares_ = 0.0;
+  double turned_squares_ = 0.0;
   double weight_ = 0.0;
   bool accepted_ = false;
   bool rejected_ = false;
   /// Sums of squared errors over scans that turned since the start or the last withdrawal, rad^2.
   double gyro_evidence_ = 0.0;
   double constant_evidence_ = 0.0;
+  double turned_evidence_ = 0.0;  ///< sum of squared rotations
 };
 
 }  // namespace nilio::core

@@ -54,7 +54,7 @@ class ImuMonitor {
   /// there.
   [[nodiscard]] bool usable(Time from, Time to) const;
   /// Whether turns have shown that scale and axes of the gyro are right.
-  [[nodiscard]] bool is_verified() const { return health_.trusted; }
+  [[nodiscard]] double scale_deviation() const { return gyro_consistency_.scale_deviation(); }
   /// Whether the accelerometer is used: gravity and the gyro agree with the configured mounting, and it is
   /// neither stuck nor has it clipped since.
   [[nodiscard]] bool force_usable(Time since) const;

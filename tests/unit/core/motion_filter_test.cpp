@@ -39,7 +39,7 @@ struct Truth {
     return state;
   }
   [[nodiscard]] MotionInputs inputs(bool gyro, bool accelerometer) const {
-    return {&imu, drive.T_base_imu.translation, gyro, true, accelerometer};
+    return {&imu, drive.T_base_imu.translation, gyro, 0.01, accelerometer};
   }
 };
 
