@@ -18,14 +18,10 @@ constexpr double kMotionEpsilonMetres = 2.5e-3;
 constexpr double kMotionEpsilonRadians = 2.5e-4;
 // Acceleration that tyres can transmit, m/s^2.
 constexpr double kTyreAcceleration = 10.0;
+// Bits of RegistrationResult::degenerate_axes.
+constexpr std::uint8_t kRotationAxes = 0b111000;
 constexpr double kPeriodMemory = 0.9;
 constexpr double kGapPeriods = 1.5;
-
-/// Whether the scan shows the rotation about every axis.
-bool shows_rotation(const RegistrationResult& registration) {
-  constexpr std::uint8_t kRotationAxes = 0b111000;
-  return (registration.degenerate_axes & kRotationAxes) == 0;
-}
 
 double deviation_at_lever(const Matrix6& covariance) {
   const double square = covariance.topLeftCorner<3, 3>().trace() +
@@ -233,13 +229,13 @@ bool MotionEstimator::may_reach(const SE3& T_map_middle) const {
   return prediction_error(T_map_middle).translation.norm() <= 0.5 * kTyreAcceleration * seconds * seconds;
 }
 
-RegisteredMotion MotionEstimator::motion_to(const SE3& T_map_middle) const {
-  return {last_filter_.state().time, prior_.span.middle(), T_map_last_middle(), T_map_middle};
+RegisteredMotion MotionEstimator::motion_to(const RegistrationResult& registration) const {
+  return {last_filter_.state().time, prior_.span.middle(), T_map_last_middle(), registration.T_map_moving,
+          (registration.degenerate_axes & kRotationAxes) == 0};
 }
 
 bool MotionEstimator::contradicts_gyro(const RegistrationResult& registration) const {
-  return shows_rotation(registration) &&
-         monitor_.contradicts(imu_, filter_.state().gyro_bias, motion_to(registration.T_map_moving));
+  return monitor_.contradicts(imu_, filter_.state().gyro_bias, motion_to(registration));
 }
 
 /// An IMU whose predictions scans contradict in one direction is left out until turns prove it.
@@ -260,10 +256,7 @@ void MotionEstimator::update(const RegistrationResult& registration) {
   else
     filter_.update(T_map_middle, registration.twist, registration.sweep_information);
   const Duration shift = monitor_.time_shift();
-  if (shows_rotation(registration))
-    monitor_.observe(imu_, filter_.state().gyro_bias, motion_to(T_map_middle));
-  else
-    monitor_.skip();
+  monitor_.observe(imu_, filter_.state().gyro_bias, motion_to(registration));
   if (monitor_.time_shift() != shift) imu_.move_stamps(shift - monitor_.time_shift());
   settle();
 }

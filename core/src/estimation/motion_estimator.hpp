@@ -149,7 +149,7 @@ class MotionEstimator {
   void forget_motion() { motion_goes_on_ = false; }
 
  private:
-  [[nodiscard]] RegisteredMotion motion_to(const SE3& T_map_middle) const;
+  [[nodiscard]] RegisteredMotion motion_to(const RegistrationResult& registration) const;
   [[nodiscard]] bool detect_stationary();
   void initialise_gravity();
   void observe_innovation(const RegistrationResult& registration);

@@ -29,6 +29,7 @@ struct RegisteredMotion {
   Time to;
   SE3 T_odom_from;
   SE3 T_odom_to;
+  bool shows_rotation = true;  ///< the scan observed the rotation about every axis
 
   [[nodiscard]] double seconds() const { return (to - from).seconds(); }
   /// Mean angular velocity in axes of base_link at `from`, rad/s.
