@@ -100,6 +100,15 @@ TEST_CASE("a direction that the scan does not show degrades the pose, but not th
   CHECK_FALSE(drive.motion.prior_for(drive.next_scan()).inputs.speed_is_observed);
 }
 
+TEST_CASE("a pose that NDT alone found is degraded", "[tracking_gate]") {
+  Drive drive;
+  Alignment alignment = Drive::good();
+  alignment.only_ndt = true;
+  CHECK(drive.accept(alignment) == TrackingState::kDegraded);
+  CHECK(drive.gate.vouches());
+  CHECK(drive.accept(Drive::good()) == TrackingState::kTracking);
+}
+
 TEST_CASE("points that no voxel knows agree with nothing", "[tracking_gate]") {
   Drive drive;
   drive.motion.predict(drive.next_scan());
