@@ -55,8 +55,7 @@ bool ImuMonitor::force_usable(Time since) const {
 bool ImuMonitor::contradicts(const ImuBuffer& imu, const Vector3& gyro_bias,
                              const RegisteredMotion& motion) const {
   const Vector3 gyro_rate = mean_angular_velocity(imu, motion.from, motion.to) - gyro_bias;
-  return motion.shows_rotation &&
-         gyro_consistency_.is_inconsistent(gyro_rate, motion.mean_rate(), motion.seconds());
+  return gyro_consistency_.is_inconsistent(gyro_rate, motion.mean_rate(), motion.seconds());
 }
 
 void ImuMonitor::demote() {
@@ -77,12 +76,11 @@ void ImuMonitor::skip() {
 
 void ImuMonitor::observe(const ImuBuffer& imu, const Vector3& gyro_bias, const RegisteredMotion& motion) {
   if (!imu.latest()) return;
-  const bool is_evidence = motion.shows_rotation && motion.from < motion.to &&
-                           motion.seconds() < kLongestMotion &&
-                           imu.covers(motion.from, motion.to, config_.max_gap);
-  if (!is_evidence) {
+  const bool covered = motion.from < motion.to && motion.seconds() < kLongestMotion &&
+                       imu.covers(motion.from, motion.to, config_.max_gap);
+  if (!covered) {
     skip();
-  } else {
+  } else if (motion.shows_rotation) {
     compare_with_registration(imu, gyro_bias, motion);
     pending_[(first_pending_ + pending_count_) % kPending] = motion;
     if (pending_count_ < kPending) {

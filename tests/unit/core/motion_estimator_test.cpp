@@ -252,22 +252,3 @@ TEST_CASE("an IMU that senses a motion that scans do not show, as on a ship, is 
   CHECK(used_last < 80);
   CHECK(motion.filter().state().T_map_base.translation.norm() < 0.1);
 }
-
-TEST_CASE("a rotation that the scan does not show does not contradict the gyro", "[motion_estimator]") {
-  StraightDrive drive(0.0);
-  for (int i = 0; i < 1000; ++i)
-    drive.motion.add_imu({Time::from_seconds(0.0025 * i), {1e-4 * (i % 2), 0.0, 0.0}, {0.0, 0.0, 9.81}});
-  drive.drive(10);
-  // The scans turn by one degree each, the gyro does not.
-  RegistrationResult turned;
-  for (int i = 1; i <= 2; ++i) {
-    turned = registered({so3_exp(0.02 * i * Vector3::UnitZ()), Vector3::Zero()});
-    drive.motion.predict(drive.next());
-    if (i == 1) drive.motion.update(turned);
-  }
-  CHECK(drive.motion.contradicts_gyro(turned));
-  turned.degenerate_axes = 0b100000;
-  CHECK_FALSE(drive.motion.contradicts_gyro(turned));
-  turned.degenerate_axes = 0b000001;
-  CHECK(drive.motion.contradicts_gyro(turned));
-}
