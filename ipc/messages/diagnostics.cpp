@@ -112,9 +112,7 @@ constexpr std::array kRows{
         find_age},
     DiagnosticRow{"odometry", "state", "initialising or degraded", "lost",
                   "degraded: the pose follows the prediction in part or as a whole and its covariance grows, "
-                  "or it is not known "
-                  "to 0.10 m; lost: "
-                  "it is no longer reliable",
+                  "or it is not known to 0.10 m; lost: it is no longer reliable",
                   "see the states in docs/states.md; drive on slowly where there is structure, and check the "
                   "LiDAR's view and mounting",
                   find_state},

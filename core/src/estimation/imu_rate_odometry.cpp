@@ -34,8 +34,8 @@ std::optional<PropagatedPose> ImuRateOdometry::add(const ImuSample& sample) {
   step_to(imu_.size() - 1);
   const Duration age = latest() - scan_.stamp;
   if (age > config_.max_age) return std::nullopt;
-  return PropagatedPose{latest(), state_.T_map_base, state_.velocity, state_.angular_velocity,
-                        age,      follows_gyro_};
+  const MotionState& s = state_;
+  return PropagatedPose{latest(), s.T_map_base, s.velocity, s.angular_velocity, age, follows_gyro_};
 }
 
 void ImuRateOdometry::step_to(std::size_t sample) {

@@ -351,8 +351,8 @@ void MotionFilter::apply(const Vector& error) {
 
 void MotionFilter::update(const SE3& T_map_base, const Matrix6& information) {
   state_ = conditioned_on(T_map_base);
-  // P - P_o (I + H P_oo)^-1 H P_o^T: needs neither the inverse of H nor that of P.
-  const Matrix6 gain = solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information);
+  // P - P_o S^-1 P_o^T.
+  const Matrix6 gain = innovation_information(information);
   const Eigen::Matrix<double, kSize, 6> observed = covariance_.leftCols<6>();
   covariance_ -= observed * gain * observed.transpose();
   end_update();
@@ -450,8 +450,11 @@ WeightedInnovation MotionFilter::weighted_innovation(const SE3& T_map_base,
                                                      const Matrix6& information) const {
   // The registered pose is where the gradients of scan and prior cancel: S^-1 v = P^-1 x.
   const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
-  return {solve_ldlt(pose_covariance(), moved),
-          solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information)};
+  return {solve_ldlt(pose_covariance(), moved), innovation_information(information)};
+}
+
+Matrix6 MotionFilter::innovation_information(const Matrix6& information) const {
+  return solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information);
 }
 
 double MotionFilter::squared_distance(const SE3& T_map_base) const {

@@ -124,6 +124,8 @@ class MotionFilter {
  private:
   void step(const MotionInputs& inputs, Time to);
   void apply(const Vector& error);
+  /// S^-1 = (P + H^-1)^-1 = (I + H P)^-1 H of a scan with information H: needs neither inverse.
+  [[nodiscard]] Matrix6 innovation_information(const Matrix6& information) const;
   [[nodiscard]] MotionState conditioned_by(const Vector& error, const SE3& T_map_base) const;
   /// Gives a block this covariance of its own, and no correlation with the others.
   void isolate(int block, const Matrix3& covariance);

@@ -133,7 +133,7 @@ TEST_CASE("at each seam to another place tracking is lost, reported, and recover
     CHECK(lost >= seams);
     CHECK(initialising > 4 * seams);
     CHECK(initialising + lost < 20 * (seams + 1));
-    // Poses in a forest are uncertain without an IMU, and beside one that a seam has convicted.
+    // Poses in a forest are uncertain without an IMU, and with a rejected one.
     CHECK(initialising + degraded + lost < 35 * (seams + 1));
     CHECK(tracking + 35 * (seams + 1) > soak->poses);
     CHECK((soak->scans_with_imu > 0) == with_imu);
