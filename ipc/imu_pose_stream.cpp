@@ -18,13 +18,13 @@ core::Vector3 vector(const std::array<double, 3>& values) { return core::Vector3
 
 core::ScanPose scan_pose(const PoseRecord& record) {
   core::ScanPose pose;
-  pose.stamp = {record.stamp_ns};
-  pose.T_odom_base = {core::from_xyzw(record.orientation_xyzw), vector(record.position)};
-  pose.linear_velocity = vector(record.linear_velocity);
-  pose.angular_velocity = vector(record.angular_velocity);
-  pose.gyro_bias = vector(record.gyro_bias);
-  pose.accelerometer_bias = vector(record.accelerometer_bias);
-  pose.gravity = vector(record.gravity);
+  pose.state.time = {record.stamp_ns};
+  pose.state.T_map_base = {core::from_xyzw(record.orientation_xyzw), vector(record.position)};
+  pose.state.velocity = vector(record.linear_velocity);
+  pose.state.angular_velocity = vector(record.angular_velocity);
+  pose.state.gyro_bias = vector(record.gyro_bias);
+  pose.state.accelerometer_bias = vector(record.accelerometer_bias);
+  pose.state.gravity = vector(record.gravity);
   pose.imu_time_shift = {record.imu_time_shift_ns};
   pose.gyro_used = record.imu_used;
   pose.accelerometer_used = record.accelerometer_used;
@@ -41,10 +41,11 @@ ImuPoseStream::ImuPoseStream(const ImuPoseConfig& config)
 ImuPoseUpdate ImuPoseStream::add(const PoseRecord& record) {
   ++counts_.scan_poses;
   const core::ScanPose pose = scan_pose(record);
-  ImuPoseUpdate update{record.sequence, pose.stamp, pose.stamp, {}};
+  const Time stamp = pose.state.time;
+  ImuPoseUpdate update{record.sequence, stamp, stamp, {}};
   if (last_smoothed_) {
     // Both poses are compared at the later of the two times, so that time does not go back.
-    update.stamp = std::max(propagator_.latest(), pose.stamp);
+    update.stamp = std::max(propagator_.latest(), stamp);
     const core::SE3 before = propagator_.pose_near(update.stamp);
     propagator_.set_scan_pose(pose);
     update.correction = smoother_.correct(before, propagator_.pose_near(update.stamp));

@@ -15,14 +15,8 @@ ImuRateOdometry::ImuRateOdometry(const ImuRateOdometryConfig& config)
 void ImuRateOdometry::set_scan_pose(const ScanPose& pose) {
   scan_ = pose;
   has_pose_ = true;
-  state_ = {};
-  state_.time = pose.stamp + pose.imu_time_shift;
-  state_.T_map_base = pose.T_odom_base;
-  state_.velocity = pose.linear_velocity;
-  state_.angular_velocity = pose.angular_velocity;
-  state_.gyro_bias = pose.gyro_bias;
-  state_.accelerometer_bias = pose.accelerometer_bias;
-  state_.gravity = pose.gravity;
+  state_ = pose.state;
+  state_.time = pose.state.time + pose.imu_time_shift;
   follows_gyro_ = pose.gyro_used;
   for (std::size_t i = imu_.lower_bound(state_.time); i < imu_.size(); ++i) step_to(i);
 }
@@ -32,7 +26,7 @@ std::optional<PropagatedPose> ImuRateOdometry::add(const ImuSample& sample) {
   if (!imu_.add(sample, config_.T_base_imu.rotation)) return std::nullopt;
   if (!has_pose_ || sample.stamp < state_.time) return std::nullopt;
   step_to(imu_.size() - 1);
-  const Duration age = latest() - scan_.stamp;
+  const Duration age = latest() - scan_.state.time;
   if (age > config_.max_age) return std::nullopt;
   const MotionState& s = state_;
   return PropagatedPose{latest(), s.T_map_base, s.velocity, s.angular_velocity, age, follows_gyro_};
@@ -47,7 +41,7 @@ void ImuRateOdometry::step_to(std::size_t sample) {
   inputs.gyro = scan_.gyro_used && gap <= config_.max_gap;
   inputs.accelerometer = scan_.accelerometer_used && inputs.gyro;
   if (!inputs.gyro) {
-    state_.angular_velocity = scan_.angular_velocity;
+    state_.angular_velocity = scan_.state.angular_velocity;
     follows_gyro_ = false;
   }
   state_ = propagated(state_, inputs, to);

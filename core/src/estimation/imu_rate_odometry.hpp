@@ -12,18 +12,12 @@
 
 namespace nilio::core {
 
-/// Odometry state at the end of a scan, from which later poses are propagated.
+/// State of the odometry at the end of a scan, from which later poses are propagated.
 struct ScanPose {
-  Time stamp;  ///< end of the scan, LiDAR time
-  SE3 T_odom_base;
-  Vector3 linear_velocity = Vector3::Zero();     ///< of base_link in its own axes, m/s
-  Vector3 angular_velocity = Vector3::Zero();    ///< of base_link in its own axes, rad/s
-  Vector3 gyro_bias = Vector3::Zero();           ///< in base_link, rad/s
-  Vector3 accelerometer_bias = Vector3::Zero();  ///< in base_link, m/s^2
-  Vector3 gravity = Vector3::Zero();             ///< in odom, m/s^2
-  Duration imu_time_shift;                       ///< subtracted from IMU stamps gives LiDAR time
-  bool gyro_used = false;                        ///< by the odometry
-  bool accelerometer_used = false;               ///< by the odometry
+  MotionState state;                ///< in odom, at the end of the scan in LiDAR time
+  Duration imu_time_shift;          ///< subtracted from IMU stamps gives LiDAR time
+  bool gyro_used = false;           ///< by the odometry
+  bool accelerometer_used = false;  ///< by the odometry
 };
 
 /// Pose of base_link at the time of an IMU sample.

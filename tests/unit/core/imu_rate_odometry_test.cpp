@@ -30,11 +30,11 @@ struct Circle {
   }
   [[nodiscard]] ScanPose scan(double seconds) const {
     ScanPose scan;
-    scan.stamp = Time::from_seconds(seconds);
-    scan.T_odom_base = pose(seconds);
-    scan.linear_velocity = {speed, 0.0, 0.0};
-    scan.angular_velocity = {0.0, 0.0, rate};
-    scan.gyro_bias = kBias;
+    scan.state.time = Time::from_seconds(seconds);
+    scan.state.T_map_base = pose(seconds);
+    scan.state.velocity = {speed, 0.0, 0.0};
+    scan.state.angular_velocity = {0.0, 0.0, rate};
+    scan.state.gyro_bias = kBias;
     scan.gyro_used = true;
     return scan;
   }
@@ -59,7 +59,7 @@ TEST_CASE("a pose follows a circle by the gyro, whatever the IMU's mounting and 
   const double shift_s = 0.012;
   ImuRateOdometry propagator(config);
   ScanPose scan = circle.scan(0.0);
-  scan.angular_velocity.setZero();  // the gyro alone has to tell
+  scan.state.angular_velocity.setZero();  // the gyro alone has to tell
   scan.imu_time_shift = Duration::from_seconds(shift_s);
   propagator.set_scan_pose(scan);
   int poses = 0;
@@ -73,7 +73,7 @@ TEST_CASE("a pose follows a circle by the gyro, whatever the IMU's mounting and 
     REQUIRE(distance(pose->T_odom_base, circle.pose(t)) < 1e-5);
     REQUIRE(angle(pose->T_odom_base, circle.pose(t)) < 1e-9);
     REQUIRE((pose->angular_velocity - Vector3(0.0, 0.0, circle.rate)).norm() < 1e-12);
-    REQUIRE(pose->linear_velocity == scan.linear_velocity);
+    REQUIRE(pose->linear_velocity == scan.state.velocity);
     REQUIRE(pose->follows_gyro);
   }
   CHECK(poses == 799);
@@ -108,12 +108,12 @@ namespace {
 
 ScanPose scan_of(const Drive& drive, double t, const Vector3& position) {
   ScanPose scan;
-  scan.stamp = Time::from_seconds(t);
-  scan.T_odom_base = {so3_exp(Vector3(0.0, 0.0, Drive::yaw(t))), position};
-  scan.linear_velocity = {Drive::speed(t), 0.0, 0.0};
-  scan.angular_velocity = {0.0, 0.0, Drive::rate(t)};
-  scan.accelerometer_bias = {0.02, -0.01, 0.03};
-  scan.gravity = drive.tilt * Vector3(0.0, 0.0, -9.81);
+  scan.state.time = Time::from_seconds(t);
+  scan.state.T_map_base = {so3_exp(Vector3(0.0, 0.0, Drive::yaw(t))), position};
+  scan.state.velocity = {Drive::speed(t), 0.0, 0.0};
+  scan.state.angular_velocity = {0.0, 0.0, Drive::rate(t)};
+  scan.state.accelerometer_bias = {0.02, -0.01, 0.03};
+  scan.state.gravity = drive.tilt * Vector3(0.0, 0.0, -9.81);
   scan.gyro_used = true;
   return scan;
 }
