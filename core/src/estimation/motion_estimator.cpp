@@ -8,8 +8,7 @@ namespace nilio::core {
 namespace {
 
 constexpr double kStationaryGravityVariance = 0.02 * 0.02;
-// Unknown acceleration and tilt of a moving start, m/s^2.
-constexpr double kMovingGravityVariance = 1.5 * 1.5;
+constexpr double kMovingGravityVariance = MotionFilter::kGravityPrior * MotionFilter::kGravityPrior;
 constexpr double kStillForceDeviation = 0.5;
 // Velocities of a vehicle that is not stationary after all, m/s and rad/s.
 constexpr double kWalkingSpeed = 2.0;

@@ -24,8 +24,6 @@ inline constexpr double kMaxSigmaMetres = 2.0;
 inline constexpr double kMinSigmaMetres = 0.1;
 /// Squared Mahalanobis distance, 99.9 % of 6 degrees of freedom.
 inline constexpr double kFarInnovation = 22.46;
-/// Lever that converts rotation errors to distances.
-inline constexpr double kErrorLeverMetres = 30.0;
 /// Maximum lag of the last IMU sample behind the end of a live scan; the rate is held constant.
 inline constexpr Duration kMaxImuLag = Duration::from_milliseconds(15.0);
 

@@ -35,10 +35,9 @@ constexpr double kGyroBiasWalk = 4e-4 * kRadiansPerDegree;
 constexpr double kAccelBiasWalk = 1e-3;
 // Tilt of the map: odometry drifts by 0.2 to 0.5 degrees in 100 m (KITTI odometry benchmark); per root metre.
 constexpr double kTiltWalk = 0.02 * kRadiansPerDegree;
-// Priors: bias at switch-on of automotive sensors, and the tilt and acceleration of a moving start.
+// Priors: bias at switch-on of automotive sensors, and the velocities of a moving start.
 constexpr double kGyroBiasPrior = 0.5 * kRadiansPerDegree;
 constexpr double kAccelBiasPrior = 0.3;
-constexpr double kGravityPrior = 1.5;
 constexpr double kVelocityPrior = 10.0;
 constexpr double kRatePrior = 0.3;
 // Manoeuvres of a vehicle (Singer 1970: 2 a^2 tau) for a second: 2 m/s^2, and 0.3 rad/s^2 of yaw. Where scans

@@ -52,6 +52,8 @@ struct MotionInputs {
 class MotionFilter {
  public:
   static constexpr int kSize = 21;
+  /// Deviation of gravity along each axis at a start in motion, m/s^2: acceleration and tilt are unknown.
+  static constexpr double kGravityPrior = 1.5;
   /// Rates of roll and pitch until scans have shown those of the vehicle, rad/s: driving off road.
   static constexpr double kSwayRate = 5.0 * kRadiansPerDegree;
   using Vector = Eigen::Matrix<double, kSize, 1>;

@@ -1,10 +1,11 @@
 #include "core/src/imu_monitor/accelerometer_alignment.hpp"
 
+#include "nilio/core/units.hpp"
+
 #include "core/src/linear_algebra.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace nilio::core {
 
@@ -16,7 +17,7 @@ constexpr double kMinForceWeight = 50.0;
 constexpr double kMinSteadyWeight = 30.0;
 constexpr double kSteadyAcceleration = 1.0;
 constexpr double kUnevenness = 0.1;
-constexpr double kLargestMountingSigma = 1.0 * std::numbers::pi / 180.0;
+constexpr double kLargestMountingSigma = kRadiansPerDegree;
 // Successive windows share all but one scan: only one in so many is independent.
 constexpr double kOverlap = 10.0;
 

@@ -14,7 +14,7 @@ namespace {
 
 // Memory of the bias in scans; above the calm rate, errors of scale and mounting would look like bias.
 constexpr double kBiasMemory = 1.0 - 1.0 / 200.0;
-constexpr double kCalmRate = 1.0 / kDegreesPerRadian;
+constexpr double kCalmRate = kRadiansPerDegree;
 constexpr double kMinBiasWeight = 10.0;
 // Longer motions span more than one scan.
 constexpr double kLongestMotion = 0.35;

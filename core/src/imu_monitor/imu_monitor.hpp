@@ -78,7 +78,7 @@ class ImuMonitor {
 
  private:
   // A sensor at rest or in calm motion never clips below these full scales, rad/s and m/s^2.
-  static constexpr double kMinGyroFullScale = 5.0 / kDegreesPerRadian;
+  static constexpr double kMinGyroFullScale = 5.0 * kRadiansPerDegree;
   static constexpr double kMinAccelFullScale = 12.0;
   // Values unchanged for longer count as stuck; single repeats are normal.
   static constexpr Duration kStuckAfter = Duration::from_milliseconds(100.0);

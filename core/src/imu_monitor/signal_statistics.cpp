@@ -10,8 +10,7 @@ namespace {
 // Equal values in a row at the extreme: with noise of one digit the probability is below 1e-7.
 constexpr std::uint32_t kClippedRun = 20;
 // Samples over which noise and losses are averaged.
-constexpr double kNoiseMemory = 0.999;
-constexpr double kLossMemory = 0.999;
+constexpr double kSampleMemory = 0.999;
 constexpr double kMinSamples = 100.0;
 // Below this share of regular intervals stamps come in bursts and the loss is unknown.
 constexpr double kMinRegularity = 0.3;
@@ -48,8 +47,8 @@ void TriadSignal::add(Time stamp, const std::array<double, 3>& values) {
   if (changed) changed_ = stamp;
   if (count_ > 0) {
     // A difference contains the noise of two samples; the mean is over three axes.
-    square_ = kNoiseMemory * square_ + square / 6.0;
-    weight_ = kNoiseMemory * weight_ + 1.0;
+    square_ = kSampleMemory * square_ + square / 6.0;
+    weight_ = kSampleMemory * weight_ + 1.0;
   }
   previous_ = values;
   last_ = stamp;
@@ -86,9 +85,9 @@ void SampleTiming::add(Time stamp) {
   intervals_[count_ % kIntervals] = interval.ns;
   if (count_ % kIntervals == 0) update_usual_interval();
   if (usual_ns_ <= 0) return;
-  received_ = kLossMemory * received_ + 1.0;
+  received_ = kSampleMemory * received_ + 1.0;
   const double intervals = static_cast<double>(interval.ns) / static_cast<double>(usual_ns_);
-  expected_ = kLossMemory * expected_ + std::max(1.0, std::round(intervals));
+  expected_ = kSampleMemory * expected_ + std::max(1.0, std::round(intervals));
 }
 
 double SampleTiming::loss() const {

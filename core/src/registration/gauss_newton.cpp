@@ -13,15 +13,12 @@ namespace {
 // Residuals of neighbouring points are correlated through their voxel: this many count as one. Calibrated on
 // simulated drives, with the floors of the pose covariance.
 constexpr double kCorrelatedResiduals = 2.0;
-// Rotation that moves a point at 30 m by kScanErrorMetres.
-constexpr double kMinRadians = kScanErrorMetres / 30.0;
 // Lower bound of the unit of time of a sweep, s: numerical.
 constexpr double kMinSweepUnit = 1e-4;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction known worse than this from the scan alone is degenerate: 5 cm, the deviation of a point from a
-// plane, or the same at 30 m by rotation.
+// plane, or the same at the lever by rotation.
 constexpr double kKnownMetres = 0.05;
-constexpr double kKnownRadians = kKnownMetres / 30.0;
 
 // Margin on the squared error of normals: in a bare tube the squared cosines along it are one to two times
 // the error that follows from thickness, spread and count of the planes; with observable structure ten times.
@@ -78,10 +75,16 @@ StepOutcome take_step(const Vector6& step, const SolverOptions& options, Registr
   return is_small(step, options) ? StepOutcome::kConverged : StepOutcome::kStepped;
 }
 
+/// An error in metres on every axis, of rotation that which moves a point at the lever as far.
+Vector6 pose_error(double metres) {
+  Vector6 error;
+  error << Vector3::Constant(metres), Vector3::Constant(metres / kErrorLeverMetres);
+  return error;
+}
+
 /// Axes closest to the directions that the scan alone shows worse than required.
 std::uint8_t find_weak_axes(const Matrix6& information) {
-  Vector6 known;
-  known << Vector3::Constant(kKnownMetres), Vector3::Constant(kKnownRadians);
+  const Vector6 known = pose_error(kKnownMetres);
   const Matrix6 scaled = known.asDiagonal() * information * known.asDiagonal();
   const SymmetricEigen6 eigen = symmetric_eigen(scaled);
   std::uint8_t axes = 0;
@@ -100,15 +103,10 @@ double residual_variance(const NormalEquations& equations, double spread) {
   return kCorrelatedResiduals * std::max(kMinResidualVariance, square);
 }
 
-/// Variance of the error that all points share: kScanErrorMetres, and the equivalent rotation at 30 m.
-Vector6 shared_error() {
-  Vector6 variance;
-  variance << Vector3::Constant(kScanErrorMetres * kScanErrorMetres),
-      Vector3::Constant(kMinRadians * kMinRadians);
-  return variance;
-}
+/// Variance of the error that all points share.
+Vector6 shared_error() { return pose_error(kScanErrorMetres).cwiseAbs2(); }
 
-/// Adds kScanErrorMetres (and the equivalent rotation at 30 m) to the covariance; returns its inverse.
+/// Adds the error that all points share to the covariance; returns its inverse.
 Matrix6 with_error(const Matrix6& information) {
   const Matrix6 spread = Matrix6::Identity() + information * shared_error().asDiagonal();
   const Matrix6 result = solve_lu(spread, information);

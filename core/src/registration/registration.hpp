@@ -42,6 +42,9 @@ struct NormalEquations {
   NormalEquations& operator+=(const NormalEquations& other);
 };
 
+/// Lever that converts rotation errors to distances: a usual range of points.
+inline constexpr double kErrorLeverMetres = 30.0;
+
 /// Gate of correspondences in standard deviations.
 inline constexpr double kGateSigmas = 3.0;
 
