@@ -31,7 +31,7 @@ using core::TrackingState;
 
 /// Pose of one scan with its state and counters; passed between threads and processes by value. Frames: odom
 /// -> base_link. Covariances are row-major 6x6 over (x, y, z, rotation about x, y, z), in the order of ROS:
-/// that of the pose in odom, that of the twist in base_link.
+/// those of the pose in odom, that of the twist in base_link.
 struct PoseRecord {
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;       ///< end of scan; time of the pose
@@ -41,9 +41,10 @@ struct PoseRecord {
   /// Pose half-way between scan_start_ns and stamp_ns.
   std::array<double, 3> middle_position{};
   std::array<double, 4> middle_orientation_xyzw{0.0, 0.0, 0.0, 1.0};
-  std::array<double, 36> pose_covariance{};
-  std::array<double, 3> linear_velocity{};   ///< m/s in base_link
-  std::array<double, 3> angular_velocity{};  ///< rad/s in base_link
+  std::array<double, 36> pose_covariance{};   ///< against the map
+  std::array<double, 36> drift_covariance{};  ///< since the start, with the drift of the map
+  std::array<double, 3> linear_velocity{};    ///< m/s in base_link
+  std::array<double, 3> angular_velocity{};   ///< rad/s in base_link
   std::array<double, 36> twist_covariance{};
   /// Mean angular rate used for the first deskewing, rad/s in base_link; 0 without deskewing.
   std::array<double, 3> deskew_rate{};

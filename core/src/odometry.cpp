@@ -2,6 +2,7 @@
 
 #include "core/src/odometry_impl.hpp"
 #include "core/src/prefault.hpp"
+#include "core/src/registration/gauss_newton.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -137,7 +138,9 @@ bool Odometry::State::restart_is_due() const {
 /// The first scan of a map.
 void Odometry::State::start(const Scan& scan, OdometryResult& result) {
   if (first_sweep.points.empty()) motion.level(scan);
-  motion.start(scan);
+  const Matrix6 covariance = motion.start(scan);
+  map.drift().take(motion.T_map_base(), covariance);
+  map.drift().follow(motion.T_map_base(), Matrix6::Identity(), Matrix6::Zero());
   alignment = {};
   first_sweep.points = preprocessing.sweep();
   first_sweep.span = motion.prior().span;
@@ -209,6 +212,9 @@ void Odometry::State::check_alignment(OdometryResult& result) {
   if (gate.accepts(alignment, motion)) {
     result.state = gate.accept(alignment, motion);
     result.degenerate_axes = registration.degenerate_axes;
+    const Matrix6 predicted = motion.filter().pose_covariance();
+    map.drift().follow(registration.T_map_moving, share_of_newest_scan(registration, predicted),
+                       gain_of(predicted, registration.information));
     alignment.relocalized ? motion.relocate(registration) : motion.update(registration);
     if (!motion.prior().motion_compensated) result.deskew_rate = motion.filter().state().angular_velocity;
   } else {
@@ -250,6 +256,8 @@ PublishedPose Odometry::State::describe(const MotionPrior& prior, const MotionFi
   at_end.propagate(prior.inputs, moved.span().end);
   const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
   result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
+  const Matrix6 since_start = at_end.pose_covariance() + map.drift().at(T_map_base);
+  result.drift_covariance = to_odom * since_start * to_odom.transpose();
   result.twist_covariance = at_end.twist_covariance();
   const PublishedPose pose{T_map_base, moved.span().end, prior.span_s(), result.twist.head<3>().norm(),
                            at_middle.pose_covariance()};
@@ -286,8 +294,10 @@ void Odometry::State::update_map() {
       ndt_icp.add_residuals(map, motion, alignment, config.T_base_lidar, preprocessing.beam_calibration());
     const bool is_new = !is_stationary(state.twist()) && map.is_elsewhere(state.T_map_base);
     const auto& points = preprocessing.deskew(sweep, motion.motion());
-    if (gate.vouches() && (preprocessing.is_dense() || is_new))
+    if (gate.vouches() && (preprocessing.is_dense() || is_new)) {
       map.insert(sweep, points, state.T_map_base, coarse_voxel_m());
+      map.drift().take(state.T_map_base, motion.filter().pose_covariance());
+    }
     preprocessing.move_deskewed(motion.motion().T_middle_end().inverse());
     map.evict_far_from(motion.T_map_base().translation);
   });

@@ -64,6 +64,7 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   record.orientation_xyzw = core::xyzw(result.T_odom_base.rotation);
   record.middle_orientation_xyzw = core::xyzw(result.T_odom_base_middle.rotation);
   copy_row_major(result.pose_covariance, record.pose_covariance);
+  copy_row_major(result.drift_covariance, record.drift_covariance);
   copy_row_major(result.twist_covariance, record.twist_covariance);
   record.state = result.state;
   record.stop_reason = result.stop_reason;

@@ -56,6 +56,7 @@ ScanReport make_scan_report(const ipc::PoseRecord& record, core::Time taken, cor
   report.degradation_level = core::name_of(record.degradation_level);
   report.guarded = record.guarded;
   report.overshoot_ns = record.has_deadline ? record.overshoot_ns : 0;
+  report.drift_covariance = record.drift_covariance;
   return report;
 }
 

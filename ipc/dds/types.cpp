@@ -63,7 +63,8 @@ static void put(Out& out, const ScanReport& message) {
   out << message.imu_used << message.predicted << message.degenerate_axes << message.coverage_deg
       << message.points << message.points_used << message.correspondences << message.coarse_iterations
       << message.fine_iterations << message.map_voxels << message.lost_packets << message.missing_firings
-      << message.superseded << message.degradation_level << message.guarded << message.overshoot_ns;
+      << message.superseded << message.degradation_level << message.guarded << message.overshoot_ns
+      << message.drift_covariance;
 }
 
 template <class Out>
@@ -126,7 +127,8 @@ static void get(Input& in, ScanReport& message) {
   in.cdr >> message.imu_used >> message.predicted >> message.degenerate_axes >> message.coverage_deg >>
       message.points >> message.points_used >> message.correspondences >> message.coarse_iterations >>
       message.fine_iterations >> message.map_voxels >> message.lost_packets >> message.missing_firings >>
-      message.superseded >> message.degradation_level >> message.guarded >> message.overshoot_ns;
+      message.superseded >> message.degradation_level >> message.guarded >> message.overshoot_ns >>
+      message.drift_covariance;
 }
 
 static void get(Input& in, ImuPoseStatus& message) {
@@ -164,7 +166,7 @@ constexpr RosType kRosType<LatencyReport>{
 template <>
 constexpr RosType kRosType<ScanReport>{
     "nilio::msg::dds_::ScanReport_",
-    "RIHS01_9a161ac49bbc3c24107a7b2eac2968b2cd65c10d732ed910d7b5310658f1b92a"};
+    "RIHS01_07b25fa86e0f0cd55fb52d4969d88ae10330fdcd2e418821eec2b5a449a95bf0"};
 template <>
 constexpr RosType kRosType<ImuPoseStatus>{
     "nilio::msg::dds_::ImuPoseStatus_",

@@ -115,6 +115,8 @@ struct ScanReport {
       degradation_level;  ///< reduction of the registration for the deadline: "full", "fewer_points", ...
   bool guarded = false;   ///< registration was late and the prediction was published
   std::int64_t overshoot_ns = 0;  ///< time past the deadline, negative = early; 0 without a deadline
+  std::array<double, 36>
+      drift_covariance{};  ///< of the pose since the start, as that of the odometry message
 
   friend bool operator==(const ScanReport&, const ScanReport&) = default;
 };

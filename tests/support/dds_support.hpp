@@ -51,6 +51,7 @@ inline ipc::PoseRecord sample_record(std::uint64_t sequence) {
   record.orientation_xyzw = {0.1, -0.2, 0.3, 0.9};
   for (std::size_t i = 0; i < 36; ++i) {
     record.pose_covariance[i] = 1.0 / static_cast<double>(i + 1);
+    record.drift_covariance[i] = 2.0 / static_cast<double>(i + 1);
     record.twist_covariance[i] = -1.0 / static_cast<double>(i + 3);
   }
   record.linear_velocity = {13.9, 0.01, -0.02};

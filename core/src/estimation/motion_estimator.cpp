@@ -59,14 +59,15 @@ void MotionEstimator::leave_map() {
   stationary_detector_.end();
 }
 
-void MotionEstimator::start(const Scan& scan) {
+Matrix6 MotionEstimator::start(const Scan& scan) {
   prior_ = prior_for(scan);
   const Time middle = prior_.span.middle();
+  if (motion_goes_on_) filter_.propagate(prior_.inputs, middle);
+  const Matrix6 covariance = filter_.pose_covariance();
   if (!motion_goes_on_) {
     filter_.reset(T_map_base_, middle);
     gravity_known_ = false;
   } else {
-    filter_.propagate(prior_.inputs, middle);
     filter_.begin_map();
     follow_prediction();
     T_map_base_ = filter_.state().T_map_base * motion_.T_middle_end();
@@ -75,6 +76,7 @@ void MotionEstimator::start(const Scan& scan) {
   deviation_m_ = kMaxSigmaMetres;
   T_predicted_ = T_map_base_;
   T_accepted_ = T_map_base_;
+  return covariance;
 }
 
 void MotionEstimator::place_first_sweep(const SweepSpan& span) {

@@ -64,8 +64,9 @@ class MotionEstimator {
   void level(const Scan& scan);
   /// The map ends; the motion goes on where the IMU measured it, and behind a gap.
   void leave_map();
-  /// First scan of a map.
-  void start(const Scan& scan);
+  /// First scan of a map. Returns the covariance of its pose against the map before, in axes of base_link;
+  /// zero without one.
+  Matrix6 start(const Scan& scan);
   /// Places the first sweep again, with the velocity that is known by now.
   void place_first_sweep(const SweepSpan& span);
 

@@ -4,6 +4,7 @@
 #include "nilio/core/se3.hpp"
 
 #include "core/src/map/gaussian_voxel_map.hpp"
+#include "core/src/map/map_drift.hpp"
 #include "core/src/map/point_voxel_map.hpp"
 #include "core/src/preprocessing/scan_filter.hpp"
 #include "core/src/preprocessing/voxel_downsampling.hpp"
@@ -35,6 +36,9 @@ class LocalMap {
   /// Evicts what is beyond the radius around a place, a bounded amount at each call.
   void evict_far_from(const Vector3& place);
 
+  /// Drift of this map and of those before it.
+  [[nodiscard]] MapDrift& drift() { return drift_; }
+  [[nodiscard]] const MapDrift& drift() const { return drift_; }
   [[nodiscard]] const VoxelMap& planes() const { return planes_; }
   [[nodiscard]] const VoxelMap& gaussians() const { return gaussians_; }
   /// Null for methods that do not need points.
@@ -50,6 +54,7 @@ class LocalMap {
   VoxelMap planes_;
   VoxelMap gaussians_;
   std::optional<PointMap> points_;
+  MapDrift drift_;
   SE3 T_inserted_;  ///< pose of the last insertion
   VoxelDownsampler downsampler_;
   std::vector<Vector3> map_points_;

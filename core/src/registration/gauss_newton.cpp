@@ -15,6 +15,8 @@ namespace {
 constexpr double kCorrelatedResiduals = 2.0;
 // Lower bound of the unit of time of a sweep, s: numerical.
 constexpr double kMinSweepUnit = 1e-4;
+// Keeps what a scan does not show out of an inverse, relative: numerical.
+constexpr double kRidge = 1e-9;
 constexpr double kMinResidualVariance = 0.01 * 0.01;
 // A direction known worse than this from the scan alone is degenerate: 5 cm, the deviation of a point from a
 // plane, or the same at the lever by rotation.
@@ -205,6 +207,21 @@ StepOutcome step_of_sweep(const NormalEquations& equations, const SolverOptions&
 }  // namespace
 
 double measurement_variance(const NormalEquations& equations) { return residual_variance(equations, 0.0); }
+
+Matrix6 gain_of(const Matrix6& predicted_covariance, const Matrix6& information) {
+  const Matrix6 ratio = predicted_covariance * information;
+  return solve_lu(Matrix6(Matrix6::Identity() + ratio), ratio);
+}
+
+Matrix6 share_of_newest_scan(const RegistrationResult& registration, const Matrix6& predicted_covariance) {
+  const NormalEquations& equations = registration.equations;
+  if (!(equations.H_newest.trace() > 0.0)) return Matrix6::Identity();
+  const Matrix6 ridge = kRidge * equations.H.trace() * Matrix6::Identity();
+  // A good prediction does not hide what a scan shows.
+  const Matrix6 known = pose_error(kKnownMetres).cwiseAbs2().asDiagonal();
+  return gain_of(predicted_covariance + known, registration.information) *
+         solve_lu(Matrix6(equations.H + ridge), equations.H_newest);
+}
 
 StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& options,
                        RegistrationResult& result) {

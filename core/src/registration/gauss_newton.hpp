@@ -31,6 +31,7 @@ NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Acc
         sanitizer_acquire(&order);
         for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
         equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
+        equations.H_newest.triangularView<Eigen::StrictlyLower>() = equations.H_newest.transpose();
         equations.H_cross.triangularView<Eigen::StrictlyLower>() = equations.H_cross.transpose();
         equations.H_twist.triangularView<Eigen::StrictlyLower>() = equations.H_twist.transpose();
         sanitizer_release(&order);
@@ -40,6 +41,13 @@ NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Acc
   sanitizer_acquire(&order);
   return sum;
 }
+
+/// Gain of an update with this information: what it leaves of the prediction's error is (I - gain) times it.
+Matrix6 gain_of(const Matrix6& predicted_covariance, const Matrix6& information);
+
+/// Share of the scan that the map took last in the voxels that determine the pose, along each direction in
+/// axes of the moving frame; none in directions that the scan does not show. Identity where it is not known.
+Matrix6 share_of_newest_scan(const RegistrationResult& registration, const Matrix6& predicted_covariance);
 
 enum class StepOutcome { kStepped, kConverged, kNonFinite };
 

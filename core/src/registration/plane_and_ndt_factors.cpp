@@ -21,6 +21,9 @@ double familiarity(const GaussianVoxel& surface) {
   return std::min<int>(surface.scans, kFamiliarScans) / double{kFamiliarScans};
 }
 
+/// Share of the newest scan in a mean that follows the scans of a voxel.
+double share_of_newest(const GaussianVoxel& surface) { return 2.0 / (surface.scans + 1.0); }
+
 // Parts of a sweep with one covariance of the guess each.
 constexpr std::size_t kSweepParts = 8;
 
@@ -135,8 +138,9 @@ double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Ve
   const double root = scale_square / (scale_square + square);
   const double weight = metric.gaussian_weight * root * root * familiarity(surface);
   add_point(weight * weights, weight * gradient, q, equations.H, equations.b);
+  Vector6 unused = Vector6::Zero();
+  add_point(weight * share_of_newest(surface) * weights, Vector3::Zero(), q, equations.H_newest, unused);
   if (time_s != 0.0) {
-    Vector6 unused = Vector6::Zero();
     add_point(weight * time_s * weights, Vector3::Zero(), q, equations.H_cross, unused);
     add_point(weight * time_s * time_s * weights, weight * time_s * gradient, q, equations.H_twist,
               equations.b_twist);
@@ -159,6 +163,7 @@ NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_m
   const Matrix6 D = block_rotation(R_map_moving);
   equations.H = D.transpose() * equations.H * D;
   equations.b = D.transpose() * equations.b;
+  equations.H_newest = D.transpose() * equations.H_newest * D;
   equations.H_cross = D.transpose() * equations.H_cross * D;
   equations.H_twist = D.transpose() * equations.H_twist * D;
   equations.b_twist = D.transpose() * equations.b_twist;
@@ -204,6 +209,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         const double weight = root * root * familiarity(*surface) * certainty;
         equations.agreement += agreement_of(certainty * residual * residual / point_variance);
         add_upper(equations.H, J, weight);
+        add_upper(equations.H_newest, J, weight * share_of_newest(*surface));
         equations.b += (weight * residual) * J;
         if (moving.have_twist()) {
           const double time_s = moving.time_s(i);

@@ -13,6 +13,7 @@ NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   weighted_square_error += other.weighted_square_error;
   weight_sum += other.weight_sum;
   gaussian_square_excess += other.gaussian_square_excess;
+  H_newest += other.H_newest;
   normal_square += other.normal_square;
   correspondences += other.correspondences;
   inliers += other.inliers;

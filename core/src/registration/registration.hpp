@@ -30,6 +30,9 @@ struct NormalEquations {
   /// Part of weighted_square_error by which residuals to Gaussians exceed the point's own deviation: their
   /// spread is no measure of how well planes observe the pose.
   double gaussian_square_excess = 0.0;
+  /// H with the weight of each voxel times the share of the newest of its scans, 2 / (scans + 1): as of a
+  /// mean that follows them.
+  Matrix6 H_newest = Matrix6::Zero();
   /// Sum of weight * squared error of the plane's normal, rad^2; planes only.
   double normal_square = 0.0;
   std::uint32_t correspondences = 0;

@@ -221,6 +221,20 @@ TEST_CASE("the covariance covers the error of a tracked pose and is symmetric an
   CHECK(error_m < 3.0 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
 }
 
+TEST_CASE("the drift covariance contains that against the map, and grows while the map is new",
+          "[odometry]") {
+  const Run run = run_odometry(driving, {});
+  double before = 0.0;
+  for (std::size_t i = 5; i < run.results.size(); ++i) {
+    const Matrix6 drift = run.results[i].drift_covariance - run.results[i].pose_covariance;
+    CHECK((drift - drift.transpose()).norm() < 1e-12);
+    CHECK(drift.topLeftCorner<3, 3>().trace() > 0.999 * before);
+    before = drift.topLeftCorner<3, 3>().trace();
+  }
+  CHECK(before > 0.0);
+  CHECK(run.end_error_m < 3.0 * std::sqrt(run.results.back().drift_covariance.topLeftCorner<3, 3>().trace()));
+}
+
 TEST_CASE("a vehicle turned and moved without scans is reported as lost and relocalised", "[odometry]") {
   // 14 deg and 2 m from the prediction.
   const PoseFunction moved = [](double t) {

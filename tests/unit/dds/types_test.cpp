@@ -94,6 +94,7 @@ ScanReport sample_scan_report() {
   report.degradation_level = "icp_only";
   report.guarded = true;
   report.overshoot_ns = -10;
+  for (std::size_t i = 0; i < 36; ++i) report.drift_covariance[i] = static_cast<double>(i) - 0.375;
   return report;
 }
 

@@ -17,6 +17,7 @@ Json json_of(const RunFigures& f) {
           {"rpe_m", f.rpe_m},
           {"nees", f.nees},
           {"nees_count", f.nees_count},
+          {"drift_nees", f.drift_nees},
           {"silent_error_s", f.silent_error_s},
           {"recovery_s", f.recovery_s},
           {"cpu_ms", f.cpu_ms},
@@ -39,6 +40,9 @@ RunFigures figures_of(const Json& json) {
   f.rpe_m = json.at("rpe_m");
   f.nees = json.at("nees");
   f.nees_count = json.at("nees_count");
+  // Not in results of earlier versions, and null where there is none.
+  if (const auto nees = json.find("drift_nees"); nees != json.end() && nees->is_number())
+    f.drift_nees = *nees;
   f.silent_error_s = json.at("silent_error_s");
   f.recovery_s = json.at("recovery_s");
   f.cpu_ms = json.at("cpu_ms");

@@ -92,6 +92,18 @@ void measure_nees(std::span<const OdometryResult> results, std::span<const Check
   if (figures.nees_count > 0) figures.nees = sum / static_cast<double>(figures.nees_count);
 }
 
+void measure_drift_nees(std::span<const OdometryResult> results, std::span<const CheckedPose> poses,
+                        RunFigures& figures) {
+  const auto has_truth = [](const CheckedPose& pose) { return pose.truth.has_value(); };
+  const auto first =
+      static_cast<std::size_t>(std::find_if(poses.begin(), poses.end(), has_truth) - poses.begin());
+  for (std::size_t i = results.size(); i-- > first + 1;) {
+    if (!poses[i].truth || !is_registered(results[i])) continue;
+    figures.drift_nees = drift_nees(results[first], *poses[first].truth, results[i], *poses[i].truth);
+    return;
+  }
+}
+
 double cpu_ms(const OdometryResult& result) {
   const auto at = [&](core::OdometryStage stage) { return result.stage_ns[static_cast<std::size_t>(stage)]; };
   return 1e-6 * static_cast<double>(at(core::OdometryStage::kMapped) - at(core::OdometryStage::kStarted));
@@ -178,6 +190,7 @@ RunFigures measure_run(std::span<const OdometryResult> results, const Trajectory
   RunFigures figures = measure_poses(poses);
   if (!figures.failure.empty()) return figures;
   measure_nees(results, poses, figures);
+  measure_drift_nees(results, poses, figures);
   for (const OdometryResult& result : results) {
     figures.tracking += result.state == TrackingState::kTracking ? 1 : 0;
     figures.degraded += result.state == TrackingState::kDegraded ? 1 : 0;

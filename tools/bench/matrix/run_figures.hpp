@@ -6,6 +6,7 @@
 #include "tools/common/trajectory.hpp"
 
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -34,6 +35,9 @@ struct RunFigures {
   /// each degree of freedom: 1 for a correct covariance.
   double nees = 0.0;
   std::size_t nees_count = 0;
+  /// Of the last pose since the start, with its drift covariance, per degree of freedom; not a number without
+  /// such a pose.
+  double drift_nees = std::numeric_limits<double>::quiet_NaN();
   /// Time during which the motion over the last second was wrong although both its poses said tracking.
   double silent_error_s = 0.0;
   /// Longest time from the loss of tracking until it was tracking again, or until the end.

@@ -21,6 +21,7 @@ struct RowSummary {
   double drift_percent = 0.0;
   double rpe_m = 0.0;
   double nees = 0.0;            ///< mean of all values
+  double drift_nees = 0.0;      ///< the same
   double silent_error_s = 0.0;  ///< mean of all runs
   double recovery_s = 0.0;      ///< longest
   double cpu_ms = 0.0;          ///< mean

@@ -44,19 +44,28 @@ bool is_registered(const OdometryResult& result) {
   return result.state != core::TrackingState::kInitialising && !result.predicted;
 }
 
-/// Pose covariance in body axes.
-Matrix6 body_covariance(const OdometryResult& result) {
+/// A covariance of the pose in body axes.
+Matrix6 body_covariance(const OdometryResult& result, const Matrix6& covariance) {
   const Matrix6 to_body = core::block_rotation(result.T_odom_base.rotation.conjugate().toRotationMatrix());
-  return to_body * result.pose_covariance * to_body.transpose();
+  return to_body * covariance * to_body.transpose();
+}
+
+Matrix6 body_covariance(const OdometryResult& result) {
+  return body_covariance(result, result.pose_covariance);
+}
+
+/// Error of the motion between two scans, in body axes of the second.
+Vector6 error_of_motion(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
+                        const SE3& true_to) {
+  const SE3 true_motion = true_from.inverse() * true_to;
+  return core::se3_log(true_motion.inverse() * (from.T_odom_base.inverse() * to.T_odom_base));
 }
 
 /// Error of the motion between two scans, and its covariance.
 std::pair<Vector6, Matrix6> motion_error(const OdometryResult& from, const SE3& true_from,
                                          const OdometryResult& to, const SE3& true_to) {
-  const SE3 T_to_from = to.T_odom_base.inverse() * from.T_odom_base;
-  const SE3 true_motion = true_from.inverse() * true_to;
-  const Matrix6 A = core::adjoint(T_to_from);
-  return {core::se3_log(true_motion.inverse() * T_to_from.inverse()),
+  const Matrix6 A = core::adjoint(to.T_odom_base.inverse() * from.T_odom_base);
+  return {error_of_motion(from, true_from, to, true_to),
           body_covariance(to) + A * body_covariance(from) * A.transpose()};
 }
 
@@ -73,6 +82,12 @@ double motion_nees(const OdometryResult& from, const SE3& true_from, const Odome
                    const SE3& true_to) {
   const auto [error, covariance] = motion_error(from, true_from, to, true_to);
   return error.dot(covariance.ldlt().solve(error)) / kDegreesOfFreedom;
+}
+
+double drift_nees(const OdometryResult& first, const SE3& true_first, const OdometryResult& last,
+                  const SE3& true_last) {
+  const Vector6 error = error_of_motion(first, true_first, last, true_last);
+  return error.dot(body_covariance(last, last.drift_covariance).ldlt().solve(error)) / kDegreesOfFreedom;
 }
 
 Consistency evaluate_consistency(const Trajectory& truth, std::span<const OdometryResult> results) {

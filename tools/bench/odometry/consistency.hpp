@@ -32,6 +32,9 @@ struct Consistency {
 /// covariances of the two poses are taken as independent.
 double motion_nees(const core::OdometryResult& from, const core::SE3& true_from,
                    const core::OdometryResult& to, const core::SE3& true_to);
+/// The same of a pose since the start, with its drift covariance.
+double drift_nees(const core::OdometryResult& first, const core::SE3& true_first,
+                  const core::OdometryResult& last, const core::SE3& true_last);
 
 /// Evaluates all registered scans after the initialisation. Counts are 0 where the truth has no poses within
 /// a sweep (KITTI).

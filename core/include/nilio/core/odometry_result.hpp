@@ -25,6 +25,9 @@ struct OdometryResult {
   SE3 T_odom_base_middle;
   /// Covariance of the registration against the map: position then rotation, in odom axes; m^2, rad^2.
   Matrix6 pose_covariance = Matrix6::Zero();
+  /// Covariance of the pose since the start: the drift of the map beside that of the registration; the same
+  /// axes and units.
+  Matrix6 drift_covariance = Matrix6::Zero();
   /// Linear then angular velocity of base_link in its own axes, m/s and rad/s.
   Vector6 twist = Vector6::Zero();
   /// Mean angular rate used for deskewing, rad/s in base_link; 0 without deskewing.

@@ -139,6 +139,7 @@ TEST_CASE("planted errors of one standard deviation give a NEES of one", "[run_f
     if (i % 20 >= 10) result.T_odom_base.translation += Vector3::Constant(std::sqrt(2.0) * sigma);
     result.pose_covariance = core::Matrix6::Identity() * 1e-12;
     result.pose_covariance.topLeftCorner<3, 3>() = core::Matrix3::Identity() * sigma * sigma;
+    result.drift_covariance = 4.0 * result.pose_covariance;
     results.push_back(result);
   }
   const RunFigures figures = measure_run(results, truth);
@@ -146,6 +147,10 @@ TEST_CASE("planted errors of one standard deviation give a NEES of one", "[run_f
   CHECK(figures.nees_count == 6);
   CHECK(figures.nees == Approx(0.5).epsilon(0.01));
   CHECK(figures.tracking == 301);
+  // The last pose is exact, the one at 29 s is off by sqrt(2) sigma with four times sigma squared.
+  CHECK(figures.drift_nees == Approx(0.0).margin(1e-12));
+  results.resize(results.size() - 5);
+  CHECK(measure_run(results, truth).drift_nees == Approx(0.25).epsilon(0.01));
 }
 
 TEST_CASE("a run without poses in the time of the truth says so", "[run_figures]") {

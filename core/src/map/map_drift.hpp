@@ -1,0 +1,29 @@
+#pragma once
+
+#include "nilio/core/se3.hpp"
+
+namespace nilio::core {
+
+/// Covariance of the drift of a map that grows from the poses registered to it. Each scan that the map takes
+/// is laid down with the error of its pose, and moves the map by its share in the planes: a scan by which the
+/// map gets on a bit, one of new surroundings carries them away with it. Errors act on the left, in axes of
+/// the map, where they stay what they were while the vehicle drives on.
+class MapDrift {
+ public:
+  /// The map takes a scan at this pose of base_link; `covariance`: of the pose against the map, in axes of
+  /// base_link (translation, then rotation).
+  void take(const SE3& T_map_base, const Matrix6& covariance);
+  /// A scan is registered at this pose, in planes of which the scan that was taken last makes up `share`
+  /// (identity: all), with the filter's `gain` (P H); both in axes of base_link.
+  void follow(const SE3& T_map_base, const Matrix6& share, const Matrix6& gain);
+  /// Covariance of a pose of base_link that is exactly known in the map, in axes of base_link.
+  [[nodiscard]] Matrix6 at(const SE3& T_map_base) const;
+
+ private:
+  Matrix6 pose_ = Matrix6::Zero();         ///< of the scan that was taken last, against the map
+  Matrix6 correlation_ = Matrix6::Zero();  ///< of the map's error with that of the pose against the map
+  bool has_taken_ = false;                 ///< since the last registration
+  Matrix6 covariance_ = Matrix6::Zero();
+};
+
+}  // namespace nilio::core
