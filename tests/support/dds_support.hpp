@@ -5,6 +5,7 @@
 #include "ipc/publisher_process.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/paths.hpp"
+#include "tests/support/test_domain.hpp"
 
 #include <array>
 #include <chrono>
@@ -22,13 +23,6 @@
 #include <catch2/catch.hpp>
 
 namespace nilio::tests {
-
-// Domain of its own for every test process and every test, so that parallel tests do not receive each other's
-// messages.
-inline std::uint32_t test_domain() {
-  static std::uint32_t tests = 0;
-  return 100 + (static_cast<std::uint32_t>(getpid()) + 7 * tests++) % 100;
-}
 
 inline dds::ParticipantConfig loopback(std::uint32_t domain) {
   dds::ParticipantConfig config;

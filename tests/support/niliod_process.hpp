@@ -3,6 +3,7 @@
 #include "tests/support/eventually.hpp"
 #include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/test_domain.hpp"
 
 #include <algorithm>
 #include <cstdio>
@@ -23,8 +24,8 @@ inline std::size_t count_lines(const std::filesystem::path& path) {
   return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
 }
 
-/// DDS domain of this process, isolated from other programs on the machine.
-inline std::string own_domain() { return "publisher.domain=" + std::to_string(100 + getpid() % 100); }
+/// Setting of a DDS domain, isolated from other programs on the machine.
+inline std::string own_domain() { return "publisher.domain=" + std::to_string(test_domain()); }
 
 struct FinishedProcess {
   int status = -1;  ///< exit status, or minus the signal

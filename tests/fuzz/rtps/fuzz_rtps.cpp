@@ -13,6 +13,7 @@
 #include "ipc/dds/participant.hpp"
 #include "tests/fuzz/rtps/mutations.hpp"
 #include "tests/fuzz/rtps/participants.hpp"
+#include "tests/support/test_domain.hpp"
 
 #include <arpa/inet.h>
 #include <array>
@@ -44,8 +45,6 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kBatch = 128;
 constexpr auto kPatience = std::chrono::seconds(30);
 constexpr core::Duration kPosePatience = core::Duration::from_seconds(30.0);
-
-std::uint32_t own_domain() { return 100 + static_cast<std::uint32_t>(getpid()) % 100; }
 
 /// UDP ports of the first two participants of the domain: the child's publisher and subscriber
 /// (DDSI-RTPS 2.3, section 9.6.1.1).
@@ -289,7 +288,7 @@ int main(int argc, char** argv) {
     return argc > index ? std::strtoull(argv[index], nullptr, 10) : otherwise;
   };
   try {
-    const auto domain = static_cast<std::uint32_t>(number(3, nilio::fuzz::own_domain()));
+    const auto domain = static_cast<std::uint32_t>(number(3, nilio::tests::test_domain()));
     return nilio::fuzz::Fuzzer(argv[0], number(1, 0), number(2, 1), domain).run();
   } catch (const std::exception& error) {
     std::fprintf(stderr, "fuzz_rtps: %s\n", error.what());
