@@ -9,9 +9,11 @@
 
 #include <array>
 #include <chrono>
+#include <csignal>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <fcntl.h>
 #include <filesystem>
 #include <istream>
 #include <memory>
@@ -90,14 +92,27 @@ inline ipc::PublisherProcessConfig process_config(const std::filesystem::path& e
   return config;
 }
 
-// Standard output of a program, read to its end.
+// Standard output of a program, which is killed if it runs longer than the object.
 class Program {
  public:
-  explicit Program(const std::string& command) : pipe_(popen(command.c_str(), "re")) {
-    REQUIRE(pipe_ != nullptr);
+  explicit Program(const std::string& command) {
+    std::array<int, 2> ends{};
+    REQUIRE(pipe2(ends.data(), O_CLOEXEC) == 0);
+    pid_ = fork();
+    REQUIRE(pid_ >= 0);
+    if (pid_ == 0) {
+      setpgid(0, 0);  // with all that the shell starts
+      dup2(ends[1], STDOUT_FILENO);
+      execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+      _exit(127);
+    }
+    close(ends[1]);
+    pipe_ = fdopen(ends[0], "r");
   }
   ~Program() {
-    if (pipe_ != nullptr) pclose(pipe_);
+    kill(-pid_, SIGKILL);
+    exit_status();
+    std::fclose(pipe_);
   }
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
@@ -114,13 +129,14 @@ class Program {
     return std::nullopt;
   }
   int exit_status() {
-    const int status = pclose(pipe_);
-    pipe_ = nullptr;
+    int status = 0;
+    waitpid(pid_, &status, 0);
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
   }
 
  private:
-  std::FILE* pipe_;
+  pid_t pid_ = -1;
+  std::FILE* pipe_ = nullptr;
 };
 
 // Peers in both directions, because loopback has no multicast.

@@ -35,7 +35,7 @@ constexpr const char* kRosLocalhost =
     "CYCLONEDDS_URI='<CycloneDDS><Domain><General><Interfaces><NetworkInterface address=\"127.0.0.1\"/>"
     "</Interfaces></General></Domain></CycloneDDS>' ";
 
-/// The reader ends after 25 s, and the test with it, which needs 10.
+/// The reader ends after 25 s at the latest; the test needs 10.
 std::string reader_command(const std::string& program, std::uint32_t domain, const char* mode) {
   return program + " " + std::to_string(domain) + " 1000000 25 " + mode + " 2>/dev/null";
 }
