@@ -1,6 +1,19 @@
 find_package(Catch2 2.13 REQUIRED)
 
-# One executable per area, from the files tests/{unit,golden,replay,faults}/<area>/**/*_test.cpp.
+# Those of the sources that have a case with the tag.
+function(nilio_tagged result tag)
+  set(tagged)
+  foreach(source ${ARGN})
+    file(STRINGS ${source} found REGEX "\\[${tag}\\]")
+    if(found)
+      list(APPEND tagged ${source})
+    endif()
+  endforeach()
+  set(${result} ${tagged} PARENT_SCOPE)
+endfunction()
+
+# One executable per area, from the files tests/{unit,golden,replay,faults}/<area>/**/*_test.cpp. Cases that measure wall-clock
+# times have the tag [timed]: they are a test of their own, <area>_timed, which has the computer to itself.
 function(nilio_add_test area)
   get_filename_component(root ${CMAKE_CURRENT_FUNCTION_LIST_DIR}/.. ABSOLUTE)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS 
@@ -8,46 +21,28 @@ function(nilio_add_test area)
   if(NOT sources)
     return()
   endif()
+  # Hidden cases, like the soak: to leave something out alone would take them in.
+  set(selection "~[.]")
   if(area STREQUAL "daemon" AND NILIO_SANITIZE STREQUAL "thread")
     # The threads of the pipeline; the other tests start programs whose libraries are not instrumented, and need not be built.
-    set(all ${sources})
-    set(sources)
-    foreach(source ${all})
-      file(STRINGS ${source} found REGEX "\\[pipeline\\]")
-      if(found)
-        list(APPEND sources ${source})
-      endif()
-    endforeach()
+    nilio_tagged(sources pipeline ${sources})
+    set(selection "[pipeline]")
+  elseif(area MATCHES "^(core|tools)$" AND NILIO_SANITIZE)
+    # Whole drives, each several times, take ten minutes, of code that the other tests have run already.
+    set(selection "~[drives]~[.]")
   endif()
   add_executable(test_${area} ${sources})
   target_include_directories(test_${area} PRIVATE ${root})
   target_precompile_headers(test_${area} PRIVATE <catch2/catch.hpp>)
   target_link_libraries(test_${area} PRIVATE Catch2::Catch2WithMain nilio_test_paths nilio_options nilio_lightly_optimised ${ARGN})
   target_compile_options(test_${area} PRIVATE -g0)
-  set(selection)
-  if(area STREQUAL "daemon" AND NILIO_SANITIZE STREQUAL "thread")
-    set(selection "[pipeline]")
-  endif()
-  # Where most cases check no wall-clock times, these are a test of their own.
-  set(untimed)
-  if(area STREQUAL "drivers")
-    set(selection "[udp],[udp_status]")
-    set(untimed "~[udp]~[udp_status]~[.]")
-  elseif(area STREQUAL "tools" AND NOT NILIO_SANITIZE)
-    set(selection "~[drives]~[.],[bench_realtime]")
-    set(untimed "[drives]~[bench_realtime]")
-  endif()
-  if(area MATCHES "^(core|tools)$" AND NILIO_SANITIZE)
-    # Whole drives, each several times, take ten minutes, of code that the other tests have run already.
-    # Nor the soak, which is hidden: to leave something out alone would take it in.
-    set(selection "~[drives]~[.]")
-  endif()
-  add_test(NAME ${area} COMMAND test_${area} ${selection})
+  add_test(NAME ${area} COMMAND test_${area} "${selection}~[timed]")
   set(added ${area})
-  if(untimed)
-    add_test(NAME ${area}_untimed COMMAND test_${area} ${untimed})
-    set_tests_properties(${area}_untimed PROPERTIES LABELS untimed)
-    list(APPEND added ${area}_untimed)
+  nilio_tagged(timed timed ${sources})
+  if(timed)
+    add_test(NAME ${area}_timed COMMAND test_${area} "${selection}[timed]")
+    set_tests_properties(${area}_timed PROPERTIES LABELS timed RUN_SERIAL ON)
+    list(APPEND added ${area}_timed)
   endif()
   # Debian's Fast DDS deletes its statistics writers through another type, and fontconfig keeps a cache: not ours to mend.
   set_tests_properties(

@@ -13,7 +13,9 @@ case ${1:-} in
 esac
 mode=${1:-}
 targets=(test_core test_drivers test_ipc test_mapping test_dds test_daemon fuzz_rtps)
-selection=(--exclude-regex '^(tools|map)$')
+selection=(--exclude-regex '^(tools|map)(_timed)?$')
+# Most of these wait for programs that they start: more of them than processors.
+untimed=(--label-exclude timed --parallel 4)
 if [[ $mode == --full ]]; then
   export NILIO_FULL_TESTS=1
   targets+=(test_tools test_map)
@@ -40,21 +42,18 @@ run_release_tests() {
 
 # Sanitizer builds with what the other tests leave of the processors, and their tests without wall-clock times.
 run_beside_release_tests() {
-  stage "tsan build" nice -n 19 tools/build.sh tsan test_ipc test_daemon &&
-    stage "asan build" nice -n 19 tools/build.sh asan "${targets[@]}" &&
-    stage "untimed asan tests" ctest --preset asan "${selection[@]}" --label-regex untimed &&
+  stage "asan build" nice -n 19 tools/build.sh asan "${targets[@]}" &&
+    stage "tsan build" nice -n 19 tools/build.sh tsan test_ipc test_daemon &&
     stage "fuzz build" nice -n 19 tools/build.sh fuzz &&
+    stage "asan tests" ctest --preset asan "${untimed[@]}" "${selection[@]}" &&
+    stage "tsan tests" ctest --preset tsan "${untimed[@]}" --tests-regex '^(ipc|daemon)$' &&
     stage "fuzz tests" ctest --preset fuzz
-}
-
-run_timed_sanitizer_tests() {
-  ctest --preset tsan --tests-regex '^(ipc|daemon)$' && ctest --preset asan "${selection[@]}" --label-exclude untimed
 }
 
 stage setup tools/setup.sh --tests
 stage "release build" tools/build.sh release
 # Tests of wall-clock times have the computer to themselves.
-stage "timed tests" run_release_tests --label-exclude untimed
+stage "timed tests" run_release_tests --label-regex timed
 if [[ $mode != --quick ]]; then
   # The others, above all guests with one processor, run beside the sanitizers. A process group of its own, to end with this script.
   set -m
@@ -63,9 +62,9 @@ if [[ $mode != --quick ]]; then
   set +m
   trap 'kill -- "-$sanitizers" 2>/dev/null || true' EXIT
 fi
-stage "untimed tests" run_release_tests --label-regex untimed
+stage "untimed tests" run_release_tests "${untimed[@]}"
 if [[ $mode != --quick ]]; then
   stage "rest of the sanitizers" wait "$sanitizers" || { tail -n 60 "$log"; exit 1; }
   grep --extended-regexp '^test.sh:|tests passed' "$log"
-  stage "timed sanitizer tests" run_timed_sanitizer_tests
+  stage "timed asan tests" ctest --preset asan "${selection[@]}" --label-regex timed
 fi

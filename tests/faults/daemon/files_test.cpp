@@ -73,7 +73,7 @@ std::size_t poses_in(const fs::path& run) { return count_lines(run / "trajectory
 
 }  // namespace
 
-TEST_CASE("a killed run keeps its trajectory and decisions but for the last second", "[files]") {
+TEST_CASE("a killed run keeps its trajectory and decisions but for the last second", "[files][timed]") {
   const TemporaryFolder folder;
   write_room_drive(folder.path(), s_curve, 6.0, true);
   const fs::path run = folder.path() / "run";
@@ -168,7 +168,7 @@ TEST_CASE("a recording is not continued, and a folder without one is refused by 
   CHECK_THAT(without.output, Contains("decisions.jsonl") && Contains("--record"));
 }
 
-TEST_CASE("a disk that does not answer is reported, delays nothing, and ends nothing", "[files]") {
+TEST_CASE("a disk that does not answer is reported, delays nothing, and ends nothing", "[files][timed]") {
   if (!SlowDisk::is_available()) {
     WARN("skipped: a sanitizer replaces the functions that the slow disk replaces");
     return;

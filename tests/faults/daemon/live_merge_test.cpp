@@ -90,7 +90,7 @@ TEST_CASE("an additional live LiDAR does not fill its ring while the first one i
   CHECK(run.poses.empty());
 }
 
-TEST_CASE("live packets share wake-ups while no scan can be complete", "[live_merge]") {
+TEST_CASE("live packets share wake-ups while no scan can be complete", "[live_merge][timed]") {
   const std::uint16_t port = free_port();
   Config config = live_config({port});
   config.lidar.model = "HDL-64E-S2";

@@ -497,7 +497,8 @@ TEST_CASE("a live niliod waits for a sensor and warns of one of another model th
   CHECK(finished.status == 0);
 }
 
-TEST_CASE("a live niliod names the port that Velodyne packets arrive at within three seconds", "[process]") {
+TEST_CASE("a live niliod names the port that Velodyne packets arrive at within three seconds",
+          "[process][timed]") {
   const int raw = socket(AF_PACKET, SOCK_DGRAM, 0);
   if (raw < 0) {
     WARN("skipped: no CAP_NET_RAW");

@@ -71,7 +71,7 @@ constexpr auto kPeriod = std::chrono::milliseconds(10);
 }  // namespace
 
 TEST_CASE("with a busy loop at nice -20 on every core a FIFO reader gets 99 % of the poses within 5 ms",
-          "[load]") {
+          "[load][timed]") {
   const auto publisher = built_program("nilio-publisher");
   const auto cyclone = built_program("nilio-cyclone-reader");
   if (!publisher || !cyclone) return;

@@ -159,7 +159,7 @@ constexpr double kNsPerSecond = 1e9;
 }  // namespace
 
 TEST_CASE("readers that run already, on the network and bound to localhost, get the first pose within 2 s",
-          "[network]") {
+          "[network][timed]") {
   const auto publisher = built_program("nilio-publisher");
   const auto cyclone = built_program("nilio-cyclone-reader");
   if (!publisher || !cyclone) return;

@@ -144,7 +144,7 @@ TEST_CASE(
   check_closed(map_folder);
 }
 
-TEST_CASE("a search that hangs delays neither keyframes nor submaps nor the end", "[live_loops]") {
+TEST_CASE("a search that hangs delays neither keyframes nor submaps nor the end", "[live_loops][timed]") {
   const auto program = mapper_program();
   if (!program) return;
   const TemporaryFolder folder;

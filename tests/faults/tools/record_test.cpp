@@ -34,7 +34,7 @@ std::vector<Clock::time_point> send_numbered(std::uint16_t port, std::uint32_t c
 
 }  // namespace
 
-TEST_CASE("a killed recording contains every packet up to shortly before the kill", "[record]") {
+TEST_CASE("a killed recording contains every packet up to shortly before the kill", "[record][timed]") {
   const TemporaryFolder folder;
   const std::uint16_t port = tests::free_port();
   NilioProcess recorder(folder.path() / "log", record_arguments(folder, port, "--rotate-mb 1"));

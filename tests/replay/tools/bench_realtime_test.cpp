@@ -74,7 +74,7 @@ TEST_CASE("drives without packets and unknown names are refused before a program
 }
 
 TEST_CASE("one command runs niliod under a budget and loads, checks the identity of poses and writes a page",
-          "[bench_realtime][drives]") {
+          "[bench_realtime][drives][timed]") {
   const TemporaryFolder folder;
   REQUIRE(run_command(add_bench, {"bench", "realtime", town_drive(), "--seconds", "2", "--budgets", "20",
                                   "--conditions", "cpu,memory,subscriber", "--memory-mib", "64", "--page",

@@ -128,7 +128,7 @@ TEST_CASE("an IMU that is identified while it is received gives the samples of a
 }
 
 TEST_CASE("packets gather for a millisecond while none can complete a scan, and never afterwards",
-          "[receive]") {
+          "[receive][timed]") {
   std::atomic<std::int64_t> until_ns{monotonic_ns() + 60'000'000'000};
   CHECK(receive_ms(&until_ns) >= 50.0);
   until_ns = monotonic_ns() - 1;

@@ -116,7 +116,7 @@ TEST_CASE("a CycloneDDS reader that comes late gets the kept submaps, their pose
                    "[angle_deg=0.5730] [mode=jump]") == 1);
 }
 
-TEST_CASE("twenty submaps of a drive reach a late reader within seconds", "[map_publisher]") {
+TEST_CASE("twenty submaps of a drive reach a late reader within seconds", "[map_publisher][timed]") {
   const auto program = built_program("nilio-cyclone-reader");
   if (!program) return;
   const std::uint32_t domain = test_domain();

@@ -285,7 +285,8 @@ TEST_CASE("a publisher process publishes the ring's content before it ends, howe
   CHECK(report->stages.back().count >= pose_count);
 }
 
-TEST_CASE("a publisher killed with SIGKILL is restarted within a second and loses no pose", "[transport]") {
+TEST_CASE("a publisher killed with SIGKILL is restarted within a second and loses no pose",
+          "[transport][timed]") {
   const auto executable = built_program("nilio-publisher");
   if (!executable) return;
   const std::uint32_t domain = test_domain();

@@ -135,7 +135,7 @@ TEST_CASE("every topic announces its type hash, a deadline and a liveliness", "[
 }
 
 TEST_CASE("readers with default QoS and readers that request the promises are told that the publisher died",
-          "[writers]") {
+          "[writers][timed]") {
   const auto executable = built_program("nilio-publisher");
   const auto cyclone = built_program("nilio-cyclone-reader");
   if (!executable || !cyclone) return;
