@@ -27,8 +27,9 @@ function(nilio_add_test area)
     # The threads of the pipeline; the other tests start programs whose libraries are not instrumented, and need not be built.
     nilio_tagged(sources pipeline ${sources})
     set(selection "[pipeline]")
-  elseif(area MATCHES "^(core|tools)$" AND NILIO_SANITIZE)
-    # Whole drives, each several times, take ten minutes, of code that the other tests have run already.
+  elseif(NILIO_SANITIZE AND (area MATCHES "^(core|tools)$" OR (area STREQUAL "mapping" AND NOT DEFINED ENV{NILIO_FULL_TESTS})))
+    # Whole drives, each several times, and searches of the map that find nothing take a quarter of an hour, of code that the other
+    # tests have run already.
     set(selection "~[drives]~[.]")
   endif()
   add_executable(test_${area} ${sources})

@@ -164,13 +164,13 @@ TEST_CASE(
   CHECK(answers.right >= 2 * answers.none);
 }
 
-TEST_CASE("a drive elsewhere gets no answer", "[localisation]") {
+TEST_CASE("a drive elsewhere gets no answer", "[localisation][drives]") {
   const ScannedDrive elsewhere = drive(block(kSeed + 1), {{{0, 0}}, {{120, 0}}, {{120, 80}}}, {}, 2);
   for (const std::size_t first : {20U, 100U})
     CHECK_FALSE(localise(mapped_block().map.map, elsewhere, first, 14));
 }
 
-TEST_CASE("places that look alike are not taken for each other", "[localisation]") {
+TEST_CASE("places that look alike are not taken for each other", "[localisation][drives]") {
   // The worlds with a seed that localised a drive in another corridor once.
   const auto worlds = lookalikes(540782916U);
   for (const char* const name : {"rows of equal houses", "parallel corridors", "two crossings"}) {
@@ -199,7 +199,7 @@ TEST_CASE("places that look alike are not taken for each other, drawn worlds",
     WARN(name << ": right " << count.right << ", wrong " << count.wrong << ", none " << count.none);
 }
 
-TEST_CASE("two equal crossings give no answer, the road that leaves them does", "[localisation]") {
+TEST_CASE("two equal crossings give no answer, the road that leaves them does", "[localisation][drives]") {
   ScannedWorld world;
   for (const double x : {50.0, 350.0}) {
     std::mt19937 same(kSeed);

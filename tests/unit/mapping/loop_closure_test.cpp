@@ -128,7 +128,7 @@ TEST_CASE("a block that is driven around again is closed, in either direction", 
   }
 }
 
-TEST_CASE("places that look alike are not closed", "[loop_closure]") {
+TEST_CASE("places that look alike are not closed", "[loop_closure][drives]") {
   for (const std::uint32_t seed : kSeeds) check_lookalikes(seed);
 }
 
