@@ -42,15 +42,18 @@ constexpr const char* kLegend =
     "regained. CPU: "
     "mean of a scan, one thread. Seeds are drawn from the commit and the run number.";
 
-/// Leaves out the real drives whose recordings are not there, with a line for each.
-Matrix available_rows(Matrix matrix, const DriveSources& sources) {
+/// Takes out the rows of real drives whose recordings are not there; returns their names.
+std::vector<std::string> take_rows_without_data(Matrix& matrix, const DriveSources& sources) {
+  std::vector<std::string> skipped;
   for (const DriveSpec& drive : matrix.drives) {
     if (is_available(drive, sources)) continue;
-    std::fprintf(stderr, "skipped: no data for %s - set NILIO_DATA or --data\n", drive.name.c_str());
-    std::erase_if(matrix.rows, [&](const MatrixRow& row) { return row.drive == drive.name; });
+    std::erase_if(matrix.rows, [&](const MatrixRow& row) {
+      if (row.drive == drive.name) skipped.push_back(row.name);
+      return row.drive == drive.name;
+    });
   }
   std::erase_if(matrix.drives, [&](const DriveSpec& drive) { return !is_available(drive, sources); });
-  return matrix;
+  return skipped;
 }
 
 /// One line for each run on standard error, with the remaining time.
@@ -205,6 +208,7 @@ void report_tables(const MatrixOptions& options, const MatrixResult& result,
                    const std::vector<MatrixJob>& jobs, End end, ResultsPage& page) {
   page.paragraph(kLegend);
   page.paragraph(describe_extent(options, result, jobs, end));
+  if (const std::string skipped = describe_skipped(result); !skipped.empty()) page.paragraph(skipped + ".");
   page.table("Real drives", matrix_table(result, false));
   page.table("Simulated drives", matrix_table(result, true));
   for (const char* sensor : {"vlp16", "hdl64e"}) {
@@ -230,9 +234,11 @@ Result<int> run_matrix_bench(const MatrixOptions& options) {
     for (const MatrixRow& row : matrix.rows) std::printf("%s\n", row.name.c_str());
     return static_cast<int>(kDone);
   }
-  matrix = available_rows(std::move(matrix), runner->sources);
-  if (matrix.rows.empty()) return Error{"no row can be run without recordings"};
   MatrixResult result;
+  result.skipped = take_rows_without_data(matrix, runner->sources);
+  if (const std::string skipped = describe_skipped(result); !skipped.empty())
+    std::fprintf(stderr, "%s\n", skipped.c_str());
+  if (matrix.rows.empty()) return Error{"no row can be run without recordings"};
   result.version = NILIO_VERSION;
   std::optional<MatrixResult> earlier;
   if (const std::string& path = options.repeat.empty() ? options.resume : options.repeat; !path.empty()) {

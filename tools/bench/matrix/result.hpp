@@ -30,6 +30,7 @@ struct MatrixResult {
   std::string command;
   bool complete = false;  ///< false: interrupted, the runs so far
   std::vector<MatrixRun> runs;
+  std::vector<std::string> skipped{};  ///< rows of real drives whose recordings were not there
 };
 
 /// As JSON; reading fails with the file and the reason.

@@ -86,7 +86,8 @@ std::string to_json(const MatrixResult& result) {
   Json json{{"version", result.version},
             {"commit", result.commit},
             {"command", result.command},
-            {"complete", result.complete}};
+            {"complete", result.complete},
+            {"skipped", result.skipped}};
   json["runs"] = Json::array();
   // One line a run, so that two files can be compared by eye.
   std::string text = json.dump(2);
@@ -108,6 +109,8 @@ core::Result<MatrixResult> read_matrix_result(const std::string& path) {
     result.commit = json.at("commit");
     result.command = json.at("command");
     result.complete = json.at("complete");
+    // Results of older versions do not tell.
+    result.skipped = json.value("skipped", result.skipped);
     for (const Json& run : json.at("runs")) result.runs.push_back(run_of(run));
     return result;
   } catch (const Json::exception& error) {

@@ -73,6 +73,14 @@ std::string success_cell(const RowSummary& row) {
 
 bool is_simulated_row(const std::string& row) { return !row.starts_with("KITTI"); }
 
+std::string describe_skipped(const MatrixResult& result) {
+  std::string rows;
+  for (const std::string& row : result.skipped) rows += (rows.empty() ? ": " : "; ") + row;
+  return rows.empty() ? ""
+                      : "skipped: no data (NILIO_DATA or --data) for " +
+                            std::to_string(result.skipped.size()) + " rows" + rows;
+}
+
 std::vector<RowSummary> summarise_rows(const MatrixResult& result, const std::string& peer) {
   std::vector<std::string> order;
   std::map<std::string, RowSum> sums;

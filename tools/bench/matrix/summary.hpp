@@ -37,6 +37,8 @@ Table peer_table(const MatrixResult& result);
 Table failure_table(const MatrixResult& result, const std::string& options);
 /// Drift and success in effects_matrix() by effect for one sensor, with the paired ratio to the ideal drives.
 Table effects_table(const MatrixResult& result, const std::string& sensor);
+/// "skipped: no data (NILIO_DATA or --data) for 2 rows: KITTI 04; ..." or empty.
+std::string describe_skipped(const MatrixResult& result);
 /// Whether a row's drive is simulated, by its name.
 bool is_simulated_row(const std::string& row);
 

@@ -86,6 +86,27 @@ TEST_CASE("a matrix is resumed with the runs that are missing, and keeps the oth
   CHECK(remaining.size() == 1);
 }
 
+TEST_CASE("rows without recordings are named at the start, on the page and in the result", "[jobs]") {
+  const tests::TemporaryFolder folder;
+  const std::string json = folder.file("result.json");
+  const std::string rows = "KITTI 04|KITTI raw 0009, no IMU|town vlp16 ideal";
+  auto matrix = ChildProcess::start(tests::program_folder() + "/nilio",
+                                    {"bench", "matrix", "--quick", "--rows", rows, "--seeds", "1", "--data",
+                                     folder.text(), "--json", json, "--page", folder.file("page.md")},
+                                    folder.file("log"));
+  REQUIRE(matrix);
+  while (!matrix->poll()) sleep_for(core::Duration::from_milliseconds(20.0));
+  CHECK(*matrix->poll() == 0);
+  const std::string told =
+      "skipped: no data (NILIO_DATA or --data) for 2 rows: KITTI 04; KITTI raw 0009, no IMU";
+  CHECK(file_text(folder.file("log")).value_or("").starts_with(told + "\n"));
+  CHECK(file_text(folder.file("page.md")).value_or("").find(told + ".") != std::string::npos);
+  const auto result = read_matrix_result(json);
+  REQUIRE(result);
+  CHECK(result->skipped == std::vector<std::string>{"KITTI 04", "KITTI raw 0009, no IMU"});
+  CHECK(result->runs.size() == 1);
+}
+
 TEST_CASE("Ctrl-C ends the matrix with status 130 and keeps the runs that were done", "[jobs]") {
   const tests::TemporaryFolder folder;
   const std::string json = (folder.path() / "result.json").string();
