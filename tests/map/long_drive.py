@@ -19,6 +19,7 @@ import time
 import numpy
 
 import loops
+from mapper_child import processes_of
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("programs", type=pathlib.Path)
@@ -83,20 +84,6 @@ def poses():
     return (numpy.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) @ rows).reshape(-1, 12)
 
 
-def resident_mib(niliod):
-    """Resident memory of niliod and its children by name."""
-    children = pathlib.Path(f"/proc/{niliod}/task/{niliod}/children").read_text().split()
-    sizes = {}
-    for pid in (str(niliod), *children):
-        try:
-            fields = dict(line.split(":", 1) for line in pathlib.Path(f"/proc/{pid}/status").read_text().splitlines())
-        except OSError:
-            continue
-        if "VmRSS" in fields:
-            sizes[fields["Name"].strip()] = int(fields["VmRSS"].split()[0]) / 1024
-    return sizes
-
-
 def replay(drive, run):
     """Resident memory of the processes by number of submaps, while the drive is replayed."""
     samples = []
@@ -104,7 +91,7 @@ def replay(drive, run):
         niliod = subprocess.Popen([options.programs / "niliod", "--replay", drive, "--output", run, "--force", "--set", "output.run_mcap=false",
                                    "--set", 'publisher.interfaces=["127.0.0.1"]'], stdout=log, stderr=log)
         while niliod.poll() is None:
-            sizes = resident_mib(niliod.pid)
+            sizes = {fields["Name"]: int(fields["VmRSS"].split()[0]) / 1024 for fields in processes_of(niliod.pid).values() if "VmRSS" in fields}
             if "nilio-mapper" in sizes:
                 samples.append((len(list((run / "map/submaps").glob("*.sub"))), sizes))
             time.sleep(0.5)
