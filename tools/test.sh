@@ -42,12 +42,13 @@ run_release_tests() {
 
 # Sanitizer builds with what the other tests leave of the processors, and their tests without wall-clock times.
 run_beside_release_tests() {
-  stage "asan build" nice -n 19 tools/build.sh asan "${targets[@]}" &&
-    stage "tsan build" nice -n 19 tools/build.sh tsan test_ipc test_daemon &&
-    stage "fuzz build" nice -n 19 tools/build.sh fuzz &&
-    stage "asan tests" ctest --preset asan "${untimed[@]}" "${selection[@]}" &&
+  stage "asan build" nice -n 19 tools/build.sh asan "${targets[@]}" || return
+  stage "asan tests" ctest --preset asan "${untimed[@]}" "${selection[@]}" &
+  stage "tsan build" nice -n 19 tools/build.sh tsan test_ipc test_daemon &&
     stage "tsan tests" ctest --preset tsan "${untimed[@]}" --tests-regex '^(ipc|daemon)$' &&
-    stage "fuzz tests" ctest --preset fuzz
+    stage "fuzz build" nice -n 19 tools/build.sh fuzz &&
+    stage "fuzz tests" ctest --preset fuzz &&
+    wait $!
 }
 
 stage setup tools/setup.sh --tests
