@@ -4,10 +4,10 @@
 
 namespace nilio::core {
 
-/// Covariance of the drift of a map that grows from the poses registered to it. Each scan that the map takes
-/// is laid down with the error of its pose, and moves the map by its share in the planes: a scan by which the
-/// map gets on a bit, one of new surroundings carries them away with it. Errors act on the left, in axes of
-/// the map, where they stay what they were while the vehicle drives on.
+/// Covariance of the drift of a map that is built from the poses registered to it (docs/algorithm.md, 10).
+/// The map takes every scan with the error of its pose, and moves by the share that the scan has in the
+/// planes: little in known surroundings, all of it where new ones begin. Errors act on the left, in axes of
+/// the map, so that they stay what they are while the vehicle drives on. Not thread-safe.
 class MapDrift {
  public:
   /// The map takes a scan at this pose of base_link; `covariance`: of the pose against the map, in axes of
