@@ -30,6 +30,10 @@ Matrix12 inverse_ldlt(const Matrix12& A) { return A.ldlt().solve(Matrix12::Ident
 
 Matrix12 solve_lu(const Matrix12& A, const Matrix12& B) { return A.partialPivLu().solve(B); }
 
+Matrix6 information_with(const Matrix6& covariance, const Matrix6& information) {
+  return solve_lu(Matrix6(Matrix6::Identity() + information * covariance), information);
+}
+
 Matrix6 inverse_lu(const Matrix6& A) { return A.inverse(); }
 
 SymmetricEigen6 symmetric_eigen(const Matrix6& A) {

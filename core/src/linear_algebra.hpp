@@ -15,6 +15,8 @@ Matrix6 solve_lu(const Matrix6& A, const Matrix6& B);
 Vector12 solve_ldlt(const Matrix12& A, const Vector12& b);
 Matrix12 inverse_ldlt(const Matrix12& A);
 Matrix12 solve_lu(const Matrix12& A, const Matrix12& B);
+/// (P + H^-1)^-1 = (I + H P)^-1 H for an information H and a covariance P: needs neither inverse.
+Matrix6 information_with(const Matrix6& covariance, const Matrix6& information);
 /// Inverse of A (LU with partial pivoting).
 Matrix6 inverse_lu(const Matrix6& A);
 

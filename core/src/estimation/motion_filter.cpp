@@ -453,7 +453,7 @@ WeightedInnovation MotionFilter::weighted_innovation(const SE3& T_map_base,
 }
 
 Matrix6 MotionFilter::innovation_information(const Matrix6& information) const {
-  return solve_lu(Matrix6(Matrix6::Identity() + information * pose_covariance()), information);
+  return information_with(pose_covariance(), information);
 }
 
 double MotionFilter::squared_distance(const SE3& T_map_base) const {

@@ -14,7 +14,7 @@ class MapDrift {
   /// base_link (translation, then rotation).
   void take(const SE3& T_map_base, const Matrix6& covariance);
   /// A scan is registered at this pose, in planes of which the scan that was taken last makes up `share`
-  /// (identity: all), with the filter's `gain` (P H); both in axes of base_link.
+  /// (identity: all), with the `gain` of the filter's update; both in axes of base_link.
   void follow(const SE3& T_map_base, const Matrix6& share, const Matrix6& gain);
   /// Covariance of a pose of base_link that is exactly known in the map, in axes of base_link.
   [[nodiscard]] Matrix6 at(const SE3& T_map_base) const;

@@ -110,8 +110,7 @@ Vector6 shared_error() { return pose_error(kScanErrorMetres).cwiseAbs2(); }
 
 /// Adds the error that all points share to the covariance; returns its inverse.
 Matrix6 with_error(const Matrix6& information) {
-  const Matrix6 spread = Matrix6::Identity() + information * shared_error().asDiagonal();
-  const Matrix6 result = solve_lu(spread, information);
+  const Matrix6 result = information_with(Matrix6(shared_error().asDiagonal()), information);
   return 0.5 * (result + result.transpose());
 }
 
@@ -209,8 +208,7 @@ StepOutcome step_of_sweep(const NormalEquations& equations, const SolverOptions&
 double measurement_variance(const NormalEquations& equations) { return residual_variance(equations, 0.0); }
 
 Matrix6 gain_of(const Matrix6& predicted_covariance, const Matrix6& information) {
-  const Matrix6 ratio = predicted_covariance * information;
-  return solve_lu(Matrix6(Matrix6::Identity() + ratio), ratio);
+  return predicted_covariance * information_with(predicted_covariance, information);
 }
 
 Matrix6 share_of_newest_scan(const RegistrationResult& registration, const Matrix6& predicted_covariance) {
