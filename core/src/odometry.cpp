@@ -196,7 +196,8 @@ void Odometry::State::register_predicted(OdometryResult& result) {
     select_points(motion.T_predicted());
   }
   align({motion.T_predicted(), metric_of(motion.filter()), coarse}, result);
-  if (!is_second || !motion.motion_goes_on() || motion.fits(alignment.registration)) return;
+  if (!is_second || !motion.motion_goes_on()) return;
+  if (motion.fits(alignment.registration) && gate.begins_in_family(alignment, motion)) return;
   motion.forget_motion();
   register_predicted(result);
 }

@@ -78,6 +78,7 @@ TrackingGate::TrackingGate(const OdometryConfig& config, const RegistrationMetho
 
 void TrackingGate::begin_map(double plane_voxel_m) {
   plane_voxel_m_ = plane_voxel_m;
+  former_agreement_ = mean_agreement_;
   mean_agreement_ = 0.0;
   mean_known_share_ = 0.0;
   prediction_error_m_ = 0.0;
@@ -119,6 +120,10 @@ double TrackingGate::agreement(const Alignment& alignment, const MotionEstimator
   double seen = seen_before(alignment);
   if (seen < 1.0 && bridges_gap(alignment, motion)) seen = 1.0;
   return seen * alignment.registration.equations.agreement / static_cast<double>(alignment.points);
+}
+
+bool TrackingGate::begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const {
+  return agreement(alignment, motion) > kAgreementCollapse * former_agreement_;
 }
 
 bool TrackingGate::is_in_family(const Alignment& alignment, const MotionEstimator& motion) const {

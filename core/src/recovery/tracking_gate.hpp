@@ -46,6 +46,8 @@ class TrackingGate {
   // Evidence about an alignment of the scan that `motion` predicts.
   /// Mean agreement of the points with the map, 0 to 1; 0 without a pose.
   [[nodiscard]] double agreement(const Alignment& alignment, const MotionEstimator& motion) const;
+  /// Whether the second scan of a map agrees with it nearly as well as scans did with the map before.
+  [[nodiscard]] bool begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool is_in_family(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool is_doubtful(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool accepts(const Alignment& alignment, const MotionEstimator& motion) const;
@@ -77,6 +79,7 @@ class TrackingGate {
   bool has_coarse_;
   double plane_voxel_m_ = 0.0;
   double mean_agreement_ = 0.0;
+  double former_agreement_ = 0.0;  ///< with the map before
   double mean_known_share_ = 0.0;
   double prediction_error_m_ = 0.0;
   int coarse_scans_left_;

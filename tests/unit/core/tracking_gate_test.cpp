@@ -173,6 +173,9 @@ TEST_CASE(
   CHECK(drive.motion.motion_goes_on());
   drive.start();
   CHECK_FALSE(drive.gate.restart_is_due(drive.motion));
+  // The motion goes on unless the second scan agrees less with the new map than scans did with the old one.
+  CHECK(drive.gate.begins_in_family(Drive::good(0.7), drive.motion));
+  CHECK_FALSE(drive.gate.begins_in_family(Drive::good(0.5), drive.motion));
   for (int i = 1; i < 5; ++i) CHECK(drive.accept(Drive::good()) == TrackingState::kInitialising);
   for (int i = 5; i < 10; ++i) CHECK(drive.accept(Drive::good()) == TrackingState::kDegraded);
   CHECK(drive.accept(Drive::good()) == TrackingState::kTracking);
