@@ -21,13 +21,14 @@ constexpr auto kRate = MotionFilter::kRate;
 constexpr auto kGyroBias = MotionFilter::kGyroBias;
 constexpr auto kAccelBias = MotionFilter::kAccelBias;
 constexpr auto kGravityBlock = MotionFilter::kGravityBlock;
+constexpr auto kManoeuvre = MotionFilter::kManoeuvre;
 
 // Noise of an automotive IMU on a vibrating vehicle: five times the densities of data sheets
 // (0.01 deg/s and 300 ug per root hertz).
 constexpr double kGyroDensity = 5.0 * 0.01 * kRadiansPerDegree;
 constexpr double kAccelerometerDensity = 5.0 * 300e-6 * kGravity;
 // Scale, axes and delay of automotive accelerometers: a fiftieth of the acceleration, for seconds
-// (Singer 1970: 2 a^2 tau).
+// (2 a^2 tau).
 constexpr double kAccelerometerScale = 0.02;
 constexpr double kAccelerometerScaleSeconds = 1.0;
 // Random walks, per root second.
@@ -40,16 +41,15 @@ constexpr double kGyroBiasPrior = 0.5 * kRadiansPerDegree;
 constexpr double kAccelBiasPrior = 0.3;
 constexpr double kVelocityPrior = 10.0;
 constexpr double kRatePrior = 0.3;
-// Manoeuvres of a vehicle (Singer 1970: 2 a^2 tau) for a second: 2 m/s^2, and 0.3 rad/s^2 of yaw. Where scans
-// do not show the speed, it varies as that of a recorded car in traffic: 0.5 m/s^2 over one to ten seconds.
-constexpr double kManoeuvreSeconds = 1.0;
-constexpr double kManoeuvre = 2.0 * 2.0 * 2.0 * kManoeuvreSeconds;
-constexpr double kUnobservedManoeuvre = 2.0 * 0.5 * 0.5 * kManoeuvreSeconds;
-constexpr double kYawManoeuvre = 2.0 * 0.3 * 0.3 * kManoeuvreSeconds;
-// Share of the newest change of the velocities in their accelerations.
-constexpr double kNewest = 0.5;
-// An axis beyond 99 % of its predicted deviation shows a manoeuvre, up to the limits of a road vehicle: 1 g
-// (upwards, too), and 10 rad/s^2 of yaw; its body sways by 30 deg/s at most.
+// Manoeuvres of a vehicle that no sensor measures. Over a gap they count as 2 m/s^2, and 0.3 rad/s^2 of yaw,
+// for a second each; as 0.5 m/s^2, those of a recorded car in traffic over one to ten seconds, where scans do
+// not show the speed. From scan to scan they last as long as the sway (Singer 1970: density 2 a^2 tau).
+constexpr double kManoeuvreSeconds = 0.3;
+constexpr double kManoeuvreVariance = 2.0 * 2.0 / kManoeuvreSeconds;
+constexpr double kUnobservedVariance = 0.5 * 0.5 / kManoeuvreSeconds;
+constexpr double kYawVariance = 0.3 * 0.3 / kManoeuvreSeconds;
+// An axis beyond 99 % of its predicted deviation shows a manoeuvre, up to the limits of a road vehicle: for a
+// second 1 g (upwards, too), and 10 rad/s^2 of yaw; its body sways by 30 deg/s at most.
 constexpr double kManoeuvre99 = 6.63;
 constexpr std::array kMaxScale{25.0, 25.0, 3000.0, 225.0, 225.0, 1111.0};
 // Sway of the body: rates of roll and pitch are an Ornstein-Uhlenbeck process.
@@ -80,14 +80,31 @@ constexpr Duration kLongestPrediction = Duration::from_seconds(10.0);
 
 Matrix3 variance_of(double deviation) { return deviation * deviation * Matrix3::Identity(); }
 
+/// Variance of the manoeuvres that no sensor measures.
+Vector3 manoeuvre_variance(const MotionInputs& inputs) {
+  return {inputs.speed_is_observed ? kManoeuvreVariance : kUnobservedVariance, kManoeuvreVariance,
+          kYawVariance};
+}
+
+/// Axis of a manoeuvre among those of the twist.
+constexpr std::array kManoeuvreAxes{0, 1, 5};
+
+bool is_measured(int axis, const MotionInputs& inputs) {
+  return axis < 3 ? inputs.accelerometer : inputs.gyro;
+}
+
 Vector3 lever_velocity(const Vector3& rate, const Vector3& lever) { return rate.cross(lever); }
 
-/// F of error' = F error, for a twist, gravity in body axes and the inputs of a step.
-Matrix error_dynamics(const MotionState& s, const MotionInputs& inputs) {
+/// Errors that change by those of other states: pose and velocities. Manoeuvres decay, all others stay.
+constexpr int kMoving = kRate + 3;
+using MotionRows = Eigen::Matrix<double, kMoving, MotionFilter::kSize>;
+
+/// These rows of F, error' = F error, for a twist, gravity in body axes and the inputs of a step.
+MotionRows error_dynamics(const MotionState& s, const MotionInputs& inputs) {
   const Matrix3 W = skew(s.angular_velocity);
   const Matrix3 V = skew(s.velocity);
   const Matrix3 I = Matrix3::Identity();
-  Matrix F = Matrix::Zero();
+  MotionRows F = MotionRows::Zero();
   F.block<3, 3>(kPose, kPose) = -W;
   F.block<3, 3>(kPose, kRotation) = -V;
   F.block<3, 3>(kPose, kVelocity) = I;
@@ -105,6 +122,8 @@ Matrix error_dynamics(const MotionState& s, const MotionInputs& inputs) {
     F.block<3, 3>(kVelocity, kGravityBlock) = R.transpose();
     F.block<3, 3>(kVelocity, kAccelBias) = -I;
   }
+  for (int i = 0; i < 3; ++i)
+    if (!is_measured(kManoeuvreAxes[i], inputs)) F(kVelocity + kManoeuvreAxes[i], kManoeuvre + i) = 1.0;
   return F;
 }
 
@@ -133,23 +152,44 @@ Matrix sensor_noise(const MotionState& s, const Vector3& acceleration, const Mot
   return Q;
 }
 
-/// Densities of manoeuvres that no sensor measures.
-Matrix manoeuvre_noise(const MotionInputs& inputs, const Vector6& scale, const Eigen::Vector2d& sway_square) {
+/// Densities of motion that no sensor measures.
+Matrix motion_noise(const MotionInputs& inputs, const Vector6& scale, const Eigen::Vector2d& sway_square) {
   Matrix Q = Matrix::Zero();
-  const double speed = inputs.speed_is_observed ? kManoeuvre : kUnobservedManoeuvre;
-  if (!inputs.accelerometer) Q.diagonal().segment<3>(kVelocity) << speed, kManoeuvre, kHeave;
-  if (!inputs.gyro) {
-    const Eigen::Vector2d sway = (2.0 / kSwaySeconds) * sway_square;
-    Q.diagonal().segment<3>(kRate) << sway, kYawManoeuvre;
-  }
-  Q.diagonal().segment<6>(kVelocity).array() *= scale.array();
+  Q.diagonal().segment<3>(kManoeuvre) = (2.0 / kManoeuvreSeconds) * manoeuvre_variance(inputs);
+  if (!inputs.accelerometer) Q(kVelocity + 2, kVelocity + 2) = kHeave * scale[2];
+  if (!inputs.gyro)
+    Q.diagonal().segment<2>(kRate) = (2.0 / kSwaySeconds) * sway_square.cwiseProduct(scale.segment<2>(3));
   return Q;
 }
 
-/// Integral of Phi(t) Q Phi(t)^T over a step, by Simpson's rule.
-Matrix integrated(const Matrix& Q, const Matrix& half, const Matrix& whole, double seconds) {
-  return (seconds / 6.0) * (Q + 4.0 * (half * Q * half.transpose()) + whole * Q * whole.transpose());
-}
+/// Phi(t), the series of F t to the third power.
+struct Transition {
+  MotionRows motion = MotionRows::Identity();
+  double manoeuvre = 1.0;
+
+  Transition(const MotionRows& F, double t) {
+    MotionRows term = motion;
+    for (int power = 1; power <= 3; ++power) {
+      const double share = t / power;
+      MotionRows next = share * (term.leftCols<kMoving>() * F);
+      next.rightCols<3>() -= (share / kManoeuvreSeconds) * term.rightCols<3>();
+      term = next;
+      motion += term;
+    }
+    const double x = t / kManoeuvreSeconds;
+    manoeuvre = 1.0 - x + x * x / 2.0 - x * x * x / 6.0;
+  }
+  /// Phi P Phi^T.
+  [[nodiscard]] Matrix carry(const Matrix& P) const {
+    Matrix rows = P;
+    rows.topRows<kMoving>().noalias() = motion * P;
+    rows.bottomRows<3>() *= manoeuvre;
+    Matrix result = rows;
+    result.leftCols<kMoving>().noalias() = rows * motion.transpose();
+    result.rightCols<3>() *= manoeuvre;
+    return result;
+  }
+};
 
 }  // namespace
 
@@ -190,7 +230,7 @@ MotionState propagated(const MotionState& state, const MotionInputs& inputs, Tim
     } else {
       velocity += h * s.acceleration;
     }
-    const double lasts = 1.0 - h / kSwaySeconds;
+    const double lasts = 1.0 - h / kManoeuvreSeconds;
     s.acceleration *= lasts;
     s.angular_acceleration *= lasts;
     s.T_map_base.translation += half * (0.5 * h * (s.velocity + velocity));
@@ -224,8 +264,7 @@ void MotionFilter::reset(const SE3& T_map_base, Time time) {
 void MotionFilter::begin_map() {
   isolate(kPose, variance_of(kMinMetres));
   isolate(kRotation, variance_of(kMinRadians));
-  forget_accelerations();
-  manoeuvre_scale_.setOnes();
+  forget_manoeuvres();
 }
 
 void MotionFilter::relocate(const SE3& T_map_base) {
@@ -234,12 +273,11 @@ void MotionFilter::relocate(const SE3& T_map_base) {
   isolate(kRotation, variance_of(kRelocatedRadians));
   isolate(kVelocity, variance_of(kVelocityPrior));
   isolate(kRate, variance_of(kRatePrior));
-  forget_accelerations();
-  manoeuvre_scale_.setOnes();
+  forget_manoeuvres();
 }
 
 void MotionFilter::set_twist(const Vector6& twist, const Vector6& variance) {
-  forget_accelerations();
+  forget_manoeuvres();
   state_.velocity = twist.head<3>();
   state_.angular_velocity = twist.tail<3>();
   isolate(kVelocity, variance.head<3>().asDiagonal());
@@ -273,27 +311,29 @@ void MotionFilter::step(const MotionInputs& inputs, Time to) {
   middle.angular_velocity =
       so3_log(before.T_map_base.rotation.conjugate() * state_.T_map_base.rotation) / seconds;
   middle.T_map_base.rotation = so3_mean(before.T_map_base.rotation, state_.T_map_base.rotation);
-  const Matrix F = error_dynamics(middle, inputs);
-  const Matrix F2 = F * F;
-  const Matrix F3 = F2 * F;
-  const auto transition = [&](double t) -> Matrix {
-    return Matrix::Identity() + t * F + (t * t / 2.0) * F2 + (t * t * t / 6.0) * F3;
-  };
-  const Matrix half = transition(0.5 * seconds);
-  const Matrix whole = transition(seconds);
+  const MotionRows F = error_dynamics(middle, inputs);
   const Vector3 acceleration =
       (state_.velocity - before.velocity) / seconds + middle.angular_velocity.cross(middle.velocity);
   const Matrix noise = sensor_noise(middle, acceleration, inputs, seconds) +
-                       manoeuvre_noise(inputs, manoeuvre_scale_, sway_square_);
-  covariance_ = (whole * covariance_ * whole.transpose() + integrated(noise, half, whole, seconds)).eval();
+                       motion_noise(inputs, manoeuvre_scale_, sway_square_);
+  // The integral of Phi(t) Q Phi(t)^T over the step, by Simpson's rule.
+  const Matrix share = (seconds / 6.0) * noise;
+  covariance_ = (Transition(F, seconds).carry(covariance_ + share) +
+                 Transition(F, 0.5 * seconds).carry(4.0 * share) + share)
+                    .eval();
   if (inputs.gyro) {
     isolate(kRate, covariance_.block<3, 3>(kGyroBias, kGyroBias));
   }
+  for (int i = 0; i < 3; ++i)
+    if (is_measured(kManoeuvreAxes[i], inputs)) forget_manoeuvre(i, inputs);
   symmetrise();
 }
 
 void MotionFilter::propagate(const MotionInputs& inputs, Time to) {
   state_.time = std::clamp(state_.time, to - kLongestPrediction, to);
+  const Vector3 variance = manoeuvre_variance(inputs);
+  for (int i = 0; i < 3; ++i)
+    covariance_(kManoeuvre + i, kManoeuvre + i) += (manoeuvre_scale_[kManoeuvreAxes[i]] - 1.0) * variance[i];
   while (state_.time < to) {
     const Duration left = to - state_.time;
     const Time next =
@@ -306,7 +346,7 @@ bool MotionFilter::adapt_to_manoeuvre(const SE3& T_map_base, const MotionInputs&
   const Vector6 moved = se3_log(state_.T_map_base.inverse() * T_map_base);
   bool adapts = false;
   for (int axis = 0; axis < 6; ++axis) {
-    if (axis < 3 ? inputs.accelerometer : inputs.gyro) continue;
+    if (is_measured(axis, inputs)) continue;
     const double square = moved[axis] * moved[axis] / covariance_(axis, axis);
     if (square < kManoeuvre99) continue;
     const double scale = std::min(manoeuvre_scale_[axis] * square, kMaxScale[static_cast<std::size_t>(axis)]);
@@ -331,7 +371,6 @@ MotionState MotionFilter::conditioned_by(const Vector& error, const SE3& T_map_b
   MotionFilter conditioned = *this;
   conditioned.apply(error);
   conditioned.state_.T_map_base = T_map_base;
-  conditioned.estimate_accelerations();
   return conditioned.state_;
 }
 
@@ -346,6 +385,8 @@ void MotionFilter::apply(const Vector& error) {
   state_.gyro_bias += error.segment<3>(kGyroBias);
   state_.accelerometer_bias += error.segment<3>(kAccelBias);
   state_.gravity += error.segment<3>(kGravityBlock);
+  state_.acceleration.head<2>() += error.segment<2>(kManoeuvre);
+  state_.angular_acceleration.z() += error[kManoeuvre + 2];
 }
 
 void MotionFilter::update(const SE3& T_map_base, const Matrix6& information) {
@@ -377,18 +418,6 @@ void MotionFilter::end_update() {
   manoeuvre_scale_.setOnes();
   estimate_sway();
   last_update_ = state_.time;
-  last_twist_ = state_.twist();
-}
-
-void MotionFilter::estimate_accelerations() {
-  const double seconds = last_update_ ? (state_.time - *last_update_).seconds() : 0.0;
-  if (seconds > 0.0 && seconds < 2.5 * kMaxStepSeconds) {
-    const Vector6 change = (state_.twist() - last_twist_) / seconds;
-    const auto follow = [&](double& estimate, int axis) { estimate += kNewest * (change[axis] - estimate); };
-    follow(state_.acceleration.x(), 0);
-    follow(state_.acceleration.y(), 1);
-    follow(state_.angular_acceleration.z(), 5);
-  }
 }
 
 /// Expectation maximisation of the process noise: the mean square is that of the estimate and its variance.
@@ -470,10 +499,17 @@ void MotionFilter::isolate(int block, const Matrix3& covariance) {
   covariance_.block<3, 3>(block, block) = covariance;
 }
 
-void MotionFilter::forget_accelerations() {
-  state_.acceleration.setZero();
-  state_.angular_acceleration.setZero();
+void MotionFilter::forget_manoeuvres() {
+  for (int i = 0; i < 3; ++i) forget_manoeuvre(i, {});
+  manoeuvre_scale_.setOnes();
   last_update_.reset();
+}
+
+void MotionFilter::forget_manoeuvre(int i, const MotionInputs& inputs) {
+  (i < 2 ? state_.acceleration[i] : state_.angular_acceleration.z()) = 0.0;
+  covariance_.row(kManoeuvre + i).setZero();
+  covariance_.col(kManoeuvre + i).setZero();
+  covariance_(kManoeuvre + i, kManoeuvre + i) = manoeuvre_variance(inputs)[i];
 }
 
 void MotionFilter::symmetrise() { covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval(); }

@@ -20,7 +20,8 @@ struct MotionState {
   Vector3 gyro_bias = Vector3::Zero();           ///< rad/s, in base_link axes
   Vector3 accelerometer_bias = Vector3::Zero();  ///< m/s^2, in base_link axes
   Vector3 gravity = Vector3::Zero();             ///< m/s^2, in map axes, pointing down
-  /// Recent changes of the velocities, m/s^2 and rad/s^2; they go on where no sensor measures others.
+  /// Manoeuvres where no sensor measures them: change of the velocity ahead and to the left, m/s^2, and of
+  /// the yaw rate, rad/s^2.
   Vector3 acceleration = Vector3::Zero();
   Vector3 angular_acceleration = Vector3::Zero();
 
@@ -47,11 +48,11 @@ struct MotionInputs {
 
 /// Error-state Kalman filter of the vehicle's motion between the midpoints of sweeps; docs/algorithm.md has
 /// the equations. Error: (translation, rotation) of T_map_base = T_estimate * Exp(error), then velocity,
-/// angular velocity, gyro bias, accelerometer bias and gravity as differences. The pose is relative to the
-/// map, whose own drift is not part of it. Not thread-safe.
+/// angular velocity, gyro bias, accelerometer bias, gravity and manoeuvres as differences. The pose is
+/// relative to the map, whose own drift is not part of it. Not thread-safe.
 class MotionFilter {
  public:
-  static constexpr int kSize = 21;
+  static constexpr int kSize = 24;
   /// Deviation of gravity along each axis at a start in motion, m/s^2: acceleration and tilt are unknown.
   static constexpr double kGravityPrior = 1.5;
   /// Rates of roll and pitch until scans have shown those of the vehicle, rad/s: driving off road.
@@ -65,7 +66,8 @@ class MotionFilter {
     kRate = 9,
     kGyroBias = 12,
     kAccelBias = 15,
-    kGravityBlock = 18
+    kGravityBlock = 18,
+    kManoeuvre = 21  ///< ahead, to the left, yaw
   };
 
   MotionFilter() = default;
@@ -88,8 +90,8 @@ class MotionFilter {
   /// Predicts to the time `to`: the last ten seconds before it, as where the clock jumped, and nothing where
   /// it jumped back.
   void propagate(const MotionInputs& inputs, Time to);
-  /// Scales the noise of manoeuvres on the axes where the registered pose contradicts the prediction, for the
-  /// next propagation until an update. Returns whether there was any.
+  /// Scales the variance of manoeuvres on the axes where the registered pose contradicts the prediction, for
+  /// the next propagation until an update. Returns whether there was any.
   bool adapt_to_manoeuvre(const SE3& T_map_base, const MotionInputs& inputs);
   /// Takes the scales of another filter.
   void adapt_as(const MotionFilter& other) { manoeuvre_scale_ = other.manoeuvre_scale_; }
@@ -131,17 +133,16 @@ class MotionFilter {
   [[nodiscard]] MotionState conditioned_by(const Vector& error, const SE3& T_map_base) const;
   /// Gives a block this covariance of its own, and no correlation with the others.
   void isolate(int block, const Matrix3& covariance);
-  void forget_accelerations();
+  void forget_manoeuvres();
+  void forget_manoeuvre(int i, const MotionInputs& inputs);
   void symmetrise();
-  void estimate_accelerations();
   void estimate_sway();
   void end_update();
 
   MotionState state_;
   Matrix covariance_ = Matrix::Zero();
-  Vector6 last_twist_ = Vector6::Zero();       ///< of the last update, and its time
   std::optional<Time> last_update_;            ///< none after a jump
-  Vector6 manoeuvre_scale_ = Vector6::Ones();  ///< of the noise of manoeuvres until the next update
+  Vector6 manoeuvre_scale_ = Vector6::Ones();  ///< of the variance of manoeuvres until the next update
   /// Mean square of the rates of roll and pitch, rad^2/s^2: a property of vehicle and road.
   Eigen::Vector2d sway_square_ = Eigen::Vector2d::Constant(kSwayRate * kSwayRate);
   bool had_gyro_ = false;

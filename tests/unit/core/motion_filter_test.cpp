@@ -15,6 +15,8 @@ using Vector = MotionFilter::Vector;
 namespace {
 
 constexpr double kScanSeconds = 0.1;
+/// Correlation time of manoeuvres.
+constexpr double kTau = 0.3;
 
 /// The drive with its IMU, and its true state at any time.
 struct Truth {
@@ -50,6 +52,8 @@ MotionState moved_by(MotionState state, const Vector& error, bool gyro) {
   state.gyro_bias += error.segment<3>(MotionFilter::kGyroBias);
   state.accelerometer_bias += error.segment<3>(MotionFilter::kAccelBias);
   state.gravity += error.segment<3>(MotionFilter::kGravityBlock);
+  state.acceleration.head<2>() += error.segment<2>(MotionFilter::kManoeuvre);
+  state.angular_acceleration.z() += error[MotionFilter::kManoeuvre + 2];
   return state;
 }
 
@@ -57,7 +61,9 @@ Vector difference(const MotionState& from, const MotionState& to) {
   Vector result;
   result << se3_log(from.T_map_base.inverse() * to.T_map_base), to.velocity - from.velocity,
       to.angular_velocity - from.angular_velocity, to.gyro_bias - from.gyro_bias,
-      to.accelerometer_bias - from.accelerometer_bias, to.gravity - from.gravity;
+      to.accelerometer_bias - from.accelerometer_bias, to.gravity - from.gravity,
+      (to.acceleration - from.acceleration).head<2>(),
+      to.angular_acceleration.z() - from.angular_acceleration.z();
   return result;
 }
 
@@ -118,6 +124,9 @@ TEST_CASE("the covariance follows finite differences of the motion, with and wit
     reference.propagate(inputs, end);
     for (int i = 0; i < MotionFilter::kSize; ++i) {
       if (gyro && i / 3 * 3 == MotionFilter::kRate) continue;
+      // Sensors take the place of manoeuvres.
+      const bool is_yaw = i == MotionFilter::kManoeuvre + 2;
+      if (i >= MotionFilter::kManoeuvre && (is_yaw ? gyro : accelerometer)) continue;
       INFO("state " << i << (gyro ? ", gyro" : "") << (accelerometer ? ", accelerometer" : ""));
       // An additional variance of one state spreads along one column of the transition.
       Matrix more = covariance;
@@ -162,7 +171,7 @@ TEST_CASE("a scan updates all states as the dense information filter, also besid
     const Vector expected =
         covariance.leftCols<6>() * covariance.topLeftCorner<6, 6>().inverse() * se3_log(T_map_base);
     CHECK((filter.state().velocity - expected.segment<3>(MotionFilter::kVelocity)).norm() < 1e-9);
-    CHECK((filter.state().gravity - expected.tail<3>()).norm() < 1e-9);
+    CHECK((filter.state().gravity - expected.segment<3>(MotionFilter::kGravityBlock)).norm() < 1e-9);
   }
 }
 
@@ -184,7 +193,7 @@ TEST_CASE("a sweep that shows its twist updates all states as the dense informat
   moved << se3_log(T_map_base), twist;
   const Vector expected = covariance.leftCols<12>() * covariance.topLeftCorner<12, 12>().inverse() * moved;
   CHECK((filter.state().twist() - twist).norm() < 1e-9);
-  CHECK((filter.state().gravity - expected.tail<3>()).norm() < 1e-9);
+  CHECK((filter.state().gravity - expected.segment<3>(MotionFilter::kGravityBlock)).norm() < 1e-9);
 }
 
 TEST_CASE("the normalised innovation is that of the scan alone", "[motion_filter]") {
@@ -203,26 +212,35 @@ TEST_CASE("the normalised innovation is that of the scan alone", "[motion_filter
   CHECK((weighted.score - inverse * innovation).norm() < 1e-3 * weighted.score.norm());
 }
 
-TEST_CASE("over a gap the uncertainty grows as that of white acceleration, sway stays bounded",
-          "[motion_filter]") {
+TEST_CASE(
+    "over a gap the uncertainty grows as that of exponentially correlated manoeuvres, sway stays bounded",
+    "[motion_filter]") {
   MotionState state;
   state.velocity = Vector3(20.0, 0.0, 0.0);
   state.angular_velocity = Vector3(0.3, 0.0, 0.0);
   for (const double seconds : {0.1, 0.5, 1.0, 2.0}) {
-    MotionFilter filter(state, Matrix::Zero());
-    filter.propagate({}, Time::from_seconds(seconds));
+    // Variance of the position under an exponentially correlated acceleration of density 1 (Singer 1970);
+    // over long gaps that of white acceleration.
+    const double t = seconds;
+    const double decay = std::exp(-t / kTau);
+    const double expected =
+        t * t * t / 3.0 - kTau * t * t / 2.0 + kTau * (kTau * kTau - kTau * (t + kTau) * decay);
+    const auto deviation = [&](double density, bool speed_is_observed) {
+      Matrix covariance = Matrix::Zero();
+      covariance(MotionFilter::kManoeuvre, MotionFilter::kManoeuvre) = density / (2.0 * kTau);
+      MotionFilter filter(state, covariance);
+      MotionInputs inputs;
+      inputs.speed_is_observed = speed_is_observed;
+      filter.propagate(inputs, Time::from_seconds(seconds));
+      // A rolling body swings back: 0.3 rad/s for 0.3 s at most.
+      CHECK(so3_log(filter.state().T_map_base.rotation).norm() < 0.091);
+      CHECK(filter.state().T_map_base.translation.norm() == Approx(20.0 * seconds).epsilon(0.01));
+      return std::sqrt(filter.covariance()(0, 0));
+    };
     // 2 a^2 tau of 2 m/s^2 for a second: 8 m^2/s^3; of 0.5 m/s^2 where no scan showed the speed.
-    CHECK(std::sqrt(filter.covariance()(0, 0)) ==
-          Approx(std::sqrt(8.0 * std::pow(seconds, 3) / 3.0)).epsilon(0.01));
-    MotionFilter in_tunnel(state, Matrix::Zero());
-    MotionInputs unobserved;
-    unobserved.speed_is_observed = false;
-    in_tunnel.propagate(unobserved, Time::from_seconds(seconds));
-    CHECK(std::sqrt(in_tunnel.covariance()(0, 0)) ==
-          Approx(std::sqrt(0.5 * std::pow(seconds, 3) / 3.0)).epsilon(0.01));
-    // A rolling body swings back: 0.3 rad/s for 0.3 s at most.
-    CHECK(so3_log(filter.state().T_map_base.rotation).norm() < 0.091);
-    CHECK(filter.state().T_map_base.translation.norm() == Approx(20.0 * seconds).epsilon(0.01));
+    CHECK(deviation(8.0, true) == Approx(std::sqrt(8.0 * expected)).epsilon(0.01));
+    CHECK(deviation(0.5, false) == Approx(std::sqrt(0.5 * expected)).epsilon(0.01));
+    CHECK(expected < t * t * t / 3.0);
   }
 }
 

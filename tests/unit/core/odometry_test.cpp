@@ -386,11 +386,11 @@ TEST_CASE("the covariance of a predicted pose grows with the time since the last
     const Scan scan = scan_room(room, driving, 9 * kPeriod + seconds, 10);
     return std::sqrt(OdometryRuntime(odometry).predict_pose(scan).pose_covariance(0, 0));
   };
-  // White acceleration of 8 m^2/s^3, besides the speed's own error.
+  // Over a gap manoeuvres are white acceleration of 8 m^2/s^3, but for the 0.3 s that they last.
   for (const double seconds : {1.0, 4.0}) {
     const double expected = std::sqrt(8.0 * seconds * seconds * seconds / 3.0);
-    CHECK(deviation_after(seconds) > expected);
-    CHECK(deviation_after(seconds) < 1.5 * expected);
+    CHECK(deviation_after(seconds) > 0.7 * expected);
+    CHECK(deviation_after(seconds) < 1.2 * expected);
   }
 }
 
