@@ -60,6 +60,7 @@ void MotionEstimator::leave_map() {
 }
 
 Matrix6 MotionEstimator::start(const Scan& scan) {
+  follow_clock(scan);
   prior_ = prior_for(scan);
   const Time middle = prior_.span.middle();
   if (motion_goes_on_) filter_.propagate(prior_.inputs, middle);
@@ -93,9 +94,9 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   MotionPrior result;
   result.previous = prior_.span.end;
   result.span = {scan.motion_compensated ? scan.end : scan.start, scan.end};
-  result.is_gap = is_behind_gap(scan);
   // The second scan tells how far scans are apart.
-  result.is_known_gap = result.is_gap && !scan.after_time_jump && scans_ > 1;
+  result.is_known_gap = is_behind_gap(scan) && scans_ > 1;
+  result.is_gap = is_behind_gap(scan) || scan.after_time_jump;
   result.motion_compensated = scan.motion_compensated;
   const Time from = std::min(filter_.state().time, result.span.start);
   result.imu_covers =
@@ -140,7 +141,16 @@ void MotionEstimator::end_stationary() {
   gravity_known_ = false;
 }
 
+/// Where a clock was set nobody knows the time since the last scan: it counts as one period.
+void MotionEstimator::follow_clock(const Scan& scan) {
+  if (!scan.after_time_jump) return;
+  const Duration jump = scan.end - prior_.span.end - Duration::from_seconds(period_s_);
+  prior_.span = {prior_.span.start + jump, prior_.span.end + jump};
+  filter_.move_clock(jump);
+}
+
 void MotionEstimator::predict(const Scan& scan) {
+  follow_clock(scan);
   prior_ = prior_for(scan);
   initialise_gravity();
   prior_.is_stationary = detect_stationary();

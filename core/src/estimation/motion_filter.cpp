@@ -276,6 +276,11 @@ void MotionFilter::relocate(const SE3& T_map_base) {
   forget_manoeuvres();
 }
 
+void MotionFilter::move_clock(Duration by) {
+  state_.time = state_.time + by;
+  if (last_update_) last_update_ = *last_update_ + by;
+}
+
 void MotionFilter::set_twist(const Vector6& twist, const Vector6& variance) {
   forget_manoeuvres();
   state_.velocity = twist.head<3>();

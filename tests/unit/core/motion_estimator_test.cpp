@@ -68,6 +68,24 @@ TEST_CASE("a constant motion is predicted, and its scans are deskewed by it", "[
   CHECK(drive.motion.period_s() == Approx(kPeriodS));
 }
 
+TEST_CASE("a clock that is set, ahead or back, leaves the motion as it is", "[motion_estimator]") {
+  for (const double jump_s : {1.0, 3600.0, -3600.0}) {
+    INFO("by " << jump_s << " s");
+    StraightDrive drive(20.0);
+    drive.drive(20);
+    const double deviation = drive.motion.deviation_m();
+    Scan scan = scan_at(kPeriodS * drive.scans + jump_s);
+    scan.after_time_jump = true;
+    drive.motion.predict(scan);
+    CHECK(drive.motion.T_predicted().translation.x() == Approx(20.0 * kPeriodS * 21).margin(0.02));
+    CHECK(drive.motion.prior().span_s() == Approx(kPeriodS).margin(1e-6));
+    CHECK(drive.motion.deviation_m() < 2.0 * deviation);
+    // NDT may look for the pose, and tyres do not limit where it is.
+    CHECK(drive.motion.prior().is_gap);
+    CHECK_FALSE(drive.motion.prior().is_known_gap);
+  }
+}
+
 TEST_CASE("a pose far from the prediction does not fit, and a manoeuvre makes room for it",
           "[motion_estimator]") {
   StraightDrive drive(20.0);
