@@ -368,8 +368,8 @@ void ScanAssembler::Impl::close_scan() {
     stats_.firings_discarded += firings;
     return;
   }
-  if (clock_.update_shift(cutter_.start_ns(), end_ns_)) after_time_jump_ = true;
   core::Scan& scan = current_;
+  scan.clock_step = clock_.update_shift(cutter_.start_ns(), end_ns_);
   stats_.firings_in_scans += firings;
   scan.sequence = stats_.scans++;
   scan.start = clock_.to_time(cutter_.start_ns());
@@ -377,7 +377,7 @@ void ScanAssembler::Impl::close_scan() {
   scan.beam_spacing_rad = sensor_.beam_spacing_rad;
   scan.coverage_deg = static_cast<float>(coverage_deg);
   scan.clock_source = clock_.source();
-  scan.after_time_jump = std::exchange(after_time_jump_, false);
+  scan.after_time_jump = std::exchange(after_time_jump_, false) || scan.clock_step.ns > 0;
   std::swap(completed_, current_);
   has_completed_ = true;
 }

@@ -115,7 +115,9 @@ bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string&
   });
   if (used) return true;
   INFO(pace.slow_seconds() << " s too slow\n" << niliod.output());
-  CHECK(pace.slow_seconds() >= kPatienceS / kRecoveryS);
+  // A player that waits for the processor leaves gaps that no counter of a second shows; niliod names them.
+  const bool has_gaps = niliod.count("IMU: sample_(gap|loss) is (warn|bad)") > 0;
+  CHECK((pace.slow_seconds() >= kPatienceS / kRecoveryS || has_gaps));
   say_undecided(what);
   return false;
 }

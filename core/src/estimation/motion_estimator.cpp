@@ -60,7 +60,7 @@ void MotionEstimator::leave_map() {
 }
 
 Matrix6 MotionEstimator::start(const Scan& scan) {
-  follow_clock(scan);
+  filter_.move_clock(scan.clock_step);
   prior_ = prior_for(scan);
   const Time middle = prior_.span.middle();
   if (motion_goes_on_) filter_.propagate(prior_.inputs, middle);
@@ -92,11 +92,12 @@ void MotionEstimator::place_first_sweep(const SweepSpan& span) {
 
 MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   MotionPrior result;
-  result.previous = prior_.span.end;
+  result.previous = prior_.span.end + scan.clock_step;
   result.span = {scan.motion_compensated ? scan.end : scan.start, scan.end};
+  result.is_gap = is_behind_gap(scan);
+  const bool is_time_known = !scan.after_time_jump || scan.clock_step.ns > 0;
   // The second scan tells how far scans are apart.
-  result.is_known_gap = is_behind_gap(scan) && scans_ > 1;
-  result.is_gap = is_behind_gap(scan) || scan.after_time_jump;
+  result.is_known_gap = result.is_gap && is_time_known && scans_ > 1;
   result.motion_compensated = scan.motion_compensated;
   const Time from = std::min(filter_.state().time, result.span.start);
   result.imu_covers =
@@ -111,7 +112,7 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
 }
 
 bool MotionEstimator::is_behind_gap(const Scan& scan) const {
-  return (scan.end - prior_.span.end).seconds() > kGapPeriods * period_s_;
+  return (scan.end - scan.clock_step - prior_.span.end).seconds() > kGapPeriods * period_s_;
 }
 
 bool MotionEstimator::detect_stationary() {
@@ -141,16 +142,8 @@ void MotionEstimator::end_stationary() {
   gravity_known_ = false;
 }
 
-/// Where a clock was set nobody knows the time since the last scan: it counts as one period.
-void MotionEstimator::follow_clock(const Scan& scan) {
-  if (!scan.after_time_jump) return;
-  const Duration jump = scan.end - prior_.span.end - Duration::from_seconds(period_s_);
-  prior_.span = {prior_.span.start + jump, prior_.span.end + jump};
-  filter_.move_clock(jump);
-}
-
 void MotionEstimator::predict(const Scan& scan) {
-  follow_clock(scan);
+  filter_.move_clock(scan.clock_step);
   prior_ = prior_for(scan);
   initialise_gravity();
   prior_.is_stationary = detect_stationary();

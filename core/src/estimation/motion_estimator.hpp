@@ -34,8 +34,8 @@ struct MotionPrior {
   bool imu_covers = false;  ///< from the midpoint of the last sweep to the end of this one
   MotionInputs inputs;
   bool is_stationary = false;
-  bool is_gap = false;        ///< longer than scans are apart, or a clock was set
-  bool is_known_gap = false;  ///< the former
+  bool is_gap = false;        ///< longer than scans are apart
+  bool is_known_gap = false;  ///< and no clock was set meanwhile, or it is known how far
   bool motion_compensated = false;
   [[nodiscard]] double span_s() const { return (span.end - previous).seconds(); }
 };
@@ -150,7 +150,6 @@ class MotionEstimator {
  private:
   [[nodiscard]] RegisteredMotion motion_to(const RegistrationResult& registration) const;
   [[nodiscard]] bool detect_stationary();
-  void follow_clock(const Scan& scan);
   void initialise_gravity();
   void observe_innovation(const RegistrationResult& registration);
   void settle();

@@ -81,7 +81,7 @@ class MotionFilter {
   void relocate(const SE3& T_map_base);
   /// Sets the pose, as exactly known.
   void set_pose(const SE3& T_map_base) { state_.T_map_base = T_map_base; }
-  /// The clock was set.
+  /// The clock was set ahead.
   void move_clock(Duration by);
   /// Sets the velocities, as found by a search.
   void set_twist(const Vector6& twist, const Vector6& variance);

@@ -261,9 +261,9 @@ std::optional<core::Time> SensorClock::time_of(std::uint32_t timestamp_us) const
   return to_time(line_ns_ + hour_difference_ns(timestamp_us, last_.timestamp_us));
 }
 
-bool SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns) {
+core::Duration SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns) {
   const std::int64_t wanted_ns = fitted() ? fit_.offset_at(scan_end_ns) : 0;
-  bool step = false;
+  core::Duration step;
   if (shift_free_) {
     shift_ns_ = has_clock_ ? wanted_ns : shift_ns_;
     shift_free_ = false;
@@ -272,8 +272,8 @@ bool SensorClock::update_shift(std::int64_t scan_start_ns, std::int64_t scan_end
         static_cast<std::int64_t>(kSlew * static_cast<double>(scan_end_ns - shift_updated_ns_));
     const std::int64_t change_ns = wanted_ns - shift_ns_;
     // The host's clock was set forward: too far for slewing.
-    step = change_ns > kClockSetNs;
-    shift_ns_ += step ? change_ns : std::clamp(change_ns, -limit, limit);
+    if (change_ns > kClockSetNs) step.ns = change_ns;
+    shift_ns_ += step.ns > 0 ? change_ns : std::clamp(change_ns, -limit, limit);
   }
   // After a backward jump, time continues from the last published one.
   if (emitted_ns_ != INT64_MIN) shift_ns_ = std::max(shift_ns_, emitted_ns_ + 1 - scan_start_ns);

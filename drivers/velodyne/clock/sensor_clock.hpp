@@ -91,9 +91,9 @@ class SensorClock {
   [[nodiscard]] core::Time to_time(std::int64_t line_ns) const { return {line_ns + shift_ns_}; }
   /// Published time of another packet's stamp near the last one's; empty before update_shift() set the shift.
   [[nodiscard]] std::optional<core::Time> time_of(std::uint32_t timestamp_us) const;
-  /// Call between two scans: follows the fit, slowly enough that time never goes back. True if it followed a
-  /// host's clock that was set forward.
-  bool update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns);
+  /// Call between two scans: follows the fit, slowly enough that time never goes back. Returns how far it
+  /// followed a host's clock that was set ahead.
+  core::Duration update_shift(std::int64_t scan_start_ns, std::int64_t scan_end_ns);
 
   [[nodiscard]] core::ClockSource source() const;
   [[nodiscard]] std::int64_t shift_ns() const { return shift_ns_; }

@@ -59,6 +59,8 @@ struct Scan {
   ClockSource clock_source = ClockSource::kHost;
   /// The sensor's or the host's clock was set between the previous scan and this one.
   bool after_time_jump = false;
+  /// How far the host's clock was set ahead meanwhile, where the sensor's clock went on and tells.
+  Duration clock_step;
   /// CLOCK_MONOTONIC when the scan's last packet was received, when it was popped from the ring, and when the
   /// scan was complete (ns; 0 = unknown).
   std::int64_t received_ns = 0;
