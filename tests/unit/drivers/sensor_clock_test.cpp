@@ -187,6 +187,8 @@ struct SteppedRun {
   /// Published minus true time of the scans that end a second after the step or later.
   double least_error_s = 1e9;
   double most_error_s = -1e9;
+  /// Sum of Scan::clock_step.
+  double clock_step_s = 0.0;
 };
 
 /// A VLP-16 of which every 50th packet is lost, with network jitter; the published times never go back.
@@ -209,6 +211,7 @@ SteppedRun run_with_step(std::int64_t ahead_ns, TimeSource time_source, const Cl
     assembler.take_scan(scan);
     CHECK(scan.start > last_end);
     last_end = scan.end;
+    result.clock_step_s += scan.clock_step.seconds();
     if (i < kStepAt + 754) continue;
     // The last firing of the packet that completed the scan is the scan's end to within a packet.
     const double error_s = static_cast<double>(scan.end.ns - source.packet_time_ns(i)) * 1e-9;
@@ -236,6 +239,7 @@ TEST_CASE("a sensor's clock that is set is no packet loss, and stamps are right 
       CHECK(run.stats.host_clock_jumps == 0);
       CHECK(run.stats.damaged_stamps == 0);
       CHECK(run.stats.lost_packets == 120);
+      CHECK(run.clock_step_s == 0.0);
       check_error(run, 0.0);
     }
   }
@@ -251,7 +255,9 @@ TEST_CASE("a host's clock that is set forward is followed within a second, one s
       CHECK(run.stats.time_jumps == 0);
       CHECK(run.stats.lost_packets == 120);
       // Also where both clocks agreed before: the IMU's samples follow the host, too.
-      check_error(run, step_ms > 0 ? static_cast<double>(step_ms) * 1e-3 : 0.0);
+      const double ahead_s = step_ms > 0 ? static_cast<double>(step_ms) * 1e-3 : 0.0;
+      check_error(run, ahead_s);
+      CHECK(run.clock_step_s == Approx(ahead_s).margin(4e-3));
     }
   }
 }
