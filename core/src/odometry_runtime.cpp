@@ -56,6 +56,7 @@ OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   OdometryResult result = Odometry::State::result_for(scan);
   const MotionPrior prior = s.motion.prior_for(scan);
   MotionFilter filter = s.motion.filter();
+  filter.move_clock(scan.clock_step);
   filter.propagate(prior.inputs, prior.span.middle());
   const SweepMotion moved(prior.span, filter.state(), prior.inputs);
   result.imu_used = prior.inputs.gyro;

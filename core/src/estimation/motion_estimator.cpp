@@ -60,8 +60,8 @@ void MotionEstimator::leave_map() {
 }
 
 Matrix6 MotionEstimator::start(const Scan& scan) {
-  filter_.move_clock(scan.clock_step);
   prior_ = prior_for(scan);
+  filter_.move_clock(scan.clock_step);
   const Time middle = prior_.span.middle();
   if (motion_goes_on_) filter_.propagate(prior_.inputs, middle);
   const Matrix6 covariance = filter_.pose_covariance();
@@ -99,7 +99,7 @@ MotionPrior MotionEstimator::prior_for(const Scan& scan) const {
   // The second scan tells how far scans are apart.
   result.is_known_gap = result.is_gap && is_time_known && scans_ > 1;
   result.motion_compensated = scan.motion_compensated;
-  const Time from = std::min(filter_.state().time, result.span.start);
+  const Time from = std::min(filter_.state().time + scan.clock_step, result.span.start);
   result.imu_covers =
       (scans_ > 0 || motion_goes_on_) && imu_.covers(from, scan.end - kMaxImuLag, max_imu_gap_);
   result.inputs.imu = &imu_;
@@ -143,8 +143,8 @@ void MotionEstimator::end_stationary() {
 }
 
 void MotionEstimator::predict(const Scan& scan) {
-  filter_.move_clock(scan.clock_step);
   prior_ = prior_for(scan);
+  filter_.move_clock(scan.clock_step);
   initialise_gravity();
   prior_.is_stationary = detect_stationary();
   if (scans_ == 1) T_stationary_ = T_map_base_;

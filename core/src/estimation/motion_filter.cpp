@@ -505,7 +505,9 @@ void MotionFilter::isolate(int block, const Matrix3& covariance) {
 }
 
 void MotionFilter::forget_manoeuvres() {
-  for (int i = 0; i < 3; ++i) forget_manoeuvre(i, {});
+  state_.acceleration.setZero();
+  state_.angular_acceleration.setZero();
+  isolate(kManoeuvre, manoeuvre_variance({}).asDiagonal());
   manoeuvre_scale_.setOnes();
   last_update_.reset();
 }

@@ -394,6 +394,23 @@ TEST_CASE("the covariance of a predicted pose grows with the time since the last
   }
 }
 
+TEST_CASE("the pose of a scan that is not registered does not depend on a host clock that was set",
+          "[odometry]") {
+  const Room room = Room::with_pillars();
+  Odometry odometry(OdometryConfig{});
+  for (int i = 0; i < 10; ++i)
+    odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
+  Scan scan = scan_room(room, driving, 10 * kPeriod, 10);
+  const OdometryResult expected = OdometryRuntime(odometry).predict_pose(scan);
+  scan.after_time_jump = true;
+  scan.clock_step = Duration::from_seconds(3600.0);
+  scan.start = scan.start + scan.clock_step;
+  scan.end = scan.end + scan.clock_step;
+  const OdometryResult result = OdometryRuntime(odometry).predict_pose(scan);
+  CHECK(result.T_odom_base.translation == expected.T_odom_base.translation);
+  CHECK(result.pose_covariance == expected.pose_covariance);
+}
+
 TEST_CASE("scans of few points start a map where none is", "[odometry]") {
   RunSettings settings;
   settings.scans = 20;
