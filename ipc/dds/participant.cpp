@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cstring>
 #include <ifaddrs.h>
+#include <mutex>
 #include <netinet/in.h>
 #include <utility>
 
@@ -18,6 +19,7 @@
 #include <fastdds/dds/log/Log.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
+#include <fastrtps/xmlparser/XMLProfileManager.h>
 
 namespace nilio::dds {
 namespace {
@@ -113,6 +115,17 @@ fastdds::DomainParticipantQos participant_qos(const ParticipantConfig& config,
   builtin.readerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   builtin.writerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   return qos;
+}
+
+// Participants of one process exchange datagrams, too. When they call each other directly, Fast DDS 2.9's
+// threads of two of them assert their liveliness at once and wait for each other for ever.
+void disable_direct_delivery() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    eprosima::fastrtps::LibrarySettingsAttributes settings;
+    settings.intraprocess_delivery = eprosima::fastrtps::INTRAPROCESS_OFF;
+    eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(settings);
+  });
 }
 
 // Forwards at most kPerSecond lines per second.
@@ -216,6 +229,7 @@ core::Result<std::unique_ptr<Participant>> Participant::create(const Participant
   if (!result->whitelist_.empty() && !contains(result->whitelist_, kLoopback))
     result->whitelist_.emplace_back(kLoopback);
 
+  disable_direct_delivery();
   const auto transport = make_transport(config, result->whitelist_);
   result->participant_ = fastdds::DomainParticipantFactory::get_instance()->create_participant(
       config.domain, participant_qos(config, transport), result->conflicts_.get(),
