@@ -35,6 +35,9 @@ using drivers::CanFrame;
 
 /// Longer than one check and its pause in a running guest.
 constexpr std::chrono::duration<double> kLongestLook(0.25);
+constexpr double kPauseLooks = 4.0;
+constexpr std::chrono::duration<double> kShortestPause(0.005);
+constexpr std::chrono::duration<double> kLongestPause(1.0);
 
 /// Flags of an interface by SIOCGIFFLAGS; 0 for a missing one.
 short interface_flags(int descriptor, const std::string& name, ifreq& request) {
@@ -50,7 +53,10 @@ bool eventually(const std::function<bool()>& condition, double seconds) {
   auto before = std::chrono::steady_clock::now();
   while (!condition()) {
     if (patience <= Seconds(0.0)) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    // On an emulated processor a look at the service takes longer than what it waits for: pauses leave it the
+    // time.
+    const Seconds look = std::chrono::steady_clock::now() - before;
+    std::this_thread::sleep_for(std::clamp(kPauseLooks * look, kShortestPause, kLongestPause));
     const auto now = std::chrono::steady_clock::now();
     patience -= std::min(Seconds(now - before), kLongestLook);
     before = now;
