@@ -113,6 +113,8 @@ bool OdometryLoop::run(const std::atomic<bool>& stop, OdometryCounters& counters
   const FeedState state = feed_.next(scan_, kFeedTimeout);
   if (state != FeedState::kScan) return state == FeedState::kIdle;
   counters.scans.fetch_add(1, std::memory_order_relaxed);
+  scan_.after_time_jump |= std::exchange(skipped_time_jump_, false);
+  scan_.clock_step = scan_.clock_step + std::exchange(skipped_clock_step_, {});
   if (config_.decisions == nullptr) {
     process(scan_, stop, counters);
   } else if (!repeat(scan_, stop, counters)) {
@@ -130,11 +132,18 @@ void OdometryLoop::report_warm(const OdometryCounters& counters) {
   config_.hook(ThreadRole::kOdometry, ThreadPhase::kWarm);
 }
 
+/// The next scan takes over what the skipped one says about clocks that were set.
+void OdometryLoop::supersede(const core::Scan& scan, OdometryCounters& counters) {
+  counters.superseded.fetch_add(1, std::memory_order_relaxed);
+  skipped_time_jump_ = scan.after_time_jump;
+  skipped_clock_step_ = scan.clock_step;
+}
+
 void OdometryLoop::process(const core::Scan& scan, const std::atomic<bool>& stop,
                            OdometryCounters& counters) {
   // A queue of scans is worse than a missing one: live, the newest complete scan wins.
   if (config_.rules.are_live() && feed_.waiting_scans() > 0) {
-    counters.superseded.fetch_add(1, std::memory_order_relaxed);
+    supersede(scan, counters);
     push_decision(scan, true, false);
     return;
   }
@@ -156,7 +165,7 @@ bool OdometryLoop::repeat(const core::Scan& scan, const std::atomic<bool>& stop,
   }
   const ScanDecision& decision = decisions[next_decision_++];
   if (decision.superseded) {
-    counters.superseded.fetch_add(1, std::memory_order_relaxed);
+    supersede(scan, counters);
     return true;
   }
   take_imu_samples(decision.imu_samples, stop, counters);

@@ -98,6 +98,7 @@ class OdometryLoop {
 
  private:
   void report_warm(const OdometryCounters& counters);
+  void supersede(const core::Scan& scan, OdometryCounters& counters);
   void process(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   bool repeat(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
   void wait_for_imu(const core::Scan& scan, const std::atomic<bool>& stop, OdometryCounters& counters);
@@ -132,6 +133,8 @@ class OdometryLoop {
   OdometryLoopConfig config_;
   CloudFeed cloud_feed_;
   core::Scan scan_;
+  bool skipped_time_jump_ = false;  ///< of superseded scans, for the next one
+  core::Duration skipped_clock_step_;
   core::ImuHealth pushed_health_;
   std::uint64_t imu_samples_taken_ = 0;  ///< samples passed to the odometry
   SamplePeriodEstimator sample_period_;
