@@ -30,7 +30,7 @@ if [ -n "$units" ]; then
   $b cp -a "/root$units" /root/etc/systemd/system || finish 97
   $b printf '' >/root/etc/fstab
   # Files that the guest writes, for tests.
-  $b mkdir /root/memory
+  $b mkdir -p /root/memory
   $b mount --bind /memory/upper /root/memory || finish 97
   exec $b switch_root /root /lib/systemd/systemd --unit=nilio-test.target --show-status=0 --log-level=warning
 fi

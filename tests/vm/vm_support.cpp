@@ -33,8 +33,10 @@ namespace {
 
 using drivers::CanFrame;
 
-/// Longer than one check and its pause in a running guest.
+/// Longer than one check in a running guest.
 constexpr std::chrono::duration<double> kLongestLook(0.25);
+/// On an emulated processor a look at the service takes longer than what it waits for: the pause behind it
+/// lasts so many looks.
 constexpr double kPauseLooks = 4.0;
 constexpr std::chrono::duration<double> kShortestPause(0.005);
 constexpr std::chrono::duration<double> kLongestPause(1.0);
@@ -53,12 +55,13 @@ bool eventually(const std::function<bool()>& condition, double seconds) {
   auto before = std::chrono::steady_clock::now();
   while (!condition()) {
     if (patience <= Seconds(0.0)) return false;
-    // On an emulated processor a look at the service takes longer than what it waits for: pauses leave it the
-    // time.
     const Seconds look = std::chrono::steady_clock::now() - before;
-    std::this_thread::sleep_for(std::clamp(kPauseLooks * look, kShortestPause, kLongestPause));
+    const Seconds pause = std::clamp(Seconds(kPauseLooks * look), kShortestPause, kLongestPause);
+    std::this_thread::sleep_for(pause);
     const auto now = std::chrono::steady_clock::now();
-    patience -= std::min(Seconds(now - before), kLongestLook);
+    // A slow look shows how slowly the guest runs, and a long pause that it did not.
+    const double rate = std::min(1.0, kLongestLook / look);
+    patience -= std::min(rate * Seconds(now - before), kLongestLook + pause);
     before = now;
   }
   return true;

@@ -28,6 +28,14 @@ SE3 driving(double t) {
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())), Vector3(8.0 * t, lateral, 0.0)};
 }
 
+/// After ten scans of the drive.
+Odometry driven_odometry(const Room& room) {
+  Odometry odometry(OdometryConfig{});
+  for (int i = 0; i < 10; ++i)
+    odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
+  return odometry;
+}
+
 /// Bends one after the other.
 SE3 winding_at(double t, double speed_m_s, double largest_yaw_rad) {
   const double yaw = largest_yaw_rad * std::sin(1.6 * t);
@@ -379,9 +387,7 @@ TEST_CASE("a sharp corner keeps the registered poses, without an IMU", "[odometr
 TEST_CASE("the covariance of a predicted pose grows with the time since the last registered one",
           "[odometry]") {
   const Room room = Room::with_pillars();
-  Odometry odometry(OdometryConfig{});
-  for (int i = 0; i < 10; ++i)
-    odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
+  Odometry odometry = driven_odometry(room);
   const auto deviation_after = [&](double seconds) {
     const Scan scan = scan_room(room, driving, 9 * kPeriod + seconds, 10);
     return std::sqrt(OdometryRuntime(odometry).predict_pose(scan).pose_covariance(0, 0));
@@ -397,9 +403,7 @@ TEST_CASE("the covariance of a predicted pose grows with the time since the last
 TEST_CASE("the pose of a scan that is not registered does not depend on a host clock that was set",
           "[odometry]") {
   const Room room = Room::with_pillars();
-  Odometry odometry(OdometryConfig{});
-  for (int i = 0; i < 10; ++i)
-    odometry.register_scan(scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i)));
+  Odometry odometry = driven_odometry(room);
   Scan scan = scan_room(room, driving, 10 * kPeriod, 10);
   const OdometryResult expected = OdometryRuntime(odometry).predict_pose(scan);
   scan.after_time_jump = true;
