@@ -16,7 +16,6 @@ constexpr double kQuietMargin = 1.13;
 constexpr int kMinFirstScans = 5;
 // A departure changes the mean specific force long before the scans show it.
 constexpr double kMaxForceChange = 0.05;
-constexpr double kGravityTolerance = 0.5;
 // Cosine of the steepest road: gravity farther from base_link's z means a wrong extrinsic.
 constexpr double kMinUprightness = 0.9;
 

@@ -9,6 +9,9 @@ namespace nilio::core {
 
 /// Specific force at rest, m/s^2.
 inline constexpr double kGravity = 9.81;
+/// Offset and scale of a sound accelerometer, m/s^2: 80 mg and 3 % in data sheets of consumer sensors. Farther
+/// from gravity its unit is wrong.
+inline constexpr double kGravityTolerance = 1.0;
 
 /// Whether the specific force in axes of base_link, m/s^2, is gravity on a road of any slope; if not, unit or
 /// axes are wrong.

@@ -49,7 +49,7 @@ constexpr std::array<Row, kImuChecks> kRows = {{
      "the gyroscope clips at this rate; set a larger full-scale range in the IMU"},
     {"gyro_stuck", "s", 0.0, 0.3, 0.5,
      "the rates never change; the IMU or its gateway repeats an old frame: restart it"},
-    {"gravity_magnitude", "m/s^2", kGravity, 0.3, 1.0,
+    {"gravity_magnitude", "m/s^2", kGravity, 0.3, kGravityTolerance,
      "specific force at steady speed should be 9.81 m/s^2; check the accelerometer's unit and scale"},
     {"gravity_direction", "deg", 0.0, 12.0, 25.0,
      "gravity is not along base_link's z; check imu.extrinsic.rotation_rpy_deg and the axes of the mapping"},

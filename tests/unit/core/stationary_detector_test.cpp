@@ -103,6 +103,15 @@ TEST_CASE("a constant acceleration after the departure is not stationary", "[sta
     CHECK_FALSE(start.observe(imu(kSupport + Vector3(1.2, 0.0, 0.0)), true));
 }
 
+TEST_CASE("offset and scale of a sound accelerometer do not hide that the vehicle is stationary",
+          "[stationary_detector]") {
+  // 80 mg of offset and 1 % of scale, both up or both down.
+  for (const double error : {0.88, -0.88}) {
+    StationaryDetector detector;
+    CHECK(detector.observe(imu(Vector3(0.0, 0.0, kGravity + error)), true));
+  }
+}
+
 TEST_CASE("vibration is not stationary, nor is an IMU that is stuck, silent or without gravity",
           "[stationary_detector]") {
   ImuStatistics shaking = imu(kSupport);
