@@ -9,8 +9,8 @@ namespace nilio::core {
 
 /// Specific force at rest, m/s^2.
 inline constexpr double kGravity = 9.81;
-/// Offset and scale of a sound accelerometer, m/s^2: 80 mg and 3 % in data sheets of consumer sensors. Farther
-/// from gravity its unit is wrong.
+/// Largest error of a sound accelerometer's gravity, m/s^2: data sheets of consumer sensors allow 80 mg of
+/// offset and 3 % of scale, 0.84 together as independent errors. Beyond, unit or scale are wrong.
 inline constexpr double kGravityTolerance = 1.0;
 
 /// Whether the specific force in axes of base_link, m/s^2, is gravity on a road of any slope; if not, unit or
