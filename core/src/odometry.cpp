@@ -189,17 +189,21 @@ void Odometry::State::register_sweep(OdometryResult& result) {
 }
 
 void Odometry::State::register_predicted(OdometryResult& result) {
-  const bool is_second = motion.scans() == 1;
-  const bool coarse = gate.coarse_is_due(motion);
-  if (is_second) {
-    if (!motion.motion_goes_on()) find_initial_velocity(result);
-    select_points(motion.T_predicted());
-  }
-  align({motion.T_predicted(), metric_of(motion.filter()), coarse}, result);
-  if (!is_second || !motion.motion_goes_on()) return;
+  if (motion.scans() > 1) return align_to_prediction(result);
+  if (!motion.motion_goes_on()) return find_initial_velocity(result);
+  register_at_prediction(result);
   if (motion.fits(alignment.registration) && gate.begins_in_family(alignment, motion)) return;
   motion.forget_motion();
   register_predicted(result);
+}
+
+void Odometry::State::register_at_prediction(OdometryResult& result) {
+  select_points(motion.T_predicted());
+  align_to_prediction(result);
+}
+
+void Odometry::State::align_to_prediction(OdometryResult& result) {
+  align({motion.T_predicted(), metric_of(motion.filter()), gate.coarse_is_due(motion)}, result);
 }
 
 void Odometry::State::align(const AlignmentStart& start, OdometryResult& result) {

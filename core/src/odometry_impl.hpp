@@ -43,6 +43,8 @@ struct Odometry::State {
   tbb::task_arena& registration_threads();
   void register_sweep(OdometryResult& result);
   void register_predicted(OdometryResult& result);
+  void register_at_prediction(OdometryResult& result);
+  void align_to_prediction(OdometryResult& result);
   void align(const AlignmentStart& start, OdometryResult& result);
   void check_alignment(OdometryResult& result);
   void finish(OdometryResult& result);
@@ -58,6 +60,7 @@ struct Odometry::State {
   [[nodiscard]] Hypothesis hypothesis() const;
   void return_to(const Hypothesis& earlier, OdometryResult& result);
   void find_initial_velocity(OdometryResult& result);
+  void begin_with(const Vector6& twist, OdometryResult& result);
   [[nodiscard]] SE3 search_displacement(OdometryResult& result);
   void reconsider_stationary(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);

@@ -20,17 +20,29 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   alignment.count(result);
 }
 
-/// The speed at the second scan is unknown, but for a stationary vehicle. The first map is built again with
-/// what is found.
+/// The speed at the second scan is unknown, but for a stationary vehicle: the one found is tried, and none,
+/// unless they are the same. The vehicle is at rest unless more points, or more of them, agree with a motion.
 void Odometry::State::find_initial_velocity(OdometryResult& result) {
-  const SE3 T_map_middle = search_displacement(result);
+  const SE3 moved = motion.T_map_last_middle().inverse() * search_displacement(result);
+  const Vector6 twist = se3_log(moved) / motion.seconds_since_last_middle();
+  begin_with(twist, result);
+  if (motion.prior().is_stationary || moved.translation.norm() < kFoundDeviationMetres) return;
+  const Hypothesis moving = hypothesis();
+  begin_with(Vector6::Zero(), result);
+  const Hypothesis at_rest = hypothesis();
+  if (moving.alignment.agreement() > at_rest.alignment.agreement() || moving.agreement > at_rest.agreement)
+    begin_with(twist, result);
+}
+
+/// Registers the second scan with this initial velocity. The first map is built again with it.
+void Odometry::State::begin_with(const Vector6& twist, OdometryResult& result) {
   const double seconds = motion.seconds_since_last_middle();
   Vector6 deviation;
   deviation << Vector3::Constant(kFoundDeviationMetres), Vector3::Constant(kFoundDeviationRadians);
-  const Vector6 twist = se3_log(motion.T_map_last_middle().inverse() * T_map_middle) / seconds;
   motion.set_last_twist(twist, deviation.cwiseAbs2() / (seconds * seconds));
   if (!motion.prior().motion_compensated) place_first_sweep(map.plane_voxel_m());
   motion.predict_again();
+  register_at_prediction(result);
 }
 
 SE3 Odometry::State::search_displacement(OdometryResult& result) {
@@ -50,8 +62,7 @@ void Odometry::State::reconsider_stationary(OdometryResult& result) {
   if (motion.fits(alignment.registration)) return;
   const Hypothesis stationary = hypothesis();
   motion.predict_moving();
-  select_points(motion.T_predicted());
-  register_predicted(result);
+  register_at_prediction(result);
   if (is_plausible(alignment, motion) &&
       kAgreementCollapse * gate.agreement(alignment, motion) > stationary.agreement) {
     motion.end_stationary();
@@ -69,8 +80,7 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
   if (!is_contradicted && !gate.is_doubtful(alignment, motion)) return;
   const Hypothesis with_imu = hypothesis();
   motion.predict_without_imu();
-  select_points(motion.T_predicted());
-  register_predicted(result);
+  register_at_prediction(result);
   if (!is_plausible(alignment, motion) ||
       (!is_contradicted && gate.agreement(alignment, motion) <= with_imu.agreement))
     return return_to(with_imu, result);

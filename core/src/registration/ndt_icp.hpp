@@ -46,6 +46,8 @@ struct Alignment {
     return pose().is_finite() && registration.stop_reason != StopReason::kTooFewPoints &&
            registration.stop_reason != StopReason::kNonFinite && !had_no_time();
   }
+  /// Number of points that agree with the map, each as its residual tells.
+  [[nodiscard]] double agreement() const { return has_pose() ? registration.equations.agreement : 0.0; }
   /// Copies counts of points to the result of the scan.
   void count(OdometryResult& result) const;
 };

@@ -124,6 +124,21 @@ TEST_CASE("a stationary vehicle keeps its pose", "[odometry]") {
   CHECK(run.results.back().twist.norm() < 0.2);
 }
 
+TEST_CASE("noise is rarely taken for a motion where no scan shows one, without an IMU", "[odometry]") {
+  Room corridor;
+  corridor.low.x() = -1e3;
+  corridor.high.x() = 1e3;
+  const auto at_rest = [](double) { return SE3{}; };
+  int moving = 0;
+  for (std::uint64_t seed = 0; seed < 60; ++seed) {
+    Odometry odometry(OdometryConfig{});
+    odometry.register_scan(scan_room(corridor, at_rest, 0.0, 2 * seed));
+    const OdometryResult second = odometry.register_scan(scan_room(corridor, at_rest, kPeriod, 2 * seed + 1));
+    moving += std::abs(second.twist[0]) > 1.0 ? 1 : 0;
+  }
+  CHECK(moving < 12);
+}
+
 TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in a second run",
           "[odometry]") {
   RunSettings settings;
