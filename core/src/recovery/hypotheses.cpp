@@ -20,8 +20,9 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   alignment.count(result);
 }
 
-/// The speed at the second scan is unknown, but for a stationary vehicle: the one found is tried, and none,
-/// unless they are the same. The vehicle is at rest unless more points, or more of them, agree with a motion.
+/// The speed at the second scan is unknown, but for a stationary vehicle. The one found and that of a vehicle
+/// at rest are tried, unless they are the same: it is at rest unless more points, or a larger share, agree
+/// with the motion.
 void Odometry::State::find_initial_velocity(OdometryResult& result) {
   const SE3 moved = motion.T_map_last_middle().inverse() * search_displacement(result);
   const Vector6 twist = se3_log(moved) / motion.seconds_since_last_middle();
