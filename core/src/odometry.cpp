@@ -194,7 +194,7 @@ void Odometry::State::register_predicted(OdometryResult& result) {
   register_at_prediction(result);
   if (motion.fits(alignment.registration) && gate.begins_in_family(alignment, motion)) return;
   motion.forget_motion();
-  register_predicted(result);
+  find_initial_velocity(result);
 }
 
 void Odometry::State::register_at_prediction(OdometryResult& result) {

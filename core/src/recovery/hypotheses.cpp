@@ -30,8 +30,8 @@ void Odometry::State::find_initial_velocity(OdometryResult& result) {
   if (motion.prior().is_stationary || moved.translation.norm() < kFoundDeviationMetres) return;
   const Hypothesis moving = hypothesis();
   begin_with(Vector6::Zero(), result);
-  const Hypothesis at_rest = hypothesis();
-  if (moving.alignment.agreement() > at_rest.alignment.agreement() || moving.agreement > at_rest.agreement)
+  if (moving.alignment.agreement() > alignment.agreement() ||
+      moving.agreement > gate.agreement(alignment, motion))
     begin_with(twist, result);
 }
 

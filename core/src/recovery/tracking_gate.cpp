@@ -116,7 +116,7 @@ double TrackingGate::seen_before(const Alignment& alignment) const {
 
 /// Unknown places agree with nothing, unless the prediction leads there over a gap.
 double TrackingGate::agreement(const Alignment& alignment, const MotionEstimator& motion) const {
-  if (alignment.points == 0) return 0.0;
+  if (alignment.points == 0 || !alignment.has_pose()) return 0.0;
   double seen = seen_before(alignment);
   if (seen < 1.0 && bridges_gap(alignment, motion)) seen = 1.0;
   return seen * alignment.agreement() / static_cast<double>(alignment.points);
