@@ -1,6 +1,9 @@
 #pragma once
 
+#include "nilio/core/se3.hpp"
+
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -81,5 +84,23 @@ class ByteReader {
   std::span<const std::uint8_t> bytes_;
   bool failed_ = false;
 };
+
+/// Translation, then the quaternion's x, y, z, w: 7 doubles.
+inline void put_pose(const core::SE3& pose, ByteWriter& out) {
+  for (int i = 0; i < 3; ++i) out.put(pose.translation[i]);
+  for (int i = 0; i < 4; ++i) out.put(pose.rotation.coeffs()[i]);
+}
+
+/// As in the bytes; is_valid_pose() tells whether they were those of a pose.
+inline core::SE3 get_pose(ByteReader& in) {
+  core::SE3 pose;
+  for (int i = 0; i < 3; ++i) pose.translation[i] = in.get<double>();
+  for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = in.get<double>();
+  return pose;
+}
+
+inline bool is_valid_pose(const core::SE3& pose) {
+  return pose.is_finite() && std::abs(pose.rotation.norm() - 1.0) < 1e-3 && pose.translation.norm() < 1e9;
+}
 
 }  // namespace nilio::mapping

@@ -21,22 +21,6 @@ constexpr std::size_t kPoseBytes = 4 + 7 * 8;
 constexpr std::size_t kPositionBytes = 4 + 9 * 8 + 1;
 constexpr std::size_t kLoopBytes = 2 * 4 + 7 * 8 + 36 * 8 + 2 * 4 + 6 * 8 + 2;
 
-void put_pose(const SE3& pose, ByteWriter& out) {
-  for (int i = 0; i < 3; ++i) out.put(pose.translation[i]);
-  for (int i = 0; i < 4; ++i) out.put(pose.rotation.coeffs()[i]);
-}
-
-SE3 get_pose(ByteReader& in) {
-  SE3 pose;
-  for (int i = 0; i < 3; ++i) pose.translation[i] = in.get<double>();
-  for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = in.get<double>();
-  return pose;
-}
-
-bool is_pose(const SE3& pose) {
-  return pose.is_finite() && std::abs(pose.rotation.norm() - 1.0) < 1e-3 && pose.translation.norm() < 1e9;
-}
-
 void put_loop(const Loop& loop, ByteWriter& out) {
   const PlaceAlignment& alignment = loop.alignment;
   out.put(loop.reference);
@@ -65,7 +49,7 @@ bool get_loop(ByteReader& in, Loop& loop) {
     *value = in.get<double>();
   loop.is_twofold = in.get<std::uint8_t>() != 0;
   loop.verdict = static_cast<LoopVerdict>(in.get<std::uint8_t>());
-  return is_pose(alignment.T_reference_moving) && loop.reference < loop.moving &&
+  return is_valid_pose(alignment.T_reference_moving) && loop.reference < loop.moving &&
          static_cast<std::size_t>(loop.verdict) < kLoopVerdicts && loop.is_verified() &&
          alignment.information.allFinite() && alignment.information.llt().info() == Eigen::Success;
 }
@@ -170,7 +154,7 @@ Result<MapCorrection> decode_correction(std::span<const std::uint8_t> bytes, con
   for (std::uint32_t i = 0; i < poses; ++i) {
     const auto submap = in.get<std::uint32_t>();
     const SE3 pose = get_pose(in);
-    if (!is_pose(pose) || (i > 0 && submap <= correction.poses.back().first)) return damaged;
+    if (!is_valid_pose(pose) || (i > 0 && submap <= correction.poses.back().first)) return damaged;
     correction.poses.emplace_back(submap, pose);
   }
   for (std::uint32_t i = 0; i < loops; ++i) {

@@ -63,18 +63,6 @@ std::optional<MapHeader> decode_header(std::span<const std::uint8_t> payload) {
   return header;
 }
 
-void put_pose(const core::SE3& pose, ByteWriter& out) {
-  for (int i = 0; i < 3; ++i) out.put(pose.translation[i]);
-  for (int i = 0; i < 4; ++i) out.put(pose.rotation.coeffs()[i]);
-}
-
-core::SE3 get_pose(ByteReader& in) {
-  core::SE3 pose;
-  for (int i = 0; i < 3; ++i) pose.translation[i] = in.get<double>();
-  for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = in.get<double>();
-  return pose;
-}
-
 Bytes encode(const SubmapEntry& entry) {
   ByteWriter out;
   out.put(entry.id);

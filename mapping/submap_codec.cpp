@@ -119,22 +119,6 @@ void get_surfaces(ByteReader& in, bool planes, Submap& submap) {
   if (!in.failed()) submap.surfaces.insert(submap.surfaces.end(), rows.begin(), rows.end());
 }
 
-void put_pose(const core::SE3& pose, ByteWriter& out) {
-  for (int i = 0; i < 3; ++i) out.put(pose.translation[i]);
-  for (int i = 0; i < 4; ++i) out.put(pose.rotation.coeffs()[i]);
-}
-
-core::SE3 get_pose(ByteReader& in) {
-  core::SE3 pose;
-  for (int i = 0; i < 3; ++i) pose.translation[i] = in.get<double>();
-  for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = in.get<double>();
-  return pose;
-}
-
-bool is_pose(const core::SE3& pose) {
-  return pose.is_finite() && std::abs(pose.rotation.norm() - 1.0) < 1e-3 && pose.translation.norm() < 1e9;
-}
-
 Bytes keyframe_section(const Submap& submap) {
   ByteWriter out;
   put_pose(submap.T_odom_submap, out);
@@ -151,13 +135,13 @@ bool read_keyframes(std::span<const std::uint8_t> bytes, Submap& submap) {
   ByteReader in(bytes);
   submap.T_odom_submap = get_pose(in);
   const auto count = in.get<std::uint32_t>();
-  if (!is_pose(submap.T_odom_submap) || count > in.left() / kKeyframeBytes) return false;
+  if (!is_valid_pose(submap.T_odom_submap) || count > in.left() / kKeyframeBytes) return false;
   for (std::uint32_t i = 0; i < count; ++i) {
     SubmapKeyframe keyframe;
     keyframe.stamp.ns = in.get<std::int64_t>();
     keyframe.T_submap_base = get_pose(in);
     for (float& value : keyframe.covariance) value = in.get<float>();
-    if (!is_pose(keyframe.T_submap_base)) return false;
+    if (!is_valid_pose(keyframe.T_submap_base)) return false;
     submap.keyframes.push_back(keyframe);
   }
   return !in.failed();

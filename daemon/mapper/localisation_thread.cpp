@@ -17,7 +17,7 @@
 namespace nilio::daemon {
 namespace {
 
-constexpr int kNice = 10;
+constexpr int kLocalisationNice = 10;
 // About 10 MB of keyframes.
 constexpr std::size_t kQueue = 64;
 constexpr core::Duration kRecoveryPatience = core::Duration::from_seconds(5.0);
@@ -140,7 +140,7 @@ std::optional<mapping::SavedMap> LocalisationThread::load() {
 
 void LocalisationThread::run() {
   pthread_setname_np(pthread_self(), "nilio-localise");
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kNice);
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kLocalisationNice);
   const std::optional<mapping::SavedMap> map = load();
   if (!map) return;
   mapping::Localiser localiser(*map, config_.range_m, last_pose_);

@@ -10,7 +10,7 @@ namespace nilio::daemon {
 namespace {
 
 // Keyframes, and odometry without real-time priority, come first.
-constexpr int kNice = 10;
+constexpr int kLoopNice = 10;
 constexpr std::size_t kNamedLoops = 3;
 
 using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
@@ -87,7 +87,7 @@ std::optional<std::string> LoopThread::take_failure() {
 
 void LoopThread::run() {
   pthread_setname_np(pthread_self(), "nilio-loops");
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kNice);
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kLoopNice);
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [&] { return ends_ || !queue_.empty() || (finishes_ && !is_done_); });

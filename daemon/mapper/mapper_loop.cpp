@@ -39,7 +39,6 @@ constexpr int kEndPeriodMs = 5;
 constexpr double kMovedMetres = 0.1;
 constexpr double kMovedRadians = 0.003;
 
-Time monotonic_now() { return {monotonic_ns()}; }
 Time wall_now() { return {clock_ns(CLOCK_REALTIME)}; }
 
 void fill_keyframe(const ipc::ScanCloud& scan, mapping::Keyframe& keyframe) {

@@ -12,11 +12,9 @@ using core::Duration;
 using core::Time;
 
 // Subscribers are noticed, and poses of the path taken, this often.
-constexpr Duration kLongestSleep{100'000'000};
+constexpr Duration kPollPeriod{100'000'000};
 constexpr Duration kPathPeriod{1'000'000'000};
 constexpr Duration kInterfacePeriod{1'000'000'000};
-
-Time monotonic_now() { return {monotonic_ns()}; }
 
 }  // namespace
 
@@ -66,7 +64,7 @@ void CloudLoop::stop() {
 void CloudLoop::run() {
   Time next_refresh = monotonic_now() + kInterfacePeriod;
   while (!stopping_.load()) {
-    inputs_.wake.wait(kLongestSleep);
+    inputs_.wake.wait(kPollPeriod);
     inputs_.scans.set_wanted(limits_.scan_points > 0 && publisher_->scan_subscribers() > 0);
     publish_scan();
     take_path();

@@ -25,8 +25,6 @@ using core::Time;
 constexpr Duration kReportPeriod{1'000'000'000};
 constexpr Duration kLastAcknowledgments{500'000'000};
 
-Time monotonic_now() { return {monotonic_ns()}; }
-
 }  // namespace
 
 PublisherLoop::PublisherLoop(pid_t parent, int signals, std::unique_ptr<dds::OdometryPublisher> publisher,

@@ -13,15 +13,13 @@ namespace {
 using core::Duration;
 using core::Time;
 
-// Upper limit of the sleep, in case a wake-up is missed; also the period of the heartbeat.
-constexpr Duration kLongestSleep{100'000'000};
+// Also the longest sleep, in case a wake-up is missed.
+constexpr Duration kHeartbeatPeriod{100'000'000};
 constexpr Duration kSubscriberPoll{10'000'000};
 // Together with the last report less than the 2 s that niliod waits for the end of this process.
 constexpr Duration kMaxWaitWhenStopping{1'000'000'000};
 // Time for reliable subscribers to acknowledge when poses arrive faster than the history is deep.
 constexpr Duration kBacklogAcknowledgment{20'000'000};
-
-Time monotonic_now() { return {monotonic_ns()}; }
 
 Time stage_time(const ipc::PoseRecord& record, ipc::Stage stage) {
   return {record.stage_ns[static_cast<std::size_t>(stage)]};
@@ -79,7 +77,7 @@ void ScanPoseLoop::run(Duration wait_for_subscribers) {
     inputs_.state->beat();
     publish_pending();
     if (last) return;
-    inputs_.wake.wait(kLongestSleep);
+    inputs_.wake.wait(kHeartbeatPeriod);
   }
 }
 

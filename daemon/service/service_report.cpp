@@ -10,7 +10,7 @@ namespace nilio::daemon {
 
 namespace {
 
-constexpr std::int64_t kStatusPeriodNs = 1'000'000'000;
+constexpr std::int64_t kServiceStatusPeriodNs = 1'000'000'000;
 constexpr double kNsPerMs = 1e6;
 
 std::string microseconds(core::Duration time) { return std::to_string(time.ns / 1000); }
@@ -63,7 +63,7 @@ void ServiceReport::update(std::int64_t now_ns, const ServiceHealth& health) {
   // A ping before READY would start the watchdog, which the time limit of the start replaces.
   const bool pings =
       period.ns > 0 && (is_ready_ || becomes_ready) && now_ns >= next_ping_ns_ && health.makes_progress;
-  const bool has_status = becomes_ready || now_ns - last_status_ns_ >= kStatusPeriodNs;
+  const bool has_status = becomes_ready || now_ns - last_status_ns_ >= kServiceStatusPeriodNs;
   if (!pings && !has_status) return;
   is_ready_ = is_ready_ || becomes_ready;
   std::string message;

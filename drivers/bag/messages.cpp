@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <linux/can.h>
 #include <string_view>
 
 namespace nilio::drivers {
@@ -201,7 +202,7 @@ std::optional<CanFrame> decode_can_frame(const BagTopic& topic, const BagMessage
   frame.error = wire.number<std::uint8_t>() != 0;
   frame.length = wire.number<std::uint8_t>();
   const auto data = wire.bytes(8);
-  if (!wire.ok() || frame.length > 8 || frame.id > (frame.extended ? 0x1FFFFFFFU : 0x7FFU))
+  if (!wire.ok() || frame.length > 8 || frame.id > (frame.extended ? CAN_EFF_MASK : CAN_SFF_MASK))
     return std::nullopt;
   std::ranges::copy(data, frame.data.begin());
   return frame;

@@ -20,7 +20,6 @@ constexpr int kScanDepth = 2;
 // Every sample is the whole path.
 constexpr int kPathDepth = 1;
 // Sent on demand.
-constexpr core::Duration kNoDeadline{0};
 
 }  // namespace
 

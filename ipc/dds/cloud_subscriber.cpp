@@ -1,5 +1,6 @@
 #include "ipc/dds/cloud_subscriber.hpp"
 
+#include "ipc/dds/readers.hpp"
 #include "ipc/dds/types.hpp"
 
 #include <mutex>
@@ -10,7 +11,6 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/TypeSupport.hpp>
 
 namespace nilio::dds {
 namespace {
@@ -48,25 +48,6 @@ class Newest : public fastdds::DataReaderListener {
   std::uint64_t received_ = 0;
 };
 
-fastdds::DataReader* create_reader(fastdds::DomainParticipant& participant, fastdds::Subscriber& subscriber,
-                                   const std::string& topic_name, fastdds::TopicDataType* type,
-                                   fastdds::DataReaderListener& listener, bool reliable) {
-  const fastdds::TypeSupport support(type);  // owns the type
-  if (support.register_type(&participant) != ReturnCode_t::RETCODE_OK) return nullptr;
-  fastdds::Topic* const topic =
-      participant.create_topic(topic_name, support.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
-  if (topic == nullptr) return nullptr;
-  fastdds::DataReaderQos qos;
-  qos.reliability().kind =
-      reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
-  qos.durability().kind = fastdds::VOLATILE_DURABILITY_QOS;
-  qos.history().kind = fastdds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = 1;
-  qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
-  qos.data_sharing().off();
-  return subscriber.create_datareader(topic, qos, &listener);
-}
-
 }  // namespace
 
 // The listeners are declared before the participant and therefore outlive it.
@@ -102,9 +83,9 @@ core::Result<std::unique_ptr<CloudSubscriber>> CloudSubscriber::create(const Clo
       domain_participant.create_subscriber(fastdds::SUBSCRIBER_QOS_DEFAULT);
   if (subscriber == nullptr) return core::Error{"Fast DDS cannot create a subscriber (out of memory?)"};
   entities->scan_reader = create_reader(domain_participant, *subscriber, names->registered_scan,
-                                        new PointCloud2Type, entities->scan, false);
+                                        new PointCloud2Type, entities->scan, {.reliable = false});
   entities->path_reader =
-      create_reader(domain_participant, *subscriber, names->path, new PathType, entities->path, true);
+      create_reader(domain_participant, *subscriber, names->path, new PathType, entities->path, {});
   if (entities->scan_reader == nullptr || entities->path_reader == nullptr)
     return core::Error{"Fast DDS cannot create the readers for " + names->registered_scan + ", " +
                        names->path + " (out of memory or sockets?)"};

@@ -17,7 +17,6 @@ namespace {
 namespace fastdds = eprosima::fastdds::dds;
 
 // Sent when there is something new.
-constexpr core::Duration kNoDeadline{0};
 constexpr int kKeptCorrections = 10;
 
 }  // namespace

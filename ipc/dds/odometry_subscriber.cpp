@@ -2,6 +2,7 @@
 
 #include "nilio/core/clock.hpp"
 
+#include "ipc/dds/readers.hpp"
 #include "ipc/dds/types.hpp"
 
 #include <chrono>
@@ -17,7 +18,6 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/TypeSupport.hpp>
 
 namespace nilio::dds {
 namespace {
@@ -155,25 +155,6 @@ class Kept : public fastdds::DataReaderListener {
   std::vector<Message> messages_;
 };
 
-fastdds::DataReader* create_reader(fastdds::DomainParticipant& participant, fastdds::Subscriber& subscriber,
-                                   const std::string& topic_name, fastdds::TopicDataType* type,
-                                   fastdds::DataReaderListener& listener, bool reliable = true) {
-  const fastdds::TypeSupport support(type);  // owns the type
-  if (support.register_type(&participant) != ReturnCode_t::RETCODE_OK) return nullptr;
-  fastdds::Topic* const topic =
-      participant.create_topic(topic_name, support.get_type_name(), fastdds::TOPIC_QOS_DEFAULT);
-  if (topic == nullptr) return nullptr;
-  fastdds::DataReaderQos qos;
-  qos.reliability().kind =
-      reliable ? fastdds::RELIABLE_RELIABILITY_QOS : fastdds::BEST_EFFORT_RELIABILITY_QOS;
-  qos.durability().kind = fastdds::VOLATILE_DURABILITY_QOS;
-  qos.history().kind = fastdds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = kReaderDepth;
-  qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
-  qos.data_sharing().off();
-  return subscriber.create_datareader(topic, qos, &listener);
-}
-
 }  // namespace
 
 // The listeners are declared before the participant and therefore outlive it.
@@ -220,7 +201,8 @@ core::Result<std::unique_ptr<OdometrySubscriber>> OdometrySubscriber::create(
   const std::string& odometry = config.imu_rate ? names->imu_odometry : names->odometry;
   const auto create = [&](const std::string& topic, fastdds::TopicDataType* type,
                           fastdds::DataReaderListener& listener, bool reliable = true) {
-    return create_reader(domain_participant, *subscriber, topic, type, listener, reliable);
+    return create_reader(domain_participant, *subscriber, topic, type, listener,
+                         {.depth = kReaderDepth, .reliable = reliable});
   };
   Entities& e = *entities;
   e.odometry_reader = create(odometry, new OdometryType, e.queue, !config.imu_rate);

@@ -16,11 +16,14 @@
 
 namespace nilio::dds {
 
+/// Of a writer that promises none.
+inline constexpr core::Duration kNoDeadline{0};
+
 struct WriterOptions {
   int depth = 10;
   bool reliable = true;
   /// Promised maximum time between two samples; a reader that requests no shorter one is told when it is
-  /// exceeded. 0: none is promised.
+  /// exceeded.
   core::Duration deadline{500'000'000};
   /// Late readers receive the last `depth` samples.
   bool transient_local = false;

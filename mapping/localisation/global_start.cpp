@@ -14,7 +14,7 @@ using core::SE3;
 
 constexpr std::size_t kCandidates = 24;
 // An equal place has an equal score, less where the map shows a part of it only.
-constexpr double kMinScoreShare = 0.55;
+constexpr double kMinCandidateScoreShare = 0.55;
 // Neighbouring places show the same; storeys are 2.5 m apart at least.
 constexpr double kOtherPlaceMetres = 3.0;
 constexpr double kOtherPlaceCosine = 0.985;  // 10 degrees
@@ -66,7 +66,7 @@ std::vector<Candidate> candidates_of(const SavedMap& map, const Place& recent) {
                    [](const Candidate& a, const Candidate& b) { return a.match.score > b.match.score; });
   std::vector<Candidate> found;
   for (const Candidate& candidate : all) {
-    if (candidate.match.score < kMinScoreShare * all.front().match.score) break;
+    if (candidate.match.score < kMinCandidateScoreShare * all.front().match.score) break;
     const bool is_new = std::all_of(found.begin(), found.end(), [&](const Candidate& other) {
       return is_apart(candidate.T_map_recent, other.T_map_recent, kOtherPlaceMetres, kOtherPlaceCosine);
     });

@@ -34,8 +34,8 @@ constexpr double kMapMetres = 0.03;
 constexpr double kMapRadians = 0.001;
 constexpr double kGuessMetres = 0.5;
 constexpr double kGuessRadians = 0.02;
-constexpr double kWalkMetres = 0.01;
-constexpr double kWalkRadians = 0.0005;
+constexpr double kPredictionMetres = 0.01;
+constexpr double kPredictionRadians = 0.0005;
 constexpr std::array kKernelsMetres{0.5, 0.15};
 
 Vector6 squares(double metres, double radians) {
@@ -80,7 +80,7 @@ MapMatch MapTracker::add(const Keyframe& keyframe) {
   const Matrix6 turned = core::adjoint(step.inverse());
   const double walk = std::max(step.translation.norm(), 0.1);
   covariance_ = turned * covariance_ * turned.transpose();
-  covariance_ += squares(kWalkMetres, kWalkRadians).asDiagonal() * walk;
+  covariance_ += squares(kPredictionMetres, kPredictionRadians).asDiagonal() * walk;
   MapMatch match{T_predicted, covariance_};
   load_around(T_predicted.translation);
 

@@ -1,6 +1,7 @@
 #include "drivers/can/dbc/statements.hpp"
 
 #include <algorithm>
+#include <linux/can.h>
 #include <set>
 #include <string_view>
 
@@ -10,7 +11,6 @@ namespace {
 /// Limit of nested multiplexers; real files have two or three levels.
 constexpr std::size_t kDeepest = 16;
 constexpr std::size_t kLargestFrame = 64;
-constexpr std::uint32_t kLargestStandardId = 0x7FF;
 
 /// Parses "3-7", both ends included.
 bool parse_range(const DbcToken& token, DbcRange& range) {
@@ -119,7 +119,7 @@ void remove_signal(DbcMessage& message, const DbcSignal& signal) {
 
 void note_contradictions(const DbcMessage& message, int line, DbcNotes& notes) {
   const std::string name = "message " + quoted(message.name);
-  if (!message.extended && message.id > kLargestStandardId) {
+  if (!message.extended && message.id > CAN_SFF_MASK) {
     notes.add(line, name + " has the identifier " + std::to_string(message.id) +
                         ", which is too large for 11 bits and not marked as extended: no frame has it");
   }

@@ -7,7 +7,7 @@
 namespace nilio::drivers {
 namespace {
 
-constexpr std::size_t kQuotedLength = 40;
+constexpr std::size_t kQuotedTokenLength = 40;
 /// Number of different notes kept for one file.
 constexpr std::size_t kMostNotes = 64;
 
@@ -44,8 +44,8 @@ bool is_utf8(std::string_view text) {
 
 std::string quoted(std::string_view text) {
   std::string result = "'";
-  for (const char c : text.substr(0, kQuotedLength)) result.push_back(c >= ' ' && c < '\x7F' ? c : '?');
-  return result + (text.size() > kQuotedLength ? "...'" : "'");
+  for (const char c : text.substr(0, kQuotedTokenLength)) result.push_back(c >= ' ' && c < '\x7F' ? c : '?');
+  return result + (text.size() > kQuotedTokenLength ? "...'" : "'");
 }
 
 std::string to_utf8(std::string_view text) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <charconv>
 #include <ctime>
+#include <linux/can.h>
 
 namespace nilio::drivers {
 namespace {
@@ -12,8 +13,6 @@ namespace {
 /// Upper limit of a recording's length; sums with a date stay within 64 bits.
 constexpr double kLongestSeconds = 1e9;
 constexpr unsigned kMostChannels = 255;
-constexpr std::uint32_t kLargestStandardId = 0x7FF;
-constexpr std::uint32_t kLargestExtendedId = 0x1FFFFFFF;
 constexpr std::array<std::string_view, 12> kMonths{"jan", "feb", "mar", "apr", "may", "jun",
                                                    "jul", "aug", "sep", "oct", "nov", "dec"};
 /// German abbreviations that differ from the English ones.
@@ -159,8 +158,7 @@ bool AscLog::read_flexible(std::string_view rest, CandumpLine& result) const {
 bool AscLog::read_id(std::string_view word, CanFrame& frame) const {
   frame.extended = word.ends_with('x');
   if (frame.extended) word.remove_suffix(1);
-  return parse_whole(word, frame.id, base_) &&
-         frame.id <= (frame.extended ? kLargestExtendedId : kLargestStandardId);
+  return parse_whole(word, frame.id, base_) && frame.id <= (frame.extended ? CAN_EFF_MASK : CAN_SFF_MASK);
 }
 
 bool AscLog::read_data(std::string_view rest, CanFrame& frame) const {

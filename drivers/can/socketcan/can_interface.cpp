@@ -31,7 +31,7 @@
 namespace nilio::drivers {
 namespace {
 
-using Bytes = std::span<const std::byte>;
+using NetlinkBytes = std::span<const std::byte>;
 
 constexpr std::chrono::milliseconds kLongestQuery{300};
 constexpr timeval kLongestAnswer{.tv_sec = 0, .tv_usec = 300'000};
@@ -42,7 +42,7 @@ struct LinkRequest {
 };
 
 template <class Value>
-std::optional<Value> value_of(Bytes bytes) {
+std::optional<Value> value_of(NetlinkBytes bytes) {
   if (bytes.size() < sizeof(Value)) return std::nullopt;
   Value value{};
   std::memcpy(&value, bytes.data(), sizeof(Value));
@@ -50,7 +50,7 @@ std::optional<Value> value_of(Bytes bytes) {
 }
 
 /// The attribute's content; empty when it is missing.
-Bytes find_attribute(Bytes attributes, unsigned wanted) {
+NetlinkBytes find_attribute(NetlinkBytes attributes, unsigned wanted) {
   while (const std::optional<rtattr> header = value_of<rtattr>(attributes)) {
     const std::size_t length = header->rta_len;
     if (length < sizeof(rtattr) || length > attributes.size()) return {};
@@ -61,7 +61,7 @@ Bytes find_attribute(Bytes attributes, unsigned wanted) {
   return {};
 }
 
-std::string_view text_of(Bytes bytes) {
+std::string_view text_of(NetlinkBytes bytes) {
   const auto* text = reinterpret_cast<const char*>(bytes.data());
   return {text, bytes.empty() ? 0 : strnlen(text, bytes.size())};
 }
@@ -80,7 +80,7 @@ bool send_request(int descriptor, unsigned index) {
 }
 
 /// Attributes of the one link in the answer; empty for an error (the interface has gone).
-Bytes attributes_of(Bytes answer) {
+NetlinkBytes attributes_of(NetlinkBytes answer) {
   constexpr std::size_t kHeaders = NLMSG_HDRLEN + NLMSG_ALIGN(sizeof(ifinfomsg));
   const auto header = value_of<nlmsghdr>(answer);
   if (!header || header->nlmsg_type != RTM_NEWLINK) return {};
@@ -88,10 +88,10 @@ Bytes attributes_of(Bytes answer) {
   return answer.subspan(kHeaders, header->nlmsg_len - kHeaders);
 }
 
-void read_link(Bytes attributes, CanInterfaceState& state) {
-  const Bytes info = find_attribute(attributes, IFLA_LINKINFO);
+void read_link(NetlinkBytes attributes, CanInterfaceState& state) {
+  const NetlinkBytes info = find_attribute(attributes, IFLA_LINKINFO);
   if (text_of(find_attribute(info, IFLA_INFO_KIND)) != "can") return;
-  const Bytes data = find_attribute(info, IFLA_INFO_DATA);
+  const NetlinkBytes data = find_attribute(info, IFLA_INFO_DATA);
   if (const auto controller = value_of<std::uint32_t>(find_attribute(data, IFLA_CAN_STATE)))
     state.controller = static_cast<int>(*controller);
   if (const auto timing = value_of<can_bittiming>(find_attribute(data, IFLA_CAN_BITTIMING)))
@@ -148,7 +148,7 @@ void query_driver(CanInterfaceState& state) {
   std::array<std::byte, 16384> answer{};
   const ssize_t size = recv(socket.get(), answer.data(), answer.size(), 0);
   state.silent = size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK);
-  if (size > 0) read_link(attributes_of(Bytes(answer).first(static_cast<std::size_t>(size))), state);
+  if (size > 0) read_link(attributes_of(NetlinkBytes(answer).first(static_cast<std::size_t>(size))), state);
 }
 
 struct Answer {
