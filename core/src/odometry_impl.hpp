@@ -61,7 +61,6 @@ struct Odometry::State {
   void return_to(const Hypothesis& earlier, OdometryResult& result);
   void find_initial_velocity(OdometryResult& result);
   void begin_with(const Vector6& twist, OdometryResult& result);
-  [[nodiscard]] SE3 search_displacement(OdometryResult& result);
   void reconsider_stationary(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
   void compare_hypotheses(OdometryResult& result);

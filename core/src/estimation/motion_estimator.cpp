@@ -300,4 +300,8 @@ double MotionEstimator::seconds_since_last_middle() const {
   return (prior_.span.middle() - last_filter_.state().time).seconds();
 }
 
+Vector6 MotionEstimator::twist_to(const SE3& T_map_middle) const {
+  return se3_log(T_map_last_middle().inverse() * T_map_middle) / seconds_since_last_middle();
+}
+
 }  // namespace nilio::core

@@ -138,6 +138,8 @@ class MotionEstimator {
   [[nodiscard]] const SE3& T_odom_map() const { return T_odom_map_; }
   /// Time between the midpoints of the last sweep and this one.
   [[nodiscard]] double seconds_since_last_middle() const;
+  /// Constant twist over that time to this pose of the midpoint of the sweep.
+  [[nodiscard]] Vector6 twist_to(const SE3& T_map_middle) const;
   /// Time between scans, slowly averaged.
   [[nodiscard]] double period_s() const { return period_s_; }
   /// Scans of this map so far.

@@ -1,5 +1,8 @@
 #include "core/src/odometry_impl.hpp"
 
+#include <algorithm>
+#include <array>
+
 namespace nilio::core {
 
 namespace {
@@ -20,19 +23,44 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   alignment.count(result);
 }
 
-/// The speed at the second scan is unknown, but for a stationary vehicle. The one found and that of a vehicle
-/// at rest are tried, unless they are the same: it is at rest unless more points, or a larger share, agree
-/// with the motion.
+/// The speed at the second scan is unknown, but for a stationary vehicle. The vehicle is slow unless more
+/// points agree with one of the motions found, or many more where the IMU says that it is stationary.
 void Odometry::State::find_initial_velocity(OdometryResult& result) {
-  const SE3 moved = motion.T_map_last_middle().inverse() * search_displacement(result);
-  const Vector6 twist = se3_log(moved) / motion.seconds_since_last_middle();
-  begin_with(twist, result);
-  if (motion.prior().is_stationary || moved.translation.norm() < kFoundDeviationMetres) return;
-  const Hypothesis moving = hypothesis();
-  begin_with(Vector6::Zero(), result);
-  if (moving.alignment.agreement() > alignment.agreement() ||
-      moving.agreement > gate.agreement(alignment, motion))
-    begin_with(twist, result);
+  const bool is_stationary = motion.prior().is_stationary;
+  const auto poses = search.find_displacements(preprocessing.sweep(), map, motion, result);
+  std::array<Vector6, PoseSearch::kDisplacementTrials> twists;
+  std::transform(poses.begin(), poses.end(), twists.begin(),
+                 [&](const FoundPose& found) { return motion.twist_to(found.T_map_middle); });
+  const auto is_slow = [&](const Vector6& twist) {
+    return twist.head<3>().norm() * motion.seconds_since_last_middle() < kFoundDeviationMetres;
+  };
+  const auto found_slow = std::find_if(twists.begin(), twists.end(), is_slow);
+  Vector6 slow = Vector6::Zero();
+  if (is_stationary) {
+    slow = motion.twist_to(motion.T_stationary());
+  } else if (found_slow != twists.end()) {
+    slow = *found_slow;
+  }
+  begin_with(slow, result);
+  const MotionEstimator::Hypothesis at_rest = motion.hypothesis();
+  double most = alignment.agreement() / (is_stationary ? kAgreementCollapse : 1.0);
+  Vector6 best = slow;
+  Vector6 last = slow;
+  for (const Vector6& found : twists) {
+    if (is_slow(found)) continue;
+    if (motion.prior().is_stationary) motion.predict_moving();
+    begin_with(last = found, result);
+    if (!alignment.has_pose()) continue;
+    // The error of a found velocity distorts both sweeps; that of the registered one is small.
+    last = motion.twist_to(alignment.pose());
+    begin_with(last, result);
+    if (alignment.agreement() <= most) continue;
+    most = alignment.agreement();
+    best = last;
+  }
+  if (is_stationary && best == slow) motion.return_to(at_rest);
+  if (is_stationary && best != slow) motion.end_stationary();
+  if (last != best) begin_with(best, result);
 }
 
 /// Registers the second scan with this initial velocity. The first map is built again with it.
@@ -44,16 +72,6 @@ void Odometry::State::begin_with(const Vector6& twist, OdometryResult& result) {
   if (!motion.prior().motion_compensated) place_first_sweep(map.plane_voxel_m());
   motion.predict_again();
   register_at_prediction(result);
-}
-
-SE3 Odometry::State::search_displacement(OdometryResult& result) {
-  const FoundPose found = search.find_displacement(preprocessing.sweep(), map, motion, result);
-  if (!motion.prior().is_stationary) return found.T_map_middle;
-  // Other vehicles suggest speeds to a stationary one.
-  if (search.inliers_at(motion.T_stationary(), map) > kAgreementCollapse * found.inliers)
-    return motion.T_stationary();
-  motion.end_stationary();
-  return found.T_map_middle;
 }
 
 /// Other vehicles move the scan of a stationary one, and the IMU does not see a smooth walking pace: the

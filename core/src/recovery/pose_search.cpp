@@ -18,7 +18,6 @@ constexpr std::size_t kManyPoints = 800;
 constexpr double kMinDisplacementMetres = -2.0;
 constexpr double kDisplacementStepMetres = 1.0;
 constexpr std::size_t kDisplacements = 8;
-constexpr int kDisplacementTrials = 2;
 constexpr double kSamePlaceMetres = 1.25;
 
 // Relocalisation hypotheses around the prediction. NDT converges from 3 m and 10 deg around each.
@@ -67,30 +66,30 @@ void PoseSearch::try_hypothesis(const SE3& T_map_hypothesis, const LocalMap& map
   best = {found.T_map_moving, found.equations.inliers};
 }
 
-FoundPose PoseSearch::find_displacement(const std::vector<SweepPoint>& sweep, const LocalMap& map,
-                                        const MotionEstimator& motion, OdometryResult& result) {
+std::array<FoundPose, PoseSearch::kDisplacementTrials> PoseSearch::find_displacements(
+    const std::vector<SweepPoint>& sweep, const LocalMap& map, const MotionEstimator& motion,
+    OdometryResult& result) {
   sample(sweep, motion, kFewPoints);
   const SE3& T_predicted = motion.T_predicted();
   std::array<double, kDisplacements> scores{};
   for (std::size_t i = 0; i < scores.size(); ++i)
     scores[i] = ndt_equations(map.gaussians(), points_, displaced(T_predicted, i), {kNdtKernelSchedule[0]})
                     .weight_sum;
-  FoundPose best{T_predicted, 0};
-  for (int trial = 0; trial < kDisplacementTrials; ++trial) {
+  std::array<FoundPose, kDisplacementTrials> poses;
+  for (FoundPose& found : poses) {
     const auto top =
         static_cast<std::size_t>(std::max_element(scores.begin(), scores.end()) - scores.begin());
-    try_hypothesis(displaced(T_predicted, top), map, motion, best, result);
+    found = {T_predicted, 0};
+    try_hypothesis(displaced(T_predicted, top), map, motion, found, result);
     for (std::size_t i = 0; i < scores.size(); ++i) {
       const double apart_m =
           kDisplacementStepMetres * std::abs(static_cast<double>(i) - static_cast<double>(top));
       if (apart_m < kSamePlaceMetres) scores[i] = 0.0;
     }
   }
-  return best;
-}
-
-std::uint32_t PoseSearch::inliers_at(const SE3& T_map_middle, const LocalMap& map) const {
-  return plane_equations(map.planes(), points_, T_map_middle, plane_metric(kMinSigmaMetres)).inliers;
+  std::sort(poses.begin(), poses.end(),
+            [](const FoundPose& a, const FoundPose& b) { return a.inliers > b.inliers; });
+  return poses;
 }
 
 FoundPose PoseSearch::relocalize(const std::vector<SweepPoint>& sweep, const LocalMap& map,

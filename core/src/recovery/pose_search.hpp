@@ -8,6 +8,7 @@
 #include "core/src/map/local_map.hpp"
 #include "core/src/registration/ndt_icp.hpp"
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -27,11 +28,12 @@ class PoseSearch {
   /// `ndt_icp` and `budget` must outlive it.
   PoseSearch(const OdometryConfig& config, NdtIcp& ndt_icp, ComputeBudget& budget);
 
-  /// Second scan of a map, at an unknown speed: the pose along the vehicle's axis.
-  FoundPose find_displacement(const std::vector<SweepPoint>& sweep, const LocalMap& map,
-                              const MotionEstimator& motion, OdometryResult& result);
-  /// Inliers of that scan at another pose.
-  [[nodiscard]] std::uint32_t inliers_at(const SE3& T_map_middle, const LocalMap& map) const;
+  static constexpr std::size_t kDisplacementTrials = 2;
+  /// Second scan of a map, at an unknown speed: poses along the vehicle's axis, most inliers first.
+  std::array<FoundPose, kDisplacementTrials> find_displacements(const std::vector<SweepPoint>& sweep,
+                                                                const LocalMap& map,
+                                                                const MotionEstimator& motion,
+                                                                OdometryResult& result);
 
   /// Scan of a lost vehicle: the pose around prediction and last pose. Hypotheses for which there is no time
   /// are continued in the next call.

@@ -139,6 +139,27 @@ TEST_CASE("noise is rarely taken for a motion where no scan shows one, without a
   CHECK(moving < 12);
 }
 
+TEST_CASE("the speed of a fast vehicle is mostly found at its second scan, between few posts, without an IMU",
+          "[odometry]") {
+  const auto fast = [](double t) { return SE3{Eigen::Quaterniond::Identity(), Vector3(30.0 * t, 0.0, 0.0)}; };
+  int found = 0;
+  for (std::uint64_t seed = 0; seed < 30; ++seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> gap_m(12.0, 35.0);
+    Room plain;
+    plain.low = {-1e3, -1e3, -1.8};
+    plain.high = {1e3, 1e3, 1e3};
+    for (const double y : {-7.0, 7.0}) {
+      for (double x = -100.0; x < 100.0; x += gap_m(random)) plain.pillars.push_back({x, y, 0.3});
+    }
+    Odometry odometry(OdometryConfig{});
+    odometry.register_scan(scan_room(plain, fast, 0.0, 2 * seed));
+    const OdometryResult second = odometry.register_scan(scan_room(plain, fast, kPeriod, 2 * seed + 1));
+    found += std::abs(second.twist[0] - 30.0) < 1.0 ? 1 : 0;
+  }
+  CHECK(found > 20);
+}
+
 TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in a second run",
           "[odometry]") {
   RunSettings settings;
