@@ -4,13 +4,11 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <linux/can.h>
 
 namespace nilio::drivers {
 namespace {
 
-constexpr std::uint32_t kErrorFlag = 0x20000000U;
-constexpr std::uint32_t kExtendedMask = 0x1FFFFFFFU;
-constexpr std::uint32_t kStandardMask = 0x7FFU;
 /// Largest number of seconds whose nanoseconds fit int64.
 constexpr std::int64_t kLargestSeconds = 9'000'000'000;
 
@@ -73,13 +71,13 @@ bool parse_candump_id(std::string_view text, CanFrame& frame) {
   if (!parse_whole(text, id, 16)) return false;
   if (text.size() == 3) {
     frame.id = id;
-    return id <= kStandardMask;
+    return id <= CAN_SFF_MASK;
   }
   if (text.size() != 8) return false;
-  frame.error = (id & kErrorFlag) != 0;
+  frame.error = (id & CAN_ERR_FLAG) != 0;
   frame.extended = !frame.error;
-  frame.id = id & kExtendedMask;
-  return (id & ~(kExtendedMask | kErrorFlag)) == 0;
+  frame.id = id & CAN_EFF_MASK;
+  return (id & ~(CAN_EFF_MASK | CAN_ERR_FLAG)) == 0;
 }
 
 /// candump pads absolute seconds to ten digits, relative ones to three.
@@ -169,7 +167,7 @@ std::string format_candump_line(const CanFrame& frame, std::string_view interfac
   line += interface_name;
   const bool wide = frame.extended || frame.error;
   std::snprintf(text.data(), text.size(), wide ? " %08X#" : " %03X#",
-                frame.id | (frame.error ? kErrorFlag : 0U));
+                frame.id | (frame.error ? CAN_ERR_FLAG : 0U));
   line += text.data();
   if (frame.flexible_data_rate) line += "#0";
   if (frame.remote) {

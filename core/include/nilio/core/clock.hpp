@@ -28,8 +28,8 @@ inline std::int64_t clock_ns(clockid_t clock) {
 
 /// CLOCK_MONOTONIC, ns: the clock of every latency stamp.
 inline std::int64_t monotonic_ns() { return clock_ns(CLOCK_MONOTONIC); }
+/// The same as a time, and in seconds.
 inline core::Time monotonic_now() { return {monotonic_ns()}; }
-/// The same in seconds.
 inline double monotonic_s() { return 1e-9 * static_cast<double>(monotonic_ns()); }
 
 }  // namespace nilio
