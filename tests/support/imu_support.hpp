@@ -1,9 +1,11 @@
 #pragma once
 
+#include "nilio/drivers/can/dbc/dbc.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
 #include <algorithm>
 #include <cstdint>
+#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -11,6 +13,13 @@
 #include <catch2/catch.hpp>
 
 namespace nilio::tests {
+
+/// Why a DBC file of this content is refused.
+inline std::string dbc_error(const std::string& text) {
+  const auto database = drivers::parse_dbc(text, "t.dbc");
+  REQUIRE_FALSE(database.ok());
+  return database.error().message;
+}
 
 inline drivers::ImuPreset preset_of(std::string_view name) {
   auto preset = drivers::imu_preset(name);

@@ -24,6 +24,8 @@ inline std::size_t count_lines(const std::filesystem::path& path) {
   return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
 }
 
+inline const std::string kNoPublisher = "publisher.enabled=false";
+
 /// Setting of a DDS domain, isolated from other programs on the machine.
 inline std::string own_domain() { return "publisher.domain=" + std::to_string(test_domain()); }
 

@@ -22,8 +22,6 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-constexpr core::Duration kPoll = core::Duration::from_milliseconds(10.0);
-
 /// Environment of this program with `more` replacing variables of the same name, null-terminated.
 std::vector<char*> environment_with(std::vector<std::string>& more) {
   const auto is_replaced = [&more](const std::string_view variable) {

@@ -12,6 +12,10 @@ namespace nilio::tools {
 
 namespace fs = std::filesystem;
 
+core::Error cannot_write(const fs::path& path) {
+  return core::Error{path.string() + ": cannot be written - check the folder and the space on the disk"};
+}
+
 std::optional<std::string> file_text(const fs::path& path) {
   const std::ifstream file(path, std::ios::binary);
   if (!file) return std::nullopt;
@@ -24,7 +28,7 @@ core::Result<std::monostate> write_text(const fs::path& path, const std::string&
   std::ofstream file(path);
   file << text;
   if (file.flush()) return std::monostate{};
-  return core::Error{path.string() + ": cannot be written - check the folder and the space on the disk"};
+  return cannot_write(path);
 }
 
 UnfinishedFile::UnfinishedFile(fs::path path) : path_(std::move(path)) {

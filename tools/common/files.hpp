@@ -11,6 +11,9 @@
 
 namespace nilio::tools {
 
+/// The error of a file that cannot be written, with what to check.
+core::Error cannot_write(const std::filesystem::path& path);
+
 /// All bytes of a file; unset when it cannot be read.
 std::optional<std::string> file_text(const std::filesystem::path& path);
 

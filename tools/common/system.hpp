@@ -33,6 +33,9 @@ class StopSignals {
 /// RLIMIT_RTPRIO).
 bool make_this_thread_fifo(int priority);
 
+/// How often a tool looks at what it waits for.
+inline constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
+
 /// Sleeps until an absolute time of CLOCK_MONOTONIC, so that errors do not accumulate over several sleeps.
 void sleep_until(std::int64_t until_ns);
 inline void sleep_for(core::Duration duration) { sleep_until(monotonic_ns() + duration.ns); }

@@ -20,7 +20,7 @@ namespace {
 using core::Error;
 using core::Result;
 
-constexpr std::uint64_t kProgressStep = 4096;
+constexpr std::uint64_t kLinesPerUpdate = 4096;
 /// More than all 11-bit identifiers of two interfaces.
 constexpr std::size_t kMaximumMessages = 8192;
 constexpr std::size_t kMaximumInterfaces = 16;
@@ -199,7 +199,7 @@ Result<CanFindings> inspect_can_log(const std::string& path, const drivers::DbcD
   std::array<char, kLongestLine> line{};
   Progress progress(path + ", lines read");
   for (std::uint64_t lines = 0; file; ++lines) {
-    if (lines % kProgressStep == 0) progress.update(lines);
+    if (lines % kLinesPerUpdate == 0) progress.update(lines);
     file.getline(line.data(), static_cast<std::streamsize>(line.size()));
     if (file.bad() || (file.eof() && file.gcount() == 0)) break;
     const bool whole = file.eof() || !file.fail();

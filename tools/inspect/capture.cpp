@@ -121,7 +121,7 @@ bool CaptureFile::next(CaptureRecord& record) {
   return false;
 }
 
-constexpr std::uint64_t kProgressStep = 4096;
+constexpr std::uint64_t kRecordsPerUpdate = 4096;
 constexpr std::size_t kMaximumSensors = 32;
 constexpr std::size_t kMaximumStreams = 256;
 constexpr std::uint16_t kUsualTelemetryPort = 8308;
@@ -272,7 +272,7 @@ core::Result<CaptureFindings> inspect_capture(const std::string& path) {
   Progress progress(path + ", records read");
   for (std::uint64_t records = 0; file->next(record); ++records) {
     inspector.add(record);
-    if (records % kProgressStep == 0) progress.update(records);
+    if (records % kRecordsPerUpdate == 0) progress.update(records);
   }
   return inspector.finish(file->early_end());
 }

@@ -1,5 +1,7 @@
 #include "tools/inspect/drive_replay.hpp"
 
+#include "tools/common/system.hpp"
+
 #include <atomic>
 #include <memory>
 #include <span>
@@ -8,8 +10,6 @@
 namespace nilio::tools::inspect {
 
 namespace {
-
-constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
 
 /// Ends a recording early, at a stamp, so that the result is reproducible.
 class ShortenedSource : public drivers::PacketSource {

@@ -1,3 +1,4 @@
+#include "tools/common/files.hpp"
 #include "tools/convert/kitti_raw.hpp"
 #include "tools/convert/kitti_raw_encoder.hpp"
 #include "tools/mangle/mangle.hpp"
@@ -22,10 +23,6 @@ using core::Result;
 constexpr unsigned kRings = 64;
 // Poses of a sequence, one line a scan, under the names that nilio's tools use.
 constexpr std::array kPoseFiles{"poses.txt", "truth.txt"};
-
-Error cannot_write(const fs::path& path) {
-  return Error{path.string() + ": cannot be written - check the space on the disk"};
-}
 
 Result<std::vector<std::string>> read_lines(const fs::path& path) {
   std::ifstream file(path);

@@ -2,9 +2,9 @@
 
 #include "daemon/input/kitti_sequence.hpp"
 #include "daemon/input/replay_files.hpp"
+#include "tools/common/files.hpp"
 
 #include <array>
-#include <fstream>
 #include <sstream>
 #include <system_error>
 #include <utility>
@@ -57,10 +57,7 @@ Result<std::monostate> write_summary(const Options& options, const Summary& summ
                               {"options", to_options(options.faults)}};
   for (const auto& [name, count] : rows_of(summary)) json["counts"][name] = count;
   const fs::path path = fs::path(options.output) / "mangle.json";
-  std::ofstream file(path);
-  file << json.dump(2) << '\n';
-  if (file.flush()) return std::monostate{};
-  return Error{path.string() + ": cannot be written - check the space on the disk"};
+  return write_text(path, json.dump(2) + '\n');
 }
 
 }  // namespace

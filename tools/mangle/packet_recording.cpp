@@ -29,10 +29,6 @@ constexpr std::size_t kSample = 512;
 // Larger files beside a recording are data of other sensors.
 constexpr std::uintmax_t kMaxCopiedBytes = 64U << 20U;
 
-Error cannot_write(const fs::path& path) {
-  return Error{path.string() + ": cannot be written - check the space on the disk"};
-}
-
 /// An opened recording.
 struct Recording {
   daemon::ReplayFiles files;

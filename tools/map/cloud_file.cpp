@@ -80,8 +80,7 @@ core::Result<std::monostate> CloudFile::finish() {
   file_ << header();
   file_.close();
   if (file_) return unfinished_.finish();
-  return core::Error{
-      path_ + ": cannot be written - check that its folder exists, is writable and the disk has space"};
+  return cannot_write(path_);
 }
 
 }  // namespace nilio::tools::map

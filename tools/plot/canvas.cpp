@@ -1,5 +1,7 @@
 #include "tools/plot/canvas.hpp"
 
+#include "tools/common/files.hpp"
+
 #include <array>
 #include <cmath>
 #include <cstdarg>
@@ -231,7 +233,7 @@ core::Result<std::string> Canvas::save() {
     good = cairo_surface_write_to_png(surface_.get(), path_.c_str()) == CAIRO_STATUS_SUCCESS;
   }
   if (good) return path_;
-  return core::Error{path_ + ": cannot be written - check the folder and the space on the disk"};
+  return cannot_write(path_);
 }
 
 }  // namespace nilio::tools::plot

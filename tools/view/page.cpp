@@ -104,7 +104,7 @@ core::Result<std::size_t> write_report_page(const ReportPageOptions& options, co
   std::ofstream file(unfinished.path(), std::ios::binary);
   file << page;
   file.close();
-  if (!file) return core::Error{path + ": cannot be written - check the folder and the space on the disk"};
+  if (!file) return cannot_write(path);
   if (auto finished = unfinished.finish(); !finished) return finished.error();
   return page.size();
 }

@@ -54,8 +54,6 @@ std::string header_of(lws* wsi, lws_token_indexes token) {
   return value;
 }
 
-bool is_loopback(const std::string& address) { return address.starts_with("127.") || address == "::1"; }
-
 /// Tries the address before libwebsockets, for the reason.
 core::Result<std::monostate> check_address(const Server::Options& options) {
   const bool v6 = options.address.find(':') != std::string::npos;
@@ -405,6 +403,8 @@ void Server::Implementation::tick() {
     if (client->admitted_) ask_for_room(wsi, *client, now);
   }
 }
+
+bool is_loopback(const std::string& address) { return address.starts_with("127.") || address == "::1"; }
 
 Server::Server(std::unique_ptr<Implementation> implementation) : implementation_(std::move(implementation)) {}
 Server::~Server() = default;

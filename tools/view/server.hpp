@@ -16,6 +16,9 @@
 
 namespace nilio::tools::view {
 
+/// Whether only this computer reaches the address.
+bool is_loopback(const std::string& address);
+
 /// Answer to a GET request.
 struct Response {
   std::string content_type;

@@ -65,8 +65,6 @@ class Signals {
   int signal_ = 0;
 };
 
-bool is_loopback(const std::string& address) { return address.starts_with("127.") || address == "::1"; }
-
 core::Result<std::string> read_token(const std::string& path) {
   auto text = file_text(path);
   if (!text) return core::Error{path + ": cannot be read - give a file that holds the token"};

@@ -19,6 +19,7 @@ using namespace nilio;
 using namespace std::chrono_literals;
 using Catch::Matchers::Contains;
 using tests::count_lines;
+using tests::kNoPublisher;
 using tests::NiliodProcess;
 using tests::read_file;
 using tests::s_curve;
@@ -28,8 +29,6 @@ using tests::write_room_drive;
 namespace {
 
 namespace fs = std::filesystem;
-
-const std::string kNoPublisher = "publisher.enabled=false";
 
 std::vector<std::string> as_live(const TemporaryFolder& drive, const std::vector<std::string>& more) {
   std::vector<std::string> arguments{"--replay", drive.path().string(), "--as-live", "--set",

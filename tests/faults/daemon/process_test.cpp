@@ -32,6 +32,7 @@ namespace fs = std::filesystem;
 using Finished = tests::FinishedProcess;
 using Niliod = tests::NiliodProcess;
 using tests::count_lines;
+using tests::kNoPublisher;
 using tests::own_domain;
 using tests::read_file;
 
@@ -42,8 +43,6 @@ Finished run_niliod(const TemporaryFolder& folder, const std::vector<std::string
 void write_file(const fs::path& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;
 }
-
-const std::string kNoPublisher = "publisher.enabled=false";
 
 }  // namespace
 

@@ -18,6 +18,7 @@ using namespace nilio;
 using namespace std::chrono_literals;
 using Catch::Matchers::Contains;
 using tests::count_lines;
+using tests::kNoPublisher;
 using tests::NiliodProcess;
 using tests::NotifySocket;
 using tests::read_file;
@@ -55,7 +56,6 @@ struct Service {
   fs::path run = folder.path() / "run";
 };
 
-const std::string kNoPublisher = "publisher.enabled=false";
 // The recording is not replayed to its end.
 constexpr int kStoppedReplay = 1;
 

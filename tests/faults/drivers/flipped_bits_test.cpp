@@ -19,18 +19,18 @@ constexpr std::size_t kBitStep = 5;
 constexpr std::size_t kBitStep = 1;
 #endif
 
-struct Stream {
+struct FlippedStream {
   VelodyneModel model;
   ReturnMode mode;
 };
 
-constexpr std::array<Stream, 5> kStreams{{{VelodyneModel::kVlp16, ReturnMode::kSingle},
-                                          {VelodyneModel::kVlp16, ReturnMode::kDual},
-                                          {VelodyneModel::kHdl32e, ReturnMode::kSingle},
-                                          {VelodyneModel::kHdl64eS2, ReturnMode::kSingle},
-                                          {VelodyneModel::kVls128, ReturnMode::kDual}}};
+constexpr std::array<FlippedStream, 5> kFlippedStreams{{{VelodyneModel::kVlp16, ReturnMode::kSingle},
+                                                        {VelodyneModel::kVlp16, ReturnMode::kDual},
+                                                        {VelodyneModel::kHdl32e, ReturnMode::kSingle},
+                                                        {VelodyneModel::kHdl64eS2, ReturnMode::kSingle},
+                                                        {VelodyneModel::kVls128, ReturnMode::kDual}}};
 
-TurningSensor make_source(const Stream& stream, double revolutions_per_second, std::int64_t ahead_ns) {
+TurningSensor make_source(const FlippedStream& stream, double revolutions_per_second, std::int64_t ahead_ns) {
   return {.sensor = make_velodyne_sensor(stream.model),
           .revolutions_per_second = revolutions_per_second,
           .start_azimuth_deg = 170.0,
@@ -46,14 +46,14 @@ std::vector<Packet> packets_of(const TurningSensor& source, double seconds) {
   return packets;
 }
 
-struct Outcome {
+struct FlippedOutcome {
   std::vector<core::Scan> scans;
   ScanAssemblerStats stats;
 };
 
-Outcome run(const TurningSensor& source, const std::vector<Packet>& packets) {
+FlippedOutcome run(const TurningSensor& source, const std::vector<Packet>& packets) {
   ScanAssembler assembler(source.sensor, {.max_range_m = 1000.0});
-  Outcome outcome;
+  FlippedOutcome outcome;
   outcome.scans = assemble(assembler, packets);
   assembler.finish();
   outcome.stats = assembler.stats();
@@ -63,7 +63,7 @@ Outcome run(const TurningSensor& source, const std::vector<Packet>& packets) {
 }
 
 /// The scans are those of the undamaged packets, less `firings` at most.
-void require_unharmed(const Outcome& outcome, const Outcome& expected, std::uint64_t firings) {
+void require_unharmed(const FlippedOutcome& outcome, const FlippedOutcome& expected, std::uint64_t firings) {
   REQUIRE(outcome.stats.time_jumps + outcome.stats.host_clock_jumps == 0);
   REQUIRE(outcome.stats.partial_scans == expected.stats.partial_scans);
   REQUIRE(outcome.scans.size() == expected.scans.size());
@@ -79,11 +79,11 @@ void require_unharmed(const Outcome& outcome, const Outcome& expected, std::uint
 }  // namespace
 
 TEST_CASE("one flipped bit of a time stamp costs its packet at most", "[flipped_bits]") {
-  for (const Stream& stream : kStreams) {
+  for (const FlippedStream& stream : kFlippedStreams) {
     for (const std::int64_t ahead_ns : kAhead) {
       const TurningSensor source = make_source(stream, 10.0, ahead_ns);
       std::vector<Packet> packets = packets_of(source, 0.35);
-      const Outcome expected = run(source, packets);
+      const FlippedOutcome expected = run(source, packets);
       REQUIRE(expected.scans.size() >= 2);
       const std::uint64_t per_packet = source.layout().firings_per_packet();
       for (const double place : {0.06, 0.13, 0.2201, 0.31}) {
@@ -93,7 +93,7 @@ TEST_CASE("one flipped bit of a time stamp costs its packet at most", "[flipped_
           packets[damaged].data[1200 + bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
           INFO(source.sensor.name << " " << return_mode_name(stream.mode) << ", ahead " << ahead_ns
                                   << ", packet " << damaged << ", bit " << bit);
-          const Outcome outcome = run(source, packets);
+          const FlippedOutcome outcome = run(source, packets);
           packets[damaged] = original;
           // The stamp of 33 ms looks like packets out of order; its packet may extend the scan's end.
           if (bit >= 16) {
@@ -112,7 +112,7 @@ TEST_CASE("one flipped bit of a time stamp costs its packet at most", "[flipped_
 }
 
 TEST_CASE("one flipped bit of an azimuth costs its step at most", "[flipped_bits]") {
-  for (const Stream& stream : kStreams) {
+  for (const FlippedStream& stream : kFlippedStreams) {
     for (const double revolutions_per_second : {5.0, 20.0}) {
       const TurningSensor source = make_source(stream, revolutions_per_second, 0);
       std::vector<Packet> packets = packets_of(source, 2.1 / revolutions_per_second);
@@ -120,7 +120,7 @@ TEST_CASE("one flipped bit of an azimuth costs its step at most", "[flipped_bits
       const auto jitter_steps =
           static_cast<std::uint64_t>(2.0 + 64.0 / (36'000.0 * revolutions_per_second * 1e-9 *
                                                    static_cast<double>(source.layout().azimuth_period_ns)));
-      const Outcome expected = run(source, packets);
+      const FlippedOutcome expected = run(source, packets);
       REQUIRE_FALSE(expected.scans.empty());
       // Around the cut, and in the middle of a scan.
       for (const double turns : {1.02, 1.027, 1.035, 1.5}) {
@@ -132,7 +132,7 @@ TEST_CASE("one flipped bit of an azimuth costs its step at most", "[flipped_bits
             packets[damaged].data[100 * block + 2 + bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
             INFO(source.sensor.name << " " << return_mode_name(stream.mode) << ", " << revolutions_per_second
                                     << " Hz, packet " << damaged << ", block " << block << ", bit " << bit);
-            const Outcome outcome = run(source, packets);
+            const FlippedOutcome outcome = run(source, packets);
             packets[damaged] = original;
             require_unharmed(outcome, expected, jitter_steps * source.layout().firings_per_azimuth);
             REQUIRE(outcome.stats.firings_bad <= source.layout().firings_per_azimuth);

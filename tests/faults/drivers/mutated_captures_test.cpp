@@ -14,7 +14,7 @@ using namespace nilio::drivers;
 
 namespace {
 
-constexpr std::array<const char*, 8> kCaptures{
+constexpr std::array<const char*, 8> kMutatedCaptures{
     "hdl32e_highway_moving.pcap", "hdl32e_monterey_stationary.pcap",
     "vlp16_gps_stationary.pcap",  "vlp16_preproduction_20hz_50rev.pcap",
     "vlp16_short.pcap",           "golden/vlp16.pcap",
@@ -25,7 +25,7 @@ constexpr std::uint32_t kMutations = 60;
 constexpr std::uint32_t kMutations = 250;
 #endif
 /// Of each capture: some revolutions.
-constexpr std::size_t kPackets = 700;
+constexpr std::size_t kPacketsOfCapture = 700;
 
 /// Damages, moves, copies and removes packets; each kind in a share of the packets drawn first.
 std::vector<Packet> mutate(const std::vector<Packet>& packets, std::mt19937& random) {
@@ -52,12 +52,12 @@ std::vector<Packet> mutate(const std::vector<Packet>& packets, std::mt19937& ran
 }  // namespace
 
 TEST_CASE("mutated real captures end with every firing accounted for", "[mutated_captures]") {
-  for (const char* file : kCaptures) {
+  for (const char* file : kMutatedCaptures) {
     NILIO_REQUIRE_DATA(path, std::string("velodyne/") + file);
     auto source = open_pcap(path.string(), {});
     REQUIRE(source.ok());
     std::vector<Packet> packets = nilio::tests::read_all(**source);
-    packets.resize(std::min(packets.size(), kPackets));
+    packets.resize(std::min(packets.size(), kPacketsOfCapture));
     const VelodyneModel model = detect_velodyne(packets).model.value_or(VelodyneModel::kVlp16);
     for (std::uint32_t seed = 0; seed < kMutations; ++seed) {
       std::mt19937 random(seed);

@@ -20,13 +20,13 @@ namespace {
 using namespace nilio;
 using namespace nilio::tests;
 
-constexpr std::uint32_t kSeed = 3298301173U;
+constexpr std::uint32_t kWorldSeed = 3298301173U;
 
 /// Once around a block of 400 m and 160 m on, with an odometry that drifts.
 const ScannedDrive& block_drive() {
   static const ScannedDrive drive = tests::drive(
-      block(kSeed), {{{0, 0}}, {{120, 0}}, {{120, 80}}, {{0, 80}}, {{0, 0}}, {{120, 0}}, {{120, 40}}},
-      {.heading_rad_per_m = 1e-4, .scale = 1.0, .height_per_m = 0.0}, kSeed);
+      block(kWorldSeed), {{{0, 0}}, {{120, 0}}, {{120, 80}}, {{0, 80}}, {{0, 0}}, {{120, 0}}, {{120, 40}}},
+      {.heading_rad_per_m = 1e-4, .scale = 1.0, .height_per_m = 0.0}, kWorldSeed);
   return drive;
 }
 

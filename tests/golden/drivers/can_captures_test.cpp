@@ -4,6 +4,7 @@
 #include "nilio/drivers/capture/pcap.hpp"
 #include "nilio/drivers/imu/decoder.hpp"
 
+#include "tests/support/can_contents.hpp"
 #include "tests/support/capture_bytes.hpp"
 #include "tests/support/imu_support.hpp"
 #include "tests/support/pcap_support.hpp"
@@ -15,32 +16,11 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-struct Contents {
-  std::vector<CanFrame> frames;
-  SourceState state = SourceState::kData;
-  SourceStats stats;
-  std::string status;
-};
-
-Contents read_can(const std::string& path, const std::string& interface_name) {
-  auto source = open_can_capture(path, interface_name);
-  INFO((source.ok() ? "" : source.error().message));
-  REQUIRE(source.ok());
-  Contents contents;
-  std::array<CanFrame, 3> slots;
-  for (;;) {
-    const SourceRead result = (*source)->read(slots, core::Duration{});
-    contents.state = result.state;
-    if (result.state != SourceState::kData) break;
-    contents.frames.insert(contents.frames.end(), slots.begin(),
-                           slots.begin() + static_cast<std::ptrdiff_t>(result.count));
-  }
-  contents.stats = (*source)->stats();
-  contents.status = (*source)->status();
-  return contents;
+CanContents read_can(const std::string& path, const std::string& interface_name) {
+  return contents_of(open_can_capture(path, interface_name));
 }
 
-Contents read_can_bytes(const std::string& bytes, const std::string& interface_name = "") {
+CanContents read_can_bytes(const std::string& bytes, const std::string& interface_name = "") {
   const TemporaryFile file(bytes, ".pcap");
   return read_can(file.path(), interface_name);
 }
@@ -82,7 +62,7 @@ TEST_CASE("captures of a CAN interface give frames of every kind", "[can_capture
       .packet(kEpochNs + 6, can(0x7FE, "FD", true, true, 0))
       // Without the unused bytes; the flag marks CAN FD.
       .packet(kEpochNs + 7, can(0x7FD, std::string(12, 'z'), true, true, 4).substr(0, 20));
-  const Contents contents = read_can_bytes(capture.bytes(), "can0");
+  const CanContents contents = read_can_bytes(capture.bytes(), "can0");
   REQUIRE(contents.frames.size() == 7);
   CHECK(contents.state == SourceState::kEnd);
   CHECK(contents.stats.malformed == 0);
@@ -122,7 +102,7 @@ TEST_CASE("one capture of all interfaces provides LiDAR and IMU data", "[can_cap
   CHECK(slots[9].stamp.ns == kEpochNs + 90'000'000);
   for (const char* interface_name : {"3", "can0"}) {
     CAPTURE(interface_name);
-    const Contents contents = read_can(file.path(), interface_name);
+    const CanContents contents = read_can(file.path(), interface_name);
     CHECK(contents.frames.size() == 20);
     CHECK(contents.stats.other == 20);
     CHECK_THAT(contents.status, Contains("20 of #3") && Contains("10 of #4"));
@@ -133,7 +113,7 @@ TEST_CASE("one capture of all interfaces provides LiDAR and IMU data", "[can_cap
   }
   CHECK(read_can(file.path(), "4").frames.size() == 10);
   CHECK(read_can(file.path(), "").frames.size() == 30);
-  const Contents none = read_can(file.path(), "7");
+  const CanContents none = read_can(file.path(), "7");
   CHECK(none.frames.empty());
   CHECK_THAT(none.status,
              Contains("wanted '7'") && Contains("20 of #3") && Contains("set the CAN interface"));
@@ -146,7 +126,7 @@ TEST_CASE("the older cooked header carries CAN and CAN FD, too", "[can_captures]
       .packet(3, link_frame(kLinkCooked, ipv4_udp(2368, "lidar")))
       .packet(4, cooked(0x000C, can(0x125, "cut", false).substr(0, 9)))
       .packet(5, cooked(0x000C, "short"));
-  const Contents contents = read_can_bytes(capture.bytes(), "can0");
+  const CanContents contents = read_can_bytes(capture.bytes(), "can0");
   REQUIRE(contents.frames.size() == 2);
   CHECK(contents.frames[0].id == 0x123);
   CHECK(contents.frames[1].flexible_data_rate);
@@ -182,18 +162,18 @@ TEST_CASE("a pcapng with LiDAR and CAN interfaces gives the frames of the named 
     REQUIRE(packets.ok());
     std::array<Packet, 32> slots;
     CHECK((*packets)->read(slots, {}).count == 6);
-    const Contents zero = read_can(file.path(), "can0");
+    const CanContents zero = read_can(file.path(), "can0");
     CHECK(zero.frames.size() == 5);
     CHECK(
         std::all_of(zero.frames.begin(), zero.frames.end(), [](const CanFrame& f) { return f.id == 0x100; }));
-    const Contents one = read_can(file.path(), "can1");
+    const CanContents one = read_can(file.path(), "can1");
     REQUIRE(one.frames.size() == 7);
     CHECK(one.frames[4].id == 0x101);
     CHECK(one.frames[5].id == 0x102);
     CHECK(one.frames[6].id == 0x103);
     CHECK(one.stats.malformed == 5);
     CHECK(read_can(file.path(), "").frames.size() == 12);
-    const Contents none = read_can(file.path(), "can7");
+    const CanContents none = read_can(file.path(), "can7");
     CHECK(none.frames.empty());
     CHECK_THAT(none.status, Contains("5 of can0") && Contains("7 of can1") && Contains("'can7'"));
   }
@@ -203,7 +183,7 @@ TEST_CASE("cooked frames of a big-endian machine have a big-endian identifier", 
   PcapngText capture(true);
   capture.interface(kLinkCooked2, capture.option(2, "any"));
   capture.packet(0, 1, cooked2(0x000C, 3, can(0x123, "abc", true)));
-  const Contents contents = read_can_bytes(capture.bytes());
+  const CanContents contents = read_can_bytes(capture.bytes());
   REQUIRE(contents.frames.size() == 1);
   CHECK(contents.frames[0].id == 0x123);
 }
@@ -227,7 +207,7 @@ TEST_CASE("errors for files without CAN give the reason and the remedy", "[can_c
   CHECK_THAT(read_can_bytes(lidar.bytes()).status, Contains("0 CAN frames") && Contains("record with"));
   std::string cut = PcapText(kLinkCan).packet(1, can(1, "", true)).packet(2, can(2, "", true)).bytes();
   cut.pop_back();
-  const Contents contents = read_can_bytes(cut);
+  const CanContents contents = read_can_bytes(cut);
   CHECK(contents.frames.size() == 1);
   CHECK(contents.state == SourceState::kEnd);
   CHECK_THAT(contents.status, Contains("middle of a packet"));

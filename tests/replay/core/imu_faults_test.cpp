@@ -2,6 +2,7 @@
 #include "nilio/core/odometry_runtime.hpp"
 #include "nilio/core/units.hpp"
 
+#include "tests/support/imu_fault.hpp"
 #include "tests/support/synthetic_room.hpp"
 
 #include <algorithm>
@@ -12,7 +13,9 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
+using nilio::tests::changed;
 using nilio::tests::imu_sample;
+using nilio::tests::ImuFault;
 using nilio::tests::Room;
 using nilio::tests::scan_room;
 
@@ -29,15 +32,6 @@ SE3 winding(double t) {
   const double yaw = 0.35 * (1.0 - std::cos(along / 6.0)) - 0.2 * std::sin(along / 9.0);
   return {Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Vector3::UnitZ())),
           Vector3(along, 2.5 * std::sin(along / 11.0), 0.0)};
-}
-
-using Fault = std::function<std::optional<ImuSample>(ImuSample)>;
-
-Fault changed(const std::function<void(ImuSample&)>& change) {
-  return [change](ImuSample sample) {
-    change(sample);
-    return std::optional(sample);
-  };
 }
 
 const std::vector<Scan>& scans() {
@@ -60,7 +54,7 @@ struct Run {
 };
 
 /// Drives through the hall with a faulty IMU; without a fault function there is no IMU.
-Run drive(const Fault& fault, int threads = 1, int count = kScans) {
+Run drive(const ImuFault& fault, int threads = 1, int count = kScans) {
   OdometryConfig config;
   config.threads = threads;
   Odometry odometry(config);
@@ -96,7 +90,7 @@ struct NamedFault {
   ImuCheck check;
   double value;
   double tolerance;
-  Fault fault;
+  ImuFault fault;
 };
 
 std::vector<NamedFault> disqualifying_faults() {
@@ -149,7 +143,7 @@ TEST_CASE("an IMU with a time offset is reported, corrected and used", "[imu_fau
   const Run without = drive(nullptr, 1, kScansOfLongDrive);
   for (const double offset_ms : {100.0, -100.0, 20.0, -20.0}) {
     INFO(offset_ms);
-    const Fault shifted =
+    const ImuFault shifted =
         changed([&](ImuSample& s) { s.stamp = s.stamp + Duration::from_milliseconds(offset_ms); });
     const Run run = drive(shifted, 1, kScansOfLongDrive);
     const ImuDiagnosis& row = run.health[ImuCheck::kTimeOffset];
@@ -164,7 +158,7 @@ TEST_CASE("an IMU with a time offset is reported, corrected and used", "[imu_fau
 
 TEST_CASE("with an IMU that fails half way the result is the same to the last bit for 1 and 2 threads",
           "[imu_faults]") {
-  const Fault fails = changed([](ImuSample& s) {
+  const ImuFault fails = changed([](ImuSample& s) {
     if (s.stamp > Time::from_seconds(6.0)) s.angular_velocity[2] *= -1.0;
   });
   const Run one = drive(fails, 1);

@@ -5,7 +5,6 @@
 #include "tools/bench/common/memory_use.hpp"
 #include "tools/bench/odometry/measure.hpp"
 #include "tools/bench/odometry/report.hpp"
-#include "tools/commands/commands.hpp"
 
 #include <set>
 
@@ -13,7 +12,7 @@ using namespace nilio;
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
 using tests::read_file;
-using tests::run_command;
+using tests::run_bench;
 using tests::TemporaryFolder;
 using tests::town_drive;
 
@@ -24,8 +23,6 @@ BenchDataset town() {
   REQUIRE(dataset.ok());
   return std::move(dataset).value();
 }
-
-void add_bench(CLI::App& app, int& /*status*/) { add_bench_command(app); }
 
 }  // namespace
 
@@ -152,8 +149,8 @@ TEST_CASE("PCL is measured on the same scans, or reported as missing", "[bench_o
 TEST_CASE("one command writes a page with its command, tables and pictures", "[bench_odometry][drives]") {
   const TemporaryFolder folder;
   const std::string output = folder.file("results");
-  REQUIRE(run_command(add_bench, {"bench", "odometry", town_drive(), "--registration", "ndt_icp,icp_point",
-                                  "--threads", "1,2", "--output", output}) == 0);
+  REQUIRE(run_bench({"odometry", town_drive(), "--registration", "ndt_icp,icp_point", "--threads", "1,2",
+                     "--output", output}) == 0);
   const std::string page = read_file(output + "/results.md");
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
   for (const char* part : {"| ndt_icp, 2 threads |", "| icp_point |", "### Cost", "### Trajectories"})
@@ -162,8 +159,8 @@ TEST_CASE("one command writes a page with its command, tables and pictures", "[b
     CHECK(page.find(name) != std::string::npos);
     CHECK(read_file(output + "/" + name).find("<svg") != std::string::npos);
   }
-  CHECK(run_command(add_bench, {"bench", "odometry", folder.file("nowhere")}) == -1);
-  CHECK(run_command(add_bench, {"bench", "odometry", town_drive(), "--registration", "loam"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "basin", town_drive(), "--pairs", "2", "--output", output}) == 0);
+  CHECK(run_bench({"odometry", folder.file("nowhere")}) == -1);
+  CHECK(run_bench({"odometry", town_drive(), "--registration", "loam"}) == -1);
+  CHECK(run_bench({"basin", town_drive(), "--pairs", "2", "--output", output}) == 0);
   CHECK(read_file(output + "/basin-town.svg").find("<svg") != std::string::npos);
 }

@@ -4,20 +4,17 @@
 #include "tests/support/read_all.hpp"
 #include "tests/support/tools/town_drive.hpp"
 #include "tools/bench/common/sensor_drive.hpp"
-#include "tools/commands/commands.hpp"
 
 using namespace nilio;
 using namespace nilio::tools;
 using namespace nilio::tools::bench;
 using tests::read_all;
 using tests::read_file;
-using tests::run_command;
+using tests::run_bench;
 using tests::TemporaryFolder;
 using tests::town_drive;
 
 namespace {
-
-void add_bench(CLI::App& app, int& /*status*/) { add_bench_command(app); }
 
 /// Number of occurrences of a text in another.
 std::size_t count_of(const std::string& text, const std::string& part) {
@@ -64,21 +61,21 @@ TEST_CASE("the beginning of a drive has its first packets and frames, bit by bit
 TEST_CASE("drives without packets and unknown names are refused before a program is started",
           "[bench_realtime]") {
   const TemporaryFolder folder;
-  CHECK(run_command(add_bench, {"bench", "realtime"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere")}) == -1);
-  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--conditions", "busy"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--budgets", "0"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--feed", "tcp"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--seconds", "nan"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "realtime", folder.file("nowhere"), "--soak", "0"}) == -1);
+  CHECK(run_bench({"realtime"}) == -1);
+  CHECK(run_bench({"realtime", folder.file("nowhere")}) == -1);
+  CHECK(run_bench({"realtime", folder.file("nowhere"), "--conditions", "busy"}) == -1);
+  CHECK(run_bench({"realtime", folder.file("nowhere"), "--budgets", "0"}) == -1);
+  CHECK(run_bench({"realtime", folder.file("nowhere"), "--feed", "tcp"}) == -1);
+  CHECK(run_bench({"realtime", folder.file("nowhere"), "--seconds", "nan"}) == -1);
+  CHECK(run_bench({"realtime", folder.file("nowhere"), "--soak", "0"}) == -1);
 }
 
 TEST_CASE("one command runs niliod under a budget and loads, checks the identity of poses and writes a page",
           "[bench_realtime][drives][timed]") {
   const TemporaryFolder folder;
-  REQUIRE(run_command(add_bench, {"bench", "realtime", town_drive(), "--seconds", "2", "--budgets", "20",
-                                  "--conditions", "cpu,memory,subscriber", "--memory-mib", "64", "--page",
-                                  folder.file("page.md"), "--domain", "232"}) == 0);
+  REQUIRE(run_bench({"realtime", town_drive(), "--seconds", "2", "--budgets", "20", "--conditions",
+                     "cpu,memory,subscriber", "--memory-mib", "64", "--page", folder.file("page.md"),
+                     "--domain", "232"}) == 0);
   const std::string page = read_file(folder.file("page.md"));
   CHECK(page.find("Made by\n\n```sh\n") != std::string::npos);
   for (const char* part : {"| 20 | idle |", "| cpu |", "| memory |", "| subscriber |", "(default)"})

@@ -2,7 +2,6 @@
 #include "tests/support/tools/town_drive.hpp"
 #include "tools/bench/common/looping_source.hpp"
 #include "tools/bench/soak/soak_run.hpp"
-#include "tools/commands/commands.hpp"
 
 #include <array>
 #include <cstring>
@@ -12,6 +11,7 @@ using namespace nilio::tools;
 using namespace nilio::tools::bench;
 using tests::read_all;
 using tests::read_file;
+using tests::run_bench;
 using tests::run_command;
 using tests::TemporaryFolder;
 
@@ -33,8 +33,6 @@ std::uint32_t sensor_us(const drivers::Packet& packet) {
   std::memcpy(&time, packet.data.data() + 1200, sizeof(time));
   return time;
 }
-
-void add_bench(CLI::App& app, int& /*status*/) { add_bench_command(app); }
 
 }  // namespace
 
@@ -96,17 +94,16 @@ TEST_CASE("a soak of some laps gives a pose for every scan, in every histogram, 
           "[bench_soak][drives]") {
   const TemporaryFolder folder;
   // Too short for a verdict on memory.
-  run_command(add_bench,
-              {"bench", "soak", std::filesystem::path(short_drive().files.captures.front()).parent_path(),
-               "--minutes", "0.2", "--page", folder.file("soak.md"), "--domain", "231"});
+  run_bench({"soak", std::filesystem::path(short_drive().files.captures.front()).parent_path(), "--minutes",
+             "0.2", "--page", folder.file("soak.md"), "--domain", "231"});
   const std::string page = read_file(folder.file("soak.md"));
   CHECK(page.find("| moving | 0.2 | 6 |") != std::string::npos);
   CHECK(page.find("scans gave") == std::string::npos);
   CHECK(page.find("histograms have") == std::string::npos);
   CHECK(read_file(folder.file("memory.svg")).find("<svg") != std::string::npos);
-  CHECK(run_command(add_bench, {"bench", "soak"}) == -1);
-  CHECK(run_command(add_bench, {"bench", "soak", folder.file("nowhere")}) == -1);
-  CHECK(run_command(add_bench, {"bench", "soak", "--minutes", "nan"}) == -1);
+  CHECK(run_bench({"soak"}) == -1);
+  CHECK(run_bench({"soak", folder.file("nowhere")}) == -1);
+  CHECK(run_bench({"soak", "--minutes", "nan"}) == -1);
 }
 
 TEST_CASE("at each seam to another place tracking is lost, reported, and recovered within twenty scans",
@@ -144,6 +141,6 @@ TEST_CASE("the memory does not grow over five minutes of driving and ten of stan
           "[bench_soak][.soak]") {
   const TemporaryFolder folder;
   const std::string drive = tests::simulate_town(folder, "30");
-  CHECK(run_command(add_bench, {"bench", "soak", drive, "--minutes", "5", "--warm-up", "0.4"}) == 0);
-  CHECK(run_command(add_bench, {"bench", "soak", "--stationary", "10", "--warm-up", "0.4"}) == 0);
+  CHECK(run_bench({"soak", drive, "--minutes", "5", "--warm-up", "0.4"}) == 0);
+  CHECK(run_bench({"soak", "--stationary", "10", "--warm-up", "0.4"}) == 0);
 }

@@ -28,7 +28,7 @@ RecordConfig record_config(const TemporaryFolder& folder, std::uint16_t data_por
 void check_same(const std::vector<drivers::Packet>& found, const std::vector<drivers::Packet>& wanted) {
   REQUIRE(found.size() == wanted.size());
   for (std::size_t i = 0; i < wanted.size(); ++i)
-    CHECK(tests::payload_of(found[i]) == tests::payload_of(wanted[i]));
+    CHECK(tests::payload_bytes(found[i]) == tests::payload_bytes(wanted[i]));
 }
 
 std::vector<drivers::Packet> to_port(const std::vector<drivers::Packet>& packets, std::uint16_t port) {

@@ -78,7 +78,7 @@ inline std::uint32_t number_of(const drivers::Packet& packet) {
   return number;
 }
 
-inline std::vector<std::uint8_t> payload_of(const drivers::Packet& packet) {
+inline std::vector<std::uint8_t> payload_bytes(const drivers::Packet& packet) {
   return {packet.data.begin(), packet.data.begin() + packet.size};
 }
 

@@ -33,6 +33,12 @@ CommandResult capture_command(AddCommand add_command, const std::string& line);
 /// Only the status of the command.
 int run_command(AddCommand add_command, std::vector<std::string> arguments);
 
+/// The same of a measurement of nilio bench.
+inline int run_bench(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "bench");
+  return run_command([](CLI::App& app, int&) { tools::add_bench_command(app); }, std::move(arguments));
+}
+
 /// Standard output of a program, and whether it succeeded.
 inline std::pair<std::string, bool> run_program(const std::string& command) {
   std::string output;

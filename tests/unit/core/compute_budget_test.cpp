@@ -19,7 +19,7 @@ using nilio::tests::scan_room;
 
 namespace {
 
-constexpr double kPeriod = 0.1;
+constexpr double kScanIntervalS = 0.1;
 constexpr std::size_t kFirstScans = 5;  // not limited
 
 SE3 driving(double t) {
@@ -50,8 +50,10 @@ struct BudgetRun {
   double end_error_m = 0.0;
 };
 
-BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetDecisions>* repeat = nullptr,
-                Odometry::ClockFunction clock = nullptr, CoarsePolicy coarse = OdometryConfig{}.coarse) {
+BudgetRun budgeted_drive(const BudgetConfig& budget, int scans,
+                         const std::vector<BudgetDecisions>* repeat = nullptr,
+                         Odometry::ClockFunction clock = nullptr,
+                         CoarsePolicy coarse = OdometryConfig{}.coarse) {
   static const Room room = Room::with_pillars();
   OdometryConfig config;
   config.budget = budget;
@@ -61,7 +63,7 @@ BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetD
   work_clock.budget = clock != nullptr ? &runtime.budget() : nullptr;
   BudgetRun run;
   for (int i = 0; i < scans; ++i) {
-    const Scan scan = scan_room(room, driving, i * kPeriod, static_cast<std::uint64_t>(i));
+    const Scan scan = scan_room(room, driving, i * kScanIntervalS, static_cast<std::uint64_t>(i));
     OdometryResult result = repeat != nullptr
                                 ? runtime.register_scan(scan, (*repeat)[static_cast<std::size_t>(i)])
                                 : odometry.register_scan(scan);
@@ -73,7 +75,7 @@ BudgetRun drive(const BudgetConfig& budget, int scans, const std::vector<BudgetD
     run.results.push_back(result);
   }
   work_clock.budget = nullptr;
-  const SE3 truth = driving(kPeriod).inverse() * driving(scans * kPeriod);
+  const SE3 truth = driving(kScanIntervalS).inverse() * driving(scans * kScanIntervalS);
   const SE3 estimate = run.results.front().T_odom_base.inverse() * run.results.back().T_odom_base;
   run.end_error_m = (truth.translation - estimate.translation).norm();
   return run;
@@ -103,7 +105,7 @@ TEST_CASE(
     "[compute_budget]") {
   for (const double budget_ms : {50.0, 2.0, 1.0, 0.5, 0.3, 0.15}) {
     INFO("budget " << budget_ms << " ms");
-    const BudgetRun run = drive(ops(budget_ms), 30);
+    const BudgetRun run = budgeted_drive(ops(budget_ms), 30);
     CHECK(run.results.size() == 30);
     for (std::size_t i = kFirstScans; i < run.results.size(); ++i) CHECK(run.overshoot_ns[i] <= 0);
     if (budget_ms >= 50.0) CHECK(count_level(run, DegradationLevel::kFull) == 30);
@@ -113,7 +115,7 @@ TEST_CASE(
 }
 
 TEST_CASE("with no time for an iteration the pose is the prediction, and is marked so", "[compute_budget]") {
-  const BudgetRun run = drive(ops(0.07), 12);
+  const BudgetRun run = budgeted_drive(ops(0.07), 12);
   for (std::size_t i = kFirstScans; i < run.results.size(); ++i) {
     CHECK(run.results[i].degradation_level == DegradationLevel::kPredictionOnly);
     CHECK(run.results[i].stop_reason == StopReason::kBudget);
@@ -124,7 +126,7 @@ TEST_CASE("with no time for an iteration the pose is the prediction, and is mark
 }
 
 TEST_CASE("a generous budget changes no bit of the result", "[compute_budget]") {
-  CHECK(same_poses(drive(ops(1000.0), 15), drive({}, 15)));
+  CHECK(same_poses(budgeted_drive(ops(1000.0), 15), budgeted_drive({}, 15)));
 }
 
 TEST_CASE("with a clock that follows the work, the deadline is missed by less than an iteration",
@@ -134,8 +136,8 @@ TEST_CASE("with a clock that follows the work, the deadline is missed by less th
     for (const double budget_ms : {2.0, 1.0, 0.5}) {
       INFO("factor " << factor << ", budget " << budget_ms << " ms");
       work_clock.cost_ns = {20.0 * factor, 130.0 * factor, 60.0 * factor, 60'000.0 * factor};
-      const BudgetRun run =
-          drive({BudgetMode::kWall, Duration::from_milliseconds(budget_ms)}, 40, nullptr, read_work_clock);
+      const BudgetRun run = budgeted_drive({BudgetMode::kWall, Duration::from_milliseconds(budget_ms)}, 40,
+                                           nullptr, read_work_clock);
       std::vector<std::int64_t> late(run.overshoot_ns.begin() + kFirstScans, run.overshoot_ns.end());
       CHECK(late.size() == 35);
       // The cost estimates settle in the first limited scans.
@@ -147,26 +149,26 @@ TEST_CASE("with a clock that follows the work, the deadline is missed by less th
 TEST_CASE("the decisions of a run by the clock repeat it bit for bit", "[compute_budget]") {
   work_clock.cost_ns = {35.0, 200.0, 110.0, 80'000.0};
   const BudgetRun first =
-      drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
+      budgeted_drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
   CHECK(count_level(first, DegradationLevel::kFull) < 10);
-  const BudgetRun repeated = drive({}, 25, &first.decisions);
+  const BudgetRun repeated = budgeted_drive({}, 25, &first.decisions);
   CHECK(same_poses(first, repeated));
   for (std::size_t i = kFirstScans; i < first.results.size(); ++i)
     CHECK(first.results[i].degradation_level == repeated.results[i].degradation_level);
 }
 
 TEST_CASE("the decisions of a run without a budget repeat it, too", "[compute_budget]") {
-  const BudgetRun first = drive({}, 15);
+  const BudgetRun first = budgeted_drive({}, 15);
   const BudgetRun repeated =
-      drive({BudgetMode::kOps, Duration::from_milliseconds(0.5)}, 15, &first.decisions);
+      budgeted_drive({BudgetMode::kOps, Duration::from_milliseconds(0.5)}, 15, &first.decisions);
   CHECK(same_poses(first, repeated));
 }
 
 TEST_CASE("without decisions a run by the clock gives other poses", "[compute_budget]") {
   work_clock.cost_ns = {35.0, 200.0, 110.0, 80'000.0};
   const BudgetRun first =
-      drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
-  CHECK_FALSE(same_poses(first, drive({}, 25)));
+      budgeted_drive({BudgetMode::kWall, Duration::from_milliseconds(0.6)}, 25, nullptr, read_work_clock);
+  CHECK_FALSE(same_poses(first, budgeted_drive({}, 25)));
 }
 
 TEST_CASE("for any answers of a clock each scan has a pose", "[compute_budget]") {
@@ -184,8 +186,9 @@ TEST_CASE("for any answers of a clock each scan has a pose", "[compute_budget]")
       for (std::uint8_t i = 0; i < scan.stop_size; ++i)
         scan.stops[i] = question = static_cast<std::uint16_t>(question + below(3) + (i > 0 ? 1 : 0));
     }
-    const BudgetRun cut = drive({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, 25, &decisions,
-                                nullptr, run % 2 == 0 ? CoarsePolicy::kAlways : CoarsePolicy::kAuto);
+    const BudgetRun cut =
+        budgeted_drive({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, 25, &decisions, nullptr,
+                       run % 2 == 0 ? CoarsePolicy::kAlways : CoarsePolicy::kAuto);
     CHECK(cut.results.size() == decisions.size());
     for (const OdometryResult& result : cut.results) CHECK(result.T_odom_base.is_finite());
   }
@@ -242,13 +245,13 @@ TEST_CASE("the scan after a gap may take half of the time to the next one, and t
   OdometryRuntime runtime(odometry);
   constexpr int kGapBefore = 15;
   for (int i = 0; i < 30; ++i) {
-    const double start_s = (i < kGapBefore ? i : i + 8) * kPeriod;
+    const double start_s = (i < kGapBefore ? i : i + 8) * kScanIntervalS;
     OdometryResult result =
         odometry.register_scan(scan_room(room, driving, start_s, static_cast<std::uint64_t>(i)));
     INFO("scan " << i);
     if (i >= static_cast<int>(kFirstScans) && i < kGapBefore) CHECK(result.recovery_budget.ns == 0);
     if (i == kGapBefore) {
-      CHECK(result.recovery_budget.seconds() == Approx(0.5 * kPeriod).epsilon(0.01));
+      CHECK(result.recovery_budget.seconds() == Approx(0.5 * kScanIntervalS).epsilon(0.01));
       CHECK(result.degradation_level == DegradationLevel::kFull);
     }
     if (i == 29) CHECK(result.state == TrackingState::kTracking);

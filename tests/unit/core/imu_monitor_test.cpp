@@ -2,6 +2,7 @@
 
 #include "nilio/core/units.hpp"
 
+#include "tests/support/imu_fault.hpp"
 #include "tests/support/synthetic_room.hpp"
 
 #include <algorithm>
@@ -13,7 +14,9 @@
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
+using nilio::tests::changed;
 using nilio::tests::imu_sample;
+using nilio::tests::ImuFault;
 
 namespace {
 
@@ -30,12 +33,9 @@ SE3 winding_road(double t) {
           Vector3(8.0 * t + 6.0 * std::sin(0.5 * t), 10.0 * std::sin(0.4 * t), 0.3 * std::sin(0.3 * t))};
 }
 
-/// The faulty sample, or nullopt when it is lost.
-using Fault = std::function<std::optional<ImuSample>(ImuSample)>;
-
 struct Drive {
   double seconds = 40.0;
-  Fault fault = [](const ImuSample& sample) { return std::optional(sample); };
+  ImuFault fault = [](const ImuSample& sample) { return std::optional(sample); };
   std::function<SE3(double)> pose = winding_road;
 };
 
@@ -77,21 +77,13 @@ ImuHealth watch(const Drive& drive) {
   return monitor.health();
 }
 
-ImuHealth watch(const Fault& fault) {
+ImuHealth watch(const ImuFault& fault) {
   Drive drive;
   drive.fault = fault;
   return watch(drive);
 }
 
-/// Each sample changed in place.
-Fault changed(const std::function<void(ImuSample&)>& change) {
-  return [change](ImuSample sample) {
-    change(sample);
-    return std::optional(sample);
-  };
-}
-
-Fault mounted_rotated(const Vector3& rotation_vector) {
+ImuFault mounted_rotated(const Vector3& rotation_vector) {
   const Eigen::Quaterniond to_imu = so3_exp(rotation_vector).conjugate();
   return changed([to_imu](ImuSample& sample) {
     for (auto* values : {&sample.angular_velocity, &sample.linear_acceleration}) {
@@ -298,7 +290,7 @@ TEST_CASE("noise and vibration are measured as their root mean square", "[imu_mo
 TEST_CASE("a rejected gyro is accepted again after agreement in turns, not on a straight road",
           "[imu_monitor]") {
   // Wrong for 5 s, then sound; the memory of the wrong ones has faded at the end.
-  const Fault wrong_at_first = changed([](ImuSample& s) {
+  const ImuFault wrong_at_first = changed([](ImuSample& s) {
     if (s.stamp > Time::from_seconds(3.0) && s.stamp < Time::from_seconds(8.0))
       s.angular_velocity[1] += 6.0 * s.angular_velocity[2];
   });

@@ -16,7 +16,7 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::int64_t kSecondNs = 1'000'000'000;
 
 }  // namespace
 
@@ -29,15 +29,15 @@ TEST_CASE("a thread without progress for a second hangs once, and its recovery i
   const auto poll = [&](std::int64_t now_ns) {
     for (Watchdog::Event& event : watchdog.poll(now_ns)) events.push_back(std::move(event));
   };
-  for (std::int64_t now = 0; now < 3 * kSecond; now += kSecond / 10, ++rounds) poll(now);
+  for (std::int64_t now = 0; now < 3 * kSecondNs; now += kSecondNs / 10, ++rounds) poll(now);
   CHECK(events.empty());
-  for (std::int64_t now = 3 * kSecond; now < 6 * kSecond; now += kSecond / 10) poll(now);
+  for (std::int64_t now = 3 * kSecondNs; now < 6 * kSecondNs; now += kSecondNs / 10) poll(now);
   REQUIRE(events.size() == 1);
   CHECK(events[0].hangs);
   CHECK_THAT(events[0].text, Contains("nilio-odometry: hangs"));
   ++rounds;
-  poll(6 * kSecond);
-  poll(6 * kSecond + 1);
+  poll(6 * kSecondNs);
+  poll(6 * kSecondNs + 1);
   REQUIRE(events.size() == 2);
   CHECK_FALSE(events[1].hangs);
   CHECK_THAT(events[1].text, Contains("progress again after 3"));
@@ -50,10 +50,10 @@ TEST_CASE("neither an ended thread nor a watchdog that slept itself is a hang", 
   watchdog.watch("nilio-lidar", [&] { return rounds; });
   CHECK(watchdog.poll(0).empty());
   rounds = 1;
-  CHECK(watchdog.poll(20 * kSecond).empty());
+  CHECK(watchdog.poll(20 * kSecondNs).empty());
   rounds.reset();
-  CHECK(watchdog.poll(30 * kSecond).empty());
-  CHECK(watchdog.poll(60 * kSecond).empty());
+  CHECK(watchdog.poll(30 * kSecondNs).empty());
+  CHECK(watchdog.poll(60 * kSecondNs).empty());
   CHECK(watchdog.hangs() == 0);
 }
 

@@ -12,7 +12,7 @@ namespace {
 /// A VLP-16 at 10 revolutions a second: twelve steps of 0.4 degree in a packet.
 constexpr float kStep = 40.0F;
 constexpr double kPacketDeg = 4.8;
-constexpr int kPackets = 75;
+constexpr int kPacketsOfTurn = 75;
 
 void add_packet(AzimuthCoverage& coverage, int packet) {
   for (int step = 0; step < 12; ++step)
@@ -28,7 +28,7 @@ double covered(const AzimuthCoverage& coverage, const BlindSector& blind = {}) {
 TEST_CASE("a whole revolution and none", "[azimuth_coverage]") {
   AzimuthCoverage coverage;
   CHECK(covered(coverage) == 0.0);
-  for (int i = 0; i < kPackets; ++i) add_packet(coverage, i);
+  for (int i = 0; i < kPacketsOfTurn; ++i) add_packet(coverage, i);
   CHECK(covered(coverage) == 360.0);
   coverage.restart();
   CHECK(covered(coverage) == 0.0);
@@ -41,7 +41,7 @@ TEST_CASE("evenly lost packets leave the circle surrounded", "[azimuth_coverage]
       std::mt19937 random(seed);
       std::uniform_real_distribution<double> uniform(0.0, 1.0);
       AzimuthCoverage coverage;
-      for (int i = 0; i < kPackets; ++i) {
+      for (int i = 0; i < kPacketsOfTurn; ++i) {
         if (uniform(random) >= lost) add_packet(coverage, i);
       }
       scans_below += covered(coverage) < 0.8 * 360.0 ? 1 : 0;
@@ -57,8 +57,9 @@ TEST_CASE("a missing sector is missing, with and without other losses", "[azimut
       std::mt19937 random(static_cast<std::uint32_t>(missing));
       std::uniform_real_distribution<double> uniform(0.0, 1.0);
       AzimuthCoverage coverage;
-      for (int i = 0; i < kPackets - missing; ++i) {
-        if (i == 0 || i + 1 == kPackets - missing || uniform(random) >= lost) add_packet(coverage, i + 30);
+      for (int i = 0; i < kPacketsOfTurn - missing; ++i) {
+        if (i == 0 || i + 1 == kPacketsOfTurn - missing || uniform(random) >= lost)
+          add_packet(coverage, i + 30);
       }
       INFO("lost " << lost << ", missing " << missing * kPacketDeg);
       CHECK(covered(coverage) == Approx(360.0 - missing * kPacketDeg).margin(2.0 + 150.0 * lost));
@@ -69,12 +70,12 @@ TEST_CASE("a missing sector is missing, with and without other losses", "[azimut
 
 TEST_CASE("a gap of one packet is no sector, a longer one among whole packets is", "[azimuth_coverage]") {
   AzimuthCoverage coverage;
-  for (int i = 0; i < kPackets; ++i) {
+  for (int i = 0; i < kPacketsOfTurn; ++i) {
     if (i != 20) add_packet(coverage, i);
   }
   CHECK(covered(coverage) == 360.0);
   coverage.restart();
-  for (int i = 0; i < kPackets; ++i) {
+  for (int i = 0; i < kPacketsOfTurn; ++i) {
     if (i < 20 || i > 22) add_packet(coverage, i);
   }
   CHECK(covered(coverage) == Approx(360.0 - 3 * kPacketDeg).margin(1.5));
@@ -83,7 +84,7 @@ TEST_CASE("a gap of one packet is no sector, a longer one among whole packets is
 TEST_CASE("firings on one side only never surround the sensor", "[azimuth_coverage]") {
   AzimuthCoverage coverage;
   // Every fifth packet of a half circle.
-  for (int i = 0; i < kPackets / 2; i += 5) add_packet(coverage, i);
+  for (int i = 0; i < kPacketsOfTurn / 2; i += 5) add_packet(coverage, i);
   CHECK(covered(coverage) < 190.0);
 }
 

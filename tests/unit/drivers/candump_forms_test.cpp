@@ -2,39 +2,18 @@
 
 #include "nilio/drivers/can/can_files.hpp"
 
-#include "tests/support/drivers_support.hpp"
+#include "tests/support/can_contents.hpp"
 
 #include <catch2/catch.hpp>
 
 using namespace nilio;
 using namespace nilio::drivers;
+using namespace nilio::tests;
 using Catch::Matchers::Contains;
-using nilio::tests::TemporaryFile;
 
 namespace {
 
-struct Contents {
-  std::vector<CanFrame> frames;
-  SourceStats stats;
-  std::string status;
-};
-
-Contents read_log(const std::string& text, const std::string& interface_name = "") {
-  const TemporaryFile file(text, ".log");
-  auto source = open_candump(file.path(), interface_name);
-  REQUIRE(source.ok());
-  Contents contents;
-  std::array<CanFrame, 3> slots;
-  while (const std::size_t count = (*source)->read(slots, {}).count) {
-    contents.frames.insert(contents.frames.end(), slots.begin(),
-                           slots.begin() + static_cast<std::ptrdiff_t>(count));
-  }
-  contents.stats = (*source)->stats();
-  contents.status = (*source)->status();
-  return contents;
-}
-
-std::vector<std::int64_t> stamps_of(const Contents& contents) {
+std::vector<std::int64_t> stamps_of(const CanContents& contents) {
   std::vector<std::int64_t> stamps;
   for (const CanFrame& frame : contents.frames) stamps.push_back(frame.stamp.ns);
   return stamps;
@@ -45,7 +24,7 @@ using Stamps = std::vector<std::int64_t>;
 }  // namespace
 
 TEST_CASE("candump's terminal output is read with its absolute times", "[candump_forms]") {
-  const Contents contents = read_log(
+  const CanContents contents = read_can_log(
       " (1700000000.123456)  can0  034   [6]  00 00 00 00 09 CF\n"
       " (1700000000.223456)  can0  1ABCDEF0   [2]  01 02   '..'\n"
       " (1700000000.323456)  can1  123   [0]  remote request\n"
@@ -75,16 +54,16 @@ TEST_CASE("candump's terminal output is read with its absolute times", "[candump
 
 TEST_CASE("time differences are added up, times since the first frame are not", "[candump_forms]") {
   const auto line = [](const char* stamp) { return std::string(" (") + stamp + ")  can0  001   [1]  00\n"; };
-  const Contents steps =
-      read_log(line("000.000000") + line("000.010000") + line("000.009000") + line("001.500000"));
+  const CanContents steps =
+      read_can_log(line("000.000000") + line("000.010000") + line("000.009000") + line("001.500000"));
   CHECK(stamps_of(steps) == Stamps{0, 10'000'000, 19'000'000, 1'519'000'000});
-  const Contents times =
-      read_log(line("000.000000") + line("000.010000") + line("000.019000") + line("001.500000"));
+  const CanContents times =
+      read_can_log(line("000.000000") + line("000.010000") + line("000.019000") + line("001.500000"));
   CHECK(stamps_of(times) == Stamps{0, 10'000'000, 19'000'000, 1'500'000'000});
 }
 
 TEST_CASE("frames without a time are read, and status() warns about them", "[candump_forms]") {
-  const Contents contents = read_log("  can0  034   [6]  00 00 00 00 09 CF\n  can0  035   [0]\n");
+  const CanContents contents = read_can_log("  can0  034   [6]  00 00 00 00 09 CF\n  can0  035   [0]\n");
   REQUIRE(contents.frames.size() == 2);
   CHECK_THAT(contents.status, Contains("2 frames without a time") && Contains("candump -L"));
 }
@@ -109,18 +88,18 @@ TEST_CASE("broken lines of terminal output are counted", "[candump_forms]") {
         "  can0  034   [x]  00", "  can0  0034   [1]  00", "  can0  034   [1]  0", "  can0  034   [1]  00 11",
         "  can0  034   [65]  00", " (1.x)  can0  034   [1]  00", "  can0  034   [4]  remote"}) {
     CAPTURE(line);
-    const Contents contents = read_log(std::string(line) + "\n");
+    const CanContents contents = read_can_log(std::string(line) + "\n");
     CHECK(contents.frames.empty());
     CHECK(contents.stats.malformed == 1);
   }
-  CHECK(read_log(" a comment\n  another [1 of 2\n").stats.malformed == 1);
+  CHECK(read_can_log(" a comment\n  another [1 of 2\n").stats.malformed == 1);
 }
 
 TEST_CASE("an ASC log is read as by asc2log", "[candump_forms]") {
   // Output of log2asc.
   const std::string header =
       "date Tue Nov 14 22:13:20 2023\nbase hex  timestamps absolute\nno internal events logged\n";
-  const Contents contents = read_log(
+  const CanContents contents = read_can_log(
       header +
       "// version 8.1.0\nBegin Triggerblock Tue Nov 14 22:13:20 2023\n   0.000000 Start of measurement\n"
       "   0.000000 1  123             Rx   d 3 01 02 FF\n   0.100000 1  1ABCDEF0x       Rx   d 1 01\n"
@@ -151,11 +130,11 @@ TEST_CASE("an ASC log is read as by asc2log", "[candump_forms]") {
   CHECK(frames[5].extended);
   CHECK(frames[5].data[0] == 0xAA);
   CHECK(frames[6].length == 8);
-  CHECK(read_log(header + "0.1 1 123 Rx d 1 01\n0.2 2 123 Rx d 1 02\n", "can1").frames.size() == 1);
+  CHECK(read_can_log(header + "0.1 1 123 Rx d 1 01\n0.2 2 123 Rx d 1 02\n", "can1").frames.size() == 1);
 }
 
 TEST_CASE("ASC logs with decimal numbers, time steps and other date formats are read", "[candump_forms]") {
-  const Contents contents = read_log(
+  const CanContents contents = read_can_log(
       "date Mit Mai 1 10:00:00.250 pm 2024\nbase dec  timestamps relative\n0.5 1 291 Rx d 2 10 255\n"
       "0.25 1 292 Rx d 0\n");
   REQUIRE(contents.frames.size() == 2);
@@ -163,6 +142,6 @@ TEST_CASE("ASC logs with decimal numbers, time steps and other date formats are 
   CHECK(contents.frames[0].data[1] == 0xFF);
   CHECK(contents.frames[0].stamp.ns == 1'714'600'800'750'000'000);
   CHECK(contents.frames[1].stamp.ns == 1'714'600'801'000'000'000);
-  const Contents dateless = read_log("base hex  timestamps absolute\n0.5 1 123 Rx d 0\n");
+  const CanContents dateless = read_can_log("base hex  timestamps absolute\n0.5 1 123 Rx d 0\n");
   CHECK(stamps_of(dateless) == Stamps{500'000'000});
 }

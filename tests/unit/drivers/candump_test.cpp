@@ -1,42 +1,14 @@
 #include "nilio/drivers/can/can_files.hpp"
 
-#include "tests/support/drivers_support.hpp"
+#include "tests/support/can_contents.hpp"
 #include "tests/support/paths.hpp"
 
 #include <catch2/catch.hpp>
 
 using namespace nilio;
 using namespace nilio::drivers;
+using namespace nilio::tests;
 using Catch::Matchers::Contains;
-using nilio::tests::TemporaryFile;
-
-namespace {
-
-struct Contents {
-  std::vector<CanFrame> frames;
-  SourceState state = SourceState::kData;
-  SourceStats stats;
-  std::string status;
-};
-
-Contents read_log(const std::string& path, const std::string& interface_name) {
-  auto source = open_candump(path, interface_name);
-  REQUIRE(source.ok());
-  Contents contents;
-  std::array<CanFrame, 3> slots;
-  for (;;) {
-    const SourceRead result = (*source)->read(slots, core::Duration{});
-    contents.state = result.state;
-    if (result.state != SourceState::kData) break;
-    contents.frames.insert(contents.frames.end(), slots.begin(),
-                           slots.begin() + static_cast<std::ptrdiff_t>(result.count));
-  }
-  contents.stats = (*source)->stats();
-  contents.status = (*source)->status();
-  return contents;
-}
-
-}  // namespace
 
 TEST_CASE("a candump line is read exactly", "[candump]") {
   const auto line = parse_candump_line("(1700000000.123456) can0 034#0000000009CF\n");
@@ -135,7 +107,7 @@ TEST_CASE("a log with comments, broken lines and other interfaces gives the sele
       "# a comment\n\n(1.000000) can0 032#01\n(1.0005\n(1.001000) can1 032#02\n(1.002000) can0 0zz#03\n" +
           std::string(2000, '(') + "\n(1.003000) can0 034#04",
       ".log");
-  const Contents contents = read_log(file.path(), "can0");
+  const CanContents contents = contents_of(open_candump(file.path(), "can0"));
   REQUIRE(contents.frames.size() == 2);
   CHECK(contents.frames[1].data[0] == 4);
   CHECK(contents.frames[1].received_ns > 0);
@@ -143,14 +115,15 @@ TEST_CASE("a log with comments, broken lines and other interfaces gives the sele
   CHECK(contents.stats.malformed == 3);
   CHECK(contents.stats.other == 1);
   CHECK_THAT(contents.status, Contains("3 broken lines, first line 4: '(1.0005'") && Contains("can1"));
-  CHECK(read_log(file.path(), "").frames.size() == 3);
+  CHECK(contents_of(open_candump(file.path(), "")).frames.size() == 3);
 }
 
 TEST_CASE("status() of a log without frames gives the expected format", "[candump]") {
   const TemporaryFile text("hello\nworld\n", ".log");
-  CHECK_THAT(read_log(text.path(), "").status, Contains("0 frames") && Contains("candump -L"));
+  CHECK_THAT(contents_of(open_candump(text.path(), "")).status,
+             Contains("0 frames") && Contains("candump -L"));
   const TemporaryFile other("(1.0) can1 123#11\n", ".log");
-  CHECK_THAT(read_log(other.path(), "can0").status, Contains("can1") && Contains("'can0'"));
+  CHECK_THAT(contents_of(open_candump(other.path(), "can0")).status, Contains("can1") && Contains("'can0'"));
   CHECK_THAT(open_candump("/nonexistent.log", "").error().message,
              Contains("/nonexistent.log") && Contains("No such file"));
   CHECK_THAT(open_candump("/", "").error().message, Contains("folder"));
@@ -161,7 +134,7 @@ TEST_CASE("a minute of a real car's bus is read without a broken line", "[candum
   const TemporaryFile log("", ".log");
   const std::string command = "xz -dc '" + archive.string() + "' > '" + log.path() + "'";
   REQUIRE(std::system(command.c_str()) == 0);
-  const Contents contents = read_log(log.path(), "");
+  const CanContents contents = contents_of(open_candump(log.path(), ""));
   CHECK(contents.frames.size() == 98800);
   CHECK(contents.stats.malformed == 0);
   const auto kinematics = std::count_if(contents.frames.begin(), contents.frames.end(),

@@ -1,10 +1,13 @@
 #include "nilio/drivers/can/dbc/dbc.hpp"
 
+#include "tests/support/imu_support.hpp"
+
 #include <catch2/catch.hpp>
 
 using namespace nilio;
 using namespace nilio::drivers;
 using Catch::Matchers::Contains;
+using nilio::tests::dbc_error;
 
 namespace {
 
@@ -15,12 +18,6 @@ DbcDatabase parsed(const std::string& text) {
   INFO((database.ok() ? "" : database.error().message));
   REQUIRE(database.ok());
   return *database;
-}
-
-std::string error_of(const std::string& text) {
-  const auto database = parse_dbc(text, "t.dbc");
-  REQUIRE_FALSE(database.ok());
-  return database.error().message;
 }
 
 std::optional<double> value(const DbcDatabase& database, const char* signal, const Bytes& payload) {
@@ -101,7 +98,7 @@ TEST_CASE("invalid multiplexing is named with its place in the file, and no fram
   }
   for (const char* mark : {"m", "mM", "x3", "m3x", "MM"}) {
     CAPTURE(mark);
-    CHECK_THAT(error_of("BO_ 1 M: 8 X\n" + signal(std::string("a ") + mark, "0|8@1+")),
+    CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n" + signal(std::string("a ") + mark, "0|8@1+")),
                Contains("t.dbc:2") && Contains("multiplexing mark") && Contains(mark));
   }
   const DbcDatabase rootless = parsed("BO_ 1 M: 8 X\n" + signal("a m0", "0|8@1+"));
@@ -197,9 +194,9 @@ TEST_CASE("double and float signals are read in both byte orders", "[dbc_stateme
   CHECK(value(database, "little", payload) == 1.5);
   CHECK(value(database, "big", payload) == -2.5);
   CHECK(value(database, "single", payload) == -1.0);
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\n" + signal("a", "0|16@1-") + "SIG_VALTYPE_ 1 a : 1;\n"),
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n" + signal("a", "0|16@1-") + "SIG_VALTYPE_ 1 a : 1;\n"),
              Contains("t.dbc:3") && Contains("32 or 64 bits"));
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\n" + signal("a", "0|32@1-") + "SIG_VALTYPE_ 1 a : 3;\n"),
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n" + signal("a", "0|32@1-") + "SIG_VALTYPE_ 1 a : 3;\n"),
              Contains("'3'") && Contains("value type"));
   // Beside usable signals, one of unknown type is removed; as an integer its values would be wrong.
   const DbcDatabase half =

@@ -1,6 +1,7 @@
 #include "nilio/drivers/can/dbc/dbc.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/imu_support.hpp"
 #include "tests/support/paths.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -9,6 +10,7 @@
 using namespace nilio;
 using namespace nilio::drivers;
 using Catch::Matchers::Contains;
+using nilio::tests::dbc_error;
 
 namespace {
 
@@ -20,12 +22,6 @@ DbcSignal signal_of(const std::string& layout, const std::string& scaling = "(1,
       parse_dbc("BO_ 1 M: 8 X\n SG_ s : " + layout + " " + scaling + " [0|0] \"\" X\n", "t.dbc");
   REQUIRE(database.ok());
   return database->messages[0].signals[0];
-}
-
-std::string error_of(const std::string& text) {
-  const auto database = parse_dbc(text, "t.dbc");
-  REQUIRE_FALSE(database.ok());
-  return database.error().message;
 }
 
 }  // namespace
@@ -141,20 +137,20 @@ TEST_CASE("statements of real files are read or skipped", "[dbc]") {
 }
 
 TEST_CASE("errors name file, line and token", "[dbc]") {
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\n SG_ s : 7|x@0- (1,0) [0|0] \"\" X\n"),
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n SG_ s : 7|x@0- (1,0) [0|0] \"\" X\n"),
              Contains("t.dbc:2") && Contains("'x'"));
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\n\n SG_ s : 7|65@0- (1,0) [0|0] \"\" X\n"),
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n\n SG_ s : 7|65@0- (1,0) [0|0] \"\" X\n"),
              Contains("t.dbc:3") && Contains("'65'"));
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\n SG_ s : 7|8@2- (1,0) [0|0] \"\" X\n"), Contains("'2-'"));
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\n SG_ s : 7|8@0- (nan,0) [0|0] \"\" X\n"), Contains("the factor"));
-  CHECK_THAT(error_of("BO_ one M: 8 X\n"), Contains("t.dbc:1") && Contains("'one'"));
-  CHECK_THAT(error_of("BO_ 1 M 8 X\n"), Contains("expected ':'"));
-  CHECK_THAT(error_of("\nSG_ s : 7|8@0- (1,0) [0|0] \"\" X\n"),
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n SG_ s : 7|8@2- (1,0) [0|0] \"\" X\n"), Contains("'2-'"));
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\n SG_ s : 7|8@0- (nan,0) [0|0] \"\" X\n"), Contains("the factor"));
+  CHECK_THAT(dbc_error("BO_ one M: 8 X\n"), Contains("t.dbc:1") && Contains("'one'"));
+  CHECK_THAT(dbc_error("BO_ 1 M 8 X\n"), Contains("expected ':'"));
+  CHECK_THAT(dbc_error("\nSG_ s : 7|8@0- (1,0) [0|0] \"\" X\n"),
              Contains("t.dbc:2") && Contains("before any message"));
-  CHECK_THAT(error_of("BO_ 1 M: 8 X\nCM_ \"never closed\n\n"),
+  CHECK_THAT(dbc_error("BO_ 1 M: 8 X\nCM_ \"never closed\n\n"),
              Contains("t.dbc:2") && Contains("never closed"));
-  CHECK_THAT(error_of("BO_ 1"), Contains("the end of the file"));
-  CHECK_THAT(error_of("hello"), Contains("no message"));
+  CHECK_THAT(dbc_error("BO_ 1"), Contains("the end of the file"));
+  CHECK_THAT(dbc_error("hello"), Contains("no message"));
   CHECK_THAT(load_dbc("/nonexistent.dbc").error().message,
              Contains("/nonexistent.dbc") && Contains("No such file"));
 }
@@ -207,7 +203,7 @@ TEST_CASE("a bad token costs its signal or message; the rest of the file is used
   CHECK(parsed(many).warnings.size() == 65);
   CHECK_THAT(parsed(many).warnings.back(), Contains("436 further"));
   // Without anything usable the first problem is the error.
-  CHECK_THAT(error_of("BO_ one M: 8 X\n" + good), Contains("t.dbc:1") && Contains("'one'"));
+  CHECK_THAT(dbc_error("BO_ one M: 8 X\n" + good), Contains("t.dbc:1") && Contains("'one'"));
 }
 
 TEST_CASE("one bad token in a real DBC file costs one signal", "[dbc]") {

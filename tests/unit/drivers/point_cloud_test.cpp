@@ -17,7 +17,7 @@ namespace {
 using namespace nilio;
 using namespace nilio::drivers;
 
-constexpr std::int64_t kStartNs = 1'700'000'000'123'456'789;
+constexpr std::int64_t kSweepStartNs = 1'700'000'000'123'456'789;
 constexpr std::size_t kBeams = 16;
 constexpr std::size_t kColumns = 512;
 constexpr double kSpacingDeg = 2.0;
@@ -43,7 +43,7 @@ void put(std::vector<std::uint8_t>& bytes, std::size_t at, double value) {
 CloudCopy make_cloud(const Form& form, std::size_t index) {
   constexpr std::uint32_t kStep = 24;
   const std::int64_t start_ns =
-      kStartNs + static_cast<std::int64_t>(static_cast<double>(index) * form.period_s * 1e9);
+      kSweepStartNs + static_cast<std::int64_t>(static_cast<double>(index) * form.period_s * 1e9);
   std::vector<std::uint8_t> bytes(kBeams * kColumns * kStep);
   const double span_s = form.period_s * (kColumns - 1) / kColumns;
   for (std::size_t i = 0; i < kBeams * kColumns; ++i) {
@@ -169,7 +169,7 @@ TEST_CASE("every form of point times is recognised and reported", "[point_cloud]
       REQUIRE(decoder->decode(clouds[i].view, scan));
       REQUIRE(scan.points.size() == kBeams * kColumns);
       const std::int64_t start_ns =
-          kStartNs + static_cast<std::int64_t>(static_cast<double>(i) * form.period_s * 1e9);
+          kSweepStartNs + static_cast<std::int64_t>(static_cast<double>(i) * form.period_s * 1e9);
       // A double resolves absolute seconds to 0.24 us; a 32-bit tick of a microsecond is one.
       is_right = is_right && std::abs(scan.start.ns - start_ns) < 2'000;
       CHECK(is_right);

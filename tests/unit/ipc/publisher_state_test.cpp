@@ -16,16 +16,16 @@ using nilio::ipc::SharedObject;
 using nilio::ipc::Stage;
 using nilio::ipc::TrackingState;
 
-constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kMillisecondNs = 1'000'000;
 
 /// Delivered at 50 ms, 2 ms before its deadline; received at 10 ms.
 PoseRecord early_pose() {
   PoseRecord record;
   record.state = TrackingState::kTracking;
   record.has_deadline = true;
-  record.overshoot_ns = -2 * kMs;
-  record.stage_ns[static_cast<std::size_t>(Stage::kReceived)] = 10 * kMs;
-  record.stage_ns[static_cast<std::size_t>(Stage::kDelivered)] = 50 * kMs;
+  record.overshoot_ns = -2 * kMillisecondNs;
+  record.stage_ns[static_cast<std::size_t>(Stage::kReceived)] = 10 * kMillisecondNs;
+  record.stage_ns[static_cast<std::size_t>(Stage::kDelivered)] = 50 * kMillisecondNs;
   return record;
 }
 
@@ -34,22 +34,22 @@ PoseRecord early_pose() {
 TEST_CASE("a pose is late if DDS has written it after the deadline, whenever it was delivered",
           "[publisher_state]") {
   PublisherState state;
-  state.record(early_pose(), Time{50 * kMs}, Time{51 * kMs}, true);
+  state.record(early_pose(), Time{50 * kMillisecondNs}, Time{51 * kMillisecondNs}, true);
   CHECK(state.late_poses() == 0);
-  state.record(early_pose(), Time{50 * kMs}, Time{90 * kMs}, true);
+  state.record(early_pose(), Time{50 * kMillisecondNs}, Time{90 * kMillisecondNs}, true);
   CHECK(state.poses() == 2);
   CHECK(state.late_poses() == 1);
-  CHECK(state.overshoot().snapshot().max() == 38 * kMs);
-  CHECK(state.received_to_written().snapshot().max() == 80 * kMs);
+  CHECK(state.overshoot().snapshot().max() == 38 * kMillisecondNs);
+  CHECK(state.received_to_written().snapshot().max() == 80 * kMillisecondNs);
 
   PoseRecord initialising = early_pose();
   initialising.state = TrackingState::kInitialising;
-  state.record(initialising, Time{50 * kMs}, Time{90 * kMs}, true);
+  state.record(initialising, Time{50 * kMillisecondNs}, Time{90 * kMillisecondNs}, true);
   PoseRecord without_deadline = early_pose();
   without_deadline.has_deadline = false;
-  state.record(without_deadline, Time{50 * kMs}, Time{90 * kMs}, true);
+  state.record(without_deadline, Time{50 * kMillisecondNs}, Time{90 * kMillisecondNs}, true);
   CHECK(state.late_poses() == 1);
-  state.record(early_pose(), Time{50 * kMs}, Time{90 * kMs}, false);
+  state.record(early_pose(), Time{50 * kMillisecondNs}, Time{90 * kMillisecondNs}, false);
   CHECK(state.poses() == 4);
   CHECK(state.failed_writes() == 1);
   CHECK(state.late_poses() == 1);
@@ -69,12 +69,12 @@ TEST_CASE("a second process continues the counters of the first", "[publisher_st
   {
     const auto first = SharedObject<PublisherState>::attach((*created).file_descriptor());
     REQUIRE(first.ok());
-    (**first).record(early_pose(), Time{50 * kMs}, Time{90 * kMs}, true);
+    (**first).record(early_pose(), Time{50 * kMillisecondNs}, Time{90 * kMillisecondNs}, true);
     (**first).beat();
   }
   const auto second = SharedObject<PublisherState>::attach((*created).file_descriptor());
   REQUIRE(second.ok());
-  (**second).record(early_pose(), Time{50 * kMs}, Time{91 * kMs}, true);
+  (**second).record(early_pose(), Time{50 * kMillisecondNs}, Time{91 * kMillisecondNs}, true);
   CHECK((**created).late_poses() == 2);
   CHECK((**created).heartbeat() == 1);
   CHECK((**created).overshoot().snapshot().count() == 2);

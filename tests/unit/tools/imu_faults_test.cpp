@@ -35,7 +35,7 @@ std::string problem_with(const std::string& fault) {
 }
 
 /// "nilio simulate <arguments>".
-tests::CommandResult simulate(const std::string& arguments) {
+tests::CommandResult run_simulate(const std::string& arguments) {
   return tests::capture_command(tools::add_simulate_command, "simulate " + arguments);
 }
 
@@ -107,17 +107,17 @@ TEST_CASE("nilio simulate applies several faults, and rejects them without an IM
           "[imu_faults]") {
   const tests::TemporaryFolder folder;
   const std::string options = folder.path().string() + " --duration 1 --moving-start --moving-cars 0";
-  REQUIRE(simulate(options).status == 0);
+  REQUIRE(run_simulate(options).status == 0);
   const std::string sound = tests::read_file(folder.path() / "imu.candump.log");
-  REQUIRE(simulate(options + " --imu-fault dropout=0.5 --imu-fault gyro_bias=2").status == 0);
+  REQUIRE(run_simulate(options + " --imu-fault dropout=0.5 --imu-fault gyro_bias=2").status == 0);
   const std::string faulty = tests::read_file(folder.path() / "imu.candump.log");
   CHECK(std::count(faulty.begin(), faulty.end(), '\n') <
         std::count(sound.begin(), sound.end(), '\n') * 3 / 5);
   CHECK(faulty.substr(0, 60) != sound.substr(0, 60));
-  const tests::CommandResult without = simulate(options + " --imu none --imu-fault stuck");
+  const tests::CommandResult without = run_simulate(options + " --imu none --imu-fault stuck");
   CHECK(without.status == 2);
   CHECK(without.errors.find("--imu none") != std::string::npos);
-  const tests::CommandResult misspelt = simulate(options + " --imu-fault stack");
+  const tests::CommandResult misspelt = run_simulate(options + " --imu-fault stack");
   CHECK(misspelt.status == 2);
   CHECK(misspelt.errors.find("stuck") != std::string::npos);
 }

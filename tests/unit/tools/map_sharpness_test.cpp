@@ -21,13 +21,13 @@ using Eigen::Vector3d;
 
 namespace {
 
-constexpr std::size_t kScans = 20;
+constexpr std::size_t kMappedScans = 20;
 
 /// A wall at x = 20 m seen from the origin by every scan, without noise, at places that differ from scan to
 /// scan.
 std::vector<Cloud> walls() {
   std::vector<Cloud> scans;
-  for (std::size_t k = 0; k < kScans; ++k) {
+  for (std::size_t k = 0; k < kMappedScans; ++k) {
     Cloud cloud;
     for (int y = -50; y < 50; ++y)
       for (int z = -25; z < 25; ++z)
@@ -41,8 +41,9 @@ std::vector<Cloud> walls() {
 /// Poses whose scans are alternately `offset` ahead of and behind the truth, by their order among the used
 /// scans.
 std::vector<Isometry3d> shifted(double offset) {
-  std::vector<Isometry3d> poses(kScans, Isometry3d::Identity());
-  for (std::size_t k = 0; k < kScans; ++k) poses[k].translation().x() = (k / 2) % 2 == 0 ? offset : -offset;
+  std::vector<Isometry3d> poses(kMappedScans, Isometry3d::Identity());
+  for (std::size_t k = 0; k < kMappedScans; ++k)
+    poses[k].translation().x() = (k / 2) % 2 == 0 ? offset : -offset;
   return poses;
 }
 
@@ -110,7 +111,7 @@ TEST_CASE("a trajectory that loses anchors loses them for all, and its coverage 
   const std::vector<Cloud> scans = walls();
   std::vector<Isometry3d> broken = shifted(0.0);
   // Of the scans beside the middle one, four see only a part of its wall, the others are far away.
-  for (std::size_t k = 0; k < kScans; ++k) broken[k].translation().y() = k < 8 ? 3.0 : 1000.0;
+  for (std::size_t k = 0; k < kMappedScans; ++k) broken[k].translation().y() = k < 8 ? 3.0 : 1000.0;
   broken[10].translation().y() = 0.0;
   const auto both = measure_sharpness(scans, std::vector<std::vector<Isometry3d>>{shifted(0.0), broken}, {});
   REQUIRE(both.size() == 2);

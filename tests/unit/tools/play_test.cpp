@@ -158,7 +158,7 @@ TEST_CASE("at speed 4 the data and position packets of a capture arrive complete
   CHECK(report.late_max_ns >= report.late_p50_ns);
   REQUIRE(received.size() == packets.size());
   for (std::size_t i = 0; i < packets.size(); ++i)
-    CHECK(tests::payload_of(received[i]) == tests::payload_of(packets[i]));
+    CHECK(tests::payload_bytes(received[i]) == tests::payload_bytes(packets[i]));
   // Paced, not sent at once: the last packet arrives a quarter of the recording after the start, or later.
   const core::Duration recorded = packets.back().stamp - packets.front().stamp;
   CHECK((received.back().stamp.ns - std::chrono::nanoseconds(begun).count()) * 4 >= recorded.ns);

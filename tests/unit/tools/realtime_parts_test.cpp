@@ -63,7 +63,7 @@ TEST_CASE("the figures of a run are read from its files and shown in table rows"
   const TemporaryFolder folder;
   write_run(folder, kReport);
   const RealtimeCell cell = cell_of(folder);
-  const RunFigures& f = cell.run.figures;
+  const NiliodFigures& f = cell.run.figures;
   CHECK(f.scans == 100);
   CHECK(f.poses == 98);
   CHECK(f.packets_dropped == 9);

@@ -30,7 +30,7 @@ ipc::LatencySummary latency(double p50_us, double p99_us) {
 /// A run that meets all requirements.
 RealtimeCell good_cell() {
   RealtimeCell cell;
-  RunFigures& f = cell.run.figures;
+  NiliodFigures& f = cell.run.figures;
   f.scans = f.poses = 100;
   f.scans_with_imu = 90;
   f.overshoot = latency(0.0, 30.0);

@@ -23,7 +23,6 @@ using core::Error;
 using core::Result;
 using nlohmann::json;
 
-constexpr Duration kPoll = Duration::from_milliseconds(20.0);
 constexpr Duration kPatience = Duration::from_seconds(10.0);
 /// Longer than any drive; ends a niliod that hangs.
 constexpr Duration kLongestReplay = Duration::from_seconds(4.0 * 3600.0);
@@ -84,7 +83,7 @@ std::optional<ipc::LatencySummary> summary_in(const json& parent, const char* ke
   return summary;
 }
 
-void read_packets(const json& report, RunFigures& figures) {
+void read_packets(const json& report, NiliodFigures& figures) {
   const auto lidars = report.find("lidars");
   if (lidars == report.end() || !lidars->is_array()) return;
   for (const json& lidar : *lidars) {
@@ -106,7 +105,7 @@ NamedCounts in_order_of_work(const NamedCounts& counts) {
   return ordered;
 }
 
-void read_budget(const json& budget, RunFigures& figures) {
+void read_budget(const json& budget, NiliodFigures& figures) {
   figures.budget_mode = text_in(budget, "mode");
   figures.budget_ms = number_in(budget, "budget_ms");
   figures.predicted_by_guard = count_in(budget, "predicted_by_guard");
@@ -119,14 +118,14 @@ void read_budget(const json& budget, RunFigures& figures) {
 
 }  // namespace
 
-Result<RunFigures> read_run_figures(const fs::path& folder) {
+Result<NiliodFigures> read_run_figures(const fs::path& folder) {
   const Result<std::string> text = read_file(folder / "latency.json");
   if (!text) return text.error();
   const json report = json::parse(*text, nullptr, false);
   if (!report.is_object())
     return Error{(folder / "latency.json").string() +
                  ": is not the JSON that niliod writes - use the niliod of this version"};
-  RunFigures figures;
+  NiliodFigures figures;
   const json& counters = object_in(report, "counters");
   figures.scans = count_in(counters, "scans");
   figures.poses = count_in(counters, "poses");
@@ -185,7 +184,7 @@ Result<std::monostate> await_end(ChildProcess& program, Duration limit, StopSign
   return Error{"niliod ended with status " + std::to_string(*program.poll()) + ": " + program.last_line()};
 }
 
-Result<RunFigures> run_niliod_over_file(const FileRun& run, const fs::path& folder, StopSignals& signals) {
+Result<NiliodFigures> run_niliod_over_file(const FileRun& run, const fs::path& folder, StopSignals& signals) {
   std::vector<std::string> arguments = replay_arguments(run.files);
   if (!run.decisions.empty()) arguments.insert(arguments.end(), {"--decisions", run.decisions});
   std::vector<std::string> overrides{"publisher.enabled=false"};

@@ -22,7 +22,7 @@ namespace nilio::tools::bench {
 using NamedCounts = std::vector<std::pair<std::string, std::uint64_t>>;
 
 /// Figures of a run of niliod, from its output folder.
-struct RunFigures {
+struct NiliodFigures {
   std::uint64_t scans = 0;
   std::uint64_t poses = 0;
   std::uint64_t packets = 0;          ///< received or read, position packets included
@@ -45,7 +45,7 @@ struct RunFigures {
 };
 
 /// Reads latency.json and the trajectories. Fails when they are missing or not in niliod's format.
-core::Result<RunFigures> read_run_figures(const std::filesystem::path& folder);
+core::Result<NiliodFigures> read_run_figures(const std::filesystem::path& folder);
 
 /// Starts the niliod beside this program. Its output and niliod.log go to `folder`, which is created. Each
 /// override becomes a --set; `environment` as in ChildProcess::start().
@@ -69,7 +69,7 @@ struct FileRun {
   std::vector<std::string> environment = {};
 };
 /// Waits for its end as await_end() does.
-core::Result<RunFigures> run_niliod_over_file(const FileRun& run, const std::filesystem::path& folder,
-                                              StopSignals& signals);
+core::Result<NiliodFigures> run_niliod_over_file(const FileRun& run, const std::filesystem::path& folder,
+                                                 StopSignals& signals);
 
 }  // namespace nilio::tools::bench

@@ -3,16 +3,13 @@
 #include "nilio/core/clock.hpp"
 
 #include "ipc/dds/reports.hpp"
+#include "tools/common/system.hpp"
 
 #include <utility>
 
 namespace nilio::tools::bench {
 
-namespace {
-
-constexpr core::Duration kPoll = core::Duration::from_milliseconds(50.0);
-
-}  // namespace
+namespace {}  // namespace
 
 core::Result<std::unique_ptr<PoseListener>> PoseListener::start(std::uint32_t domain) {
   dds::OdometrySubscriberConfig config;

@@ -5,18 +5,13 @@
 #include "daemon/input/input.hpp"
 #include "daemon/odometry/pipeline.hpp"
 #include "daemon/output/run_output.hpp"
+#include "tools/common/system.hpp"
 
 #include <utility>
 
 namespace nilio::tools::bench {
 
-namespace {
-
 using core::Result;
-
-constexpr core::Duration kPoll = core::Duration::from_milliseconds(20.0);
-
-}  // namespace
 
 Result<daemon::Config> recording_config(const daemon::ReplayFiles& files,
                                         const std::vector<std::string>& overrides) {

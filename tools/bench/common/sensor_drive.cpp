@@ -4,6 +4,7 @@
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "daemon/input/input.hpp"
+#include "tools/common/files.hpp"
 
 #include <algorithm>
 #include <fstream>
@@ -19,11 +20,7 @@ namespace fs = std::filesystem;
 using core::Error;
 using core::Result;
 
-constexpr std::size_t kBatch = 64;
-
-Error cannot_write(const fs::path& path) {
-  return Error{path.string() + ": cannot be written - check the space on the disk"};
-}
+constexpr std::size_t kSlots = 64;
 
 Result<std::unique_ptr<drivers::PacketSource>> open_packets(const SensorDrive& drive) {
   drivers::PcapSourceConfig config;
@@ -41,7 +38,7 @@ Result<core::Time> write_packets(const SensorDrive& drive, core::Duration length
   std::ofstream file(path, std::ios::binary);
   std::vector<std::uint8_t> bytes;
   drivers::append_pcap_header(bytes);
-  std::vector<drivers::Packet> slots(kBatch);
+  std::vector<drivers::Packet> slots(kSlots);
   std::optional<core::Time> end;
   for (bool going = true; going;) {
     const drivers::SourceRead read = (*source)->read(slots, core::Duration{});
@@ -69,7 +66,7 @@ Result<std::monostate> write_frames(const SensorDrive& drive, core::Time end, co
   if (!source) return source.error();
   const std::string name = drive.config.imu.interface_name.empty() ? "can0" : drive.config.imu.interface_name;
   std::ofstream file(path);
-  std::vector<drivers::CanFrame> slots(kBatch);
+  std::vector<drivers::CanFrame> slots(kSlots);
   for (bool going = true; going;) {
     const drivers::SourceRead read = (*source)->read(slots, core::Duration{});
     if (read.state != drivers::SourceState::kData) break;

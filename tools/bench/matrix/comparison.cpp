@@ -10,8 +10,6 @@ namespace {
 
 constexpr double kMaxOverallRatio = 1.10;
 constexpr double kMaxRowRatio = 2.0;
-// Below this the ratio of two drifts is that of rounding, per cent.
-constexpr double kMinDriftPercent = 1e-3;
 
 double drift_of(const MatrixRun& run) { return std::max(run.figures.drift_percent, kMinDriftPercent); }
 

@@ -20,8 +20,7 @@ using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr Duration kPoll = Duration::from_milliseconds(20.0);
-constexpr Duration kPatience = Duration::from_milliseconds(2000.0);
+constexpr Duration kProcessPatience = Duration::from_milliseconds(2000.0);
 constexpr const char* kArchive04 = "kitti/odometry_04_frames_000-050.tar.xz";
 constexpr const char* kPoses = "kitti/odometry_poses_00-10.tar.xz";
 constexpr const char* kArchive0009 = "kitti/raw_2011_09_26_drive_0009_scans_00-50.tar.xz";
@@ -39,7 +38,7 @@ Result<std::monostate> run_process(const fs::path& program, const std::vector<st
       return Error{program.filename().string() + " " + arguments.front() + ": status " +
                    std::to_string(*status) + ": " + process->last_line()};
     if (stop) {
-      process->stop(kPatience);
+      process->stop(kProcessPatience);
       return Error{"stopped"};
     }
     sleep_for(kPoll);

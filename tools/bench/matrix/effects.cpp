@@ -11,10 +11,7 @@ namespace {
 
 constexpr const char* kIdeal = "ideal";
 constexpr const char* kAll = "all";
-constexpr const char* kNoImu = ", no IMU";
 constexpr double kBoundPercent = 1.0;
-// Below this the ratio of two drifts is that of rounding, per cent.
-constexpr double kMinDriftPercent = 1e-3;
 
 std::vector<std::string> variants() {
   std::vector<std::string> names{kIdeal};

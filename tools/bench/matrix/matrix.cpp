@@ -28,7 +28,6 @@ using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr Duration kPoll = Duration::from_milliseconds(100.0);
 constexpr const char* kLegend =
     "Success: never a silent error, and a drift within the bound; with the 95 % interval of Wilson. Drift: "
     "mean translation "

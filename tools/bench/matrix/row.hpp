@@ -25,6 +25,9 @@ struct DriveSpec {
   std::string draws_as;              ///< drives with equal names here get equal seeds; empty = `name`
 };
 
+/// End of the name of a row without an IMU.
+inline constexpr const char* kNoImu = ", no IMU";
+
 /// A row of the matrix: a drive, faults, and what nilio may use.
 struct MatrixRow {
   std::string name;

@@ -24,7 +24,6 @@ constexpr double kBound = 1.0;
 constexpr double kFaultBound = 2.0;
 constexpr double kUnobservableBound = 5.0;
 
-constexpr const char* kNoImu = ", no IMU";
 constexpr const char* kKitti04 = "KITTI 04";
 constexpr const char* kRaw0009 = "KITTI raw 0009";
 

@@ -70,10 +70,6 @@ void measure_accuracy_of(const evaluate::PosePairs& pairs, RunFigures& figures) 
                                    : 100.0 * figures.end_error_m / std::max(figures.path_m, kMinPathM);
 }
 
-bool is_registered(const OdometryResult& result) {
-  return result.state != TrackingState::kInitialising && !result.predicted;
-}
-
 /// One value every five seconds, so that the values are nearly independent.
 void measure_nees(std::span<const OdometryResult> results, std::span<const CheckedPose> poses,
                   RunFigures& figures) {

@@ -15,6 +15,9 @@ struct Interval {
 /// runs.
 Interval wilson_interval(std::size_t successes, std::size_t runs);
 
+/// Smaller drifts count as this one, so that a ratio of two exists.
+inline constexpr double kMinDriftPercent = 1e-3;
+
 /// Of positive values; NaN for none.
 double geometric_mean(std::span<const double> values);
 

@@ -8,8 +8,6 @@ namespace nilio::tools::bench {
 
 namespace {
 
-// The geometric mean of a perfect run would be 0.
-constexpr double kMinDriftPercent = 1e-3;
 constexpr double kMinRpeM = 1e-6;
 
 const RunFigures* figures_of(const MatrixRun& run, const std::string& peer) {

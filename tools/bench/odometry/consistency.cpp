@@ -40,10 +40,6 @@ class NeesSum {
   std::size_t count_ = 0;
 };
 
-bool is_registered(const OdometryResult& result) {
-  return result.state != core::TrackingState::kInitialising && !result.predicted;
-}
-
 /// A covariance of the pose in body axes.
 Matrix6 body_covariance(const OdometryResult& result, const Matrix6& covariance) {
   const Matrix6 to_body = core::block_rotation(result.T_odom_base.rotation.conjugate().toRotationMatrix());
@@ -77,6 +73,10 @@ void add_twist(const OdometryResult& result, const SE3& true_start, const SE3& t
 }
 
 }  // namespace
+
+bool is_registered(const OdometryResult& result) {
+  return result.state != core::TrackingState::kInitialising && !result.predicted;
+}
 
 double motion_nees(const OdometryResult& from, const SE3& true_from, const OdometryResult& to,
                    const SE3& true_to) {

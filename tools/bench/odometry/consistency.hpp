@@ -28,6 +28,9 @@ struct Consistency {
   Nees twist;
 };
 
+/// Whether the pose comes from its scan, and not from a prediction.
+bool is_registered(const core::OdometryResult& result);
+
 /// Normalised estimation error squared of the motion from `from` to `to`, for each degree of freedom; the
 /// covariances of the two poses are taken as independent.
 double motion_nees(const core::OdometryResult& from, const core::SE3& true_from,

@@ -18,11 +18,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using core::Result;
-using Verdict = IdentityCheck::Verdict;
 
 /// A busy computer drops packets at times, which makes runs incomparable.
 constexpr int kAttempts = 3;
-constexpr unsigned kLoadProcesses = 2;
 const std::string kUnlimited = "odometry.budget=off";
 const std::string kCounted = "odometry.budget=ops";
 const std::string kTight = "odometry.budget_ms=2";
@@ -35,7 +33,7 @@ std::size_t lines_of(const std::string& text) {
 
 /// Reason why niliod did not get all packets that were sent; empty when it did.
 std::string difference_of_input(const RealtimeRun& run) {
-  const RunFigures& f = run.figures;
+  const NiliodFigures& f = run.figures;
   const auto text = [](std::uint64_t count, const char* problem) { return std::to_string(count) + problem; };
   if (f.packets_lost > 0) return text(f.packets_lost, " packets were lost before niliod");
   if (f.packets_dropped > 0) return text(f.packets_dropped, " packets were dropped");
@@ -104,11 +102,11 @@ std::vector<std::string> IdentityRuns::like_loopback(Feed feed) const {
 }
 
 IdentityCheck compare(const std::string& name, const std::string& first, const std::string& second) {
-  IdentityCheck check{name, Verdict::kFail, daemon::sha256(first), daemon::sha256(second), {}};
+  IdentityCheck check{name, IdentityCheck::Verdict::kFail, daemon::sha256(first), daemon::sha256(second), {}};
   if (first.empty()) {
     check.remark = "no poses";
   } else if (first == second) {
-    check.verdict = Verdict::kPass;
+    check.verdict = IdentityCheck::Verdict::kPass;
     check.remark = std::to_string(lines_of(first)) + " poses";
   } else {
     check.remark = "please report this";
@@ -122,7 +120,7 @@ Result<IdentityCheck> IdentityRuns::file_and_loopback() {
   overrides.push_back(kUnlimited);
   const Result<std::string> file = over_file(overrides);
   if (!file) return file.error();
-  IdentityCheck check{name, Verdict::kNotComparable, daemon::sha256(*file), {}, {}};
+  IdentityCheck check{name, IdentityCheck::Verdict::kNotComparable, daemon::sha256(*file), {}, {}};
   RealtimeRunConfig config = config_;
   config.feed = Feed::kUdp;
   config.condition = Condition::kIdle;
@@ -176,7 +174,7 @@ Result<IdentityCheck> IdentityRuns::overload_and_log(Feed feed) {
   config.feed = feed;
   config.condition = Condition::kCpuLoad;
   config.overrides.insert(config.overrides.end(), {"odometry.budget=wall", kTight});
-  IdentityCheck check{name, Verdict::kNotComparable, {}, {}, {}};
+  IdentityCheck check{name, IdentityCheck::Verdict::kNotComparable, {}, {}, {}};
   for (int i = 0; i < kAttempts; ++i) {
     const fs::path folder = next_folder();
     const auto run = run_niliod_in_real_time(drive_, part_, config, folder, signals_);
@@ -201,13 +199,13 @@ Result<IdentityCheck> IdentityRuns::overload_and_log(Feed feed) {
   return check;
 }
 
-const char* verdict_name(Verdict verdict) {
+const char* verdict_name(IdentityCheck::Verdict verdict) {
   switch (verdict) {
-    case Verdict::kPass:
+    case IdentityCheck::Verdict::kPass:
       return "PASS";
-    case Verdict::kFail:
+    case IdentityCheck::Verdict::kFail:
       return "FAIL";
-    case Verdict::kNotComparable:
+    case IdentityCheck::Verdict::kNotComparable:
       break;
   }
   return "not comparable";
@@ -234,7 +232,8 @@ IdentityCheck compare_with_file(const std::string& name, const std::string& file
   check.second = daemon::sha256(live_kitti);
   check.remark = std::to_string(live) + " poses of the file's " + std::to_string(in_file);
   const bool complete = live > 0 && live <= in_file && in_file - live <= 1;
-  check.verdict = complete && check.first == check.second ? Verdict::kPass : Verdict::kFail;
+  check.verdict =
+      complete && check.first == check.second ? IdentityCheck::Verdict::kPass : IdentityCheck::Verdict::kFail;
   return check;
 }
 
@@ -267,8 +266,9 @@ Table identity_table(std::span<const IdentityCheck> checks) {
 }
 
 bool any_failed(std::span<const IdentityCheck> checks) {
-  return std::any_of(checks.begin(), checks.end(),
-                     [](const IdentityCheck& check) { return check.verdict == Verdict::kFail; });
+  return std::any_of(checks.begin(), checks.end(), [](const IdentityCheck& check) {
+    return check.verdict == IdentityCheck::Verdict::kFail;
+  });
 }
 
 }  // namespace nilio::tools::bench

@@ -33,10 +33,8 @@ using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr unsigned kLoadProcesses = 2;
 /// Above everything else: a load on this computer does not delay a real sensor.
 constexpr int kSenderPriority = 90;
-constexpr Duration kPoll = Duration::from_milliseconds(20.0);
 constexpr Duration kConnectLimit = Duration::from_seconds(20.0);
 constexpr Duration kQuiet = Duration::from_seconds(1.0);
 constexpr Duration kBacklogLimit = Duration::from_seconds(20.0);
@@ -367,7 +365,7 @@ Result<RealtimeRun> RunInRealTime::run() {
   wakeup.stop();
   if (!fed) return fed.error();
   if (load_ && !load_->is_running()) result_.notes.emplace_back("the load was killed during the run");
-  Result<RunFigures> figures = read_run_figures(folder_);
+  Result<NiliodFigures> figures = read_run_figures(folder_);
   if (!figures && !has_bad_disk()) return figures.error();
   if (figures) {
     result_.figures = std::move(figures).value();

@@ -60,7 +60,7 @@ struct RealtimeRunConfig {
 };
 
 struct RealtimeRun {
-  RunFigures figures;
+  NiliodFigures figures;
   /// Only for kUdp.
   std::optional<play::PlayReport> sent;
   /// Difference of the recording's stamps to those of kUdp, which are the time of the run.

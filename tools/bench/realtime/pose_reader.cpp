@@ -11,7 +11,7 @@ namespace nilio::tools::bench {
 
 namespace {
 
-constexpr core::Duration kPatience = core::Duration::from_seconds(5.0);
+constexpr core::Duration kReaderPatience = core::Duration::from_seconds(5.0);
 // Peers in both directions, because loopback has no multicast.
 constexpr const char* kLoopback =
     "CYCLONEDDS_URI=<CycloneDDS><Domain><General><Interfaces><NetworkInterface address=\"127.0.0.1\"/>"
@@ -57,7 +57,7 @@ core::Result<PoseReader> PoseReader::start(std::uint32_t domain, const std::file
 bool PoseReader::is_ready() const { return file_text(log_).value_or("").find("ready ") != std::string::npos; }
 
 ReaderFigures PoseReader::stop() {
-  process_.stop(kPatience);
+  process_.stop(kReaderPatience);
   return read_reader_lines(file_text(log_).value_or(""), dds::read_host_id());
 }
 

@@ -155,7 +155,7 @@ Result<std::monostate> RealtimeBench::measure_counted(double budget_ms) {
   std::vector<std::string> overrides = options_.overrides;
   overrides.insert(overrides.end(), {"odometry.budget=ops", budget_override(budget_ms)});
   const fs::path folder = next_folder();
-  Result<RunFigures> figures = run_niliod_over_file({drive_.files, overrides, {}}, folder, signals_);
+  Result<NiliodFigures> figures = run_niliod_over_file({drive_.files, overrides, {}}, folder, signals_);
   if (!figures) return figures.error();
   CountedRun run{budget_ms, std::move(figures).value(), {}};
   run.translation_percent = translation_error_percent(drive_.truth, run.figures.trajectory, {});

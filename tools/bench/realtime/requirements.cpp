@@ -40,7 +40,7 @@ Requirement not_reported(Requirement requirement) {
 Requirement deadline_by_count(const CountedRun& run) {
   Requirement requirement{"beyond the budget, p99: less than an iteration, counted",
                           fixed(run.budget_ms, 0) + " ms", "-", "-", Verdict::kNotMeasured};
-  const RunFigures& f = run.figures;
+  const NiliodFigures& f = run.figures;
   if (!has(f.overshoot) || !has(f.iteration)) return requirement;
   requirement.measured = us(f.overshoot->p99_us);
   requirement.bound = us(f.iteration->p50_us);
@@ -51,7 +51,7 @@ Requirement deadline_by_count(const CountedRun& run) {
 Requirement deadline_by_clock(const RealtimeCell& cell) {
   Requirement requirement{"beyond the budget, p99: less than an iteration plus wake-up latency",
                           run_text(cell), "-", "-", Verdict::kNotMeasured};
-  const RunFigures& f = cell.run.figures;
+  const NiliodFigures& f = cell.run.figures;
   if (!has(f.overshoot) || !has(f.iteration)) return requirement;
   requirement.measured = us(f.overshoot->p99_us);
   requirement.bound = us(f.iteration->p50_us) + " + " + us(cell.run.wakeup.p99_us);
@@ -63,7 +63,7 @@ Requirement deadline_by_clock(const RealtimeCell& cell) {
 /// Superseded scans have no pose and are counted. They occur during the sensor identification, or when niliod
 /// did not run for as long as a scan.
 Requirement pose_per_scan(const RealtimeCell& cell) {
-  const RunFigures& f = cell.run.figures;
+  const NiliodFigures& f = cell.run.figures;
   Requirement requirement{"one pose per scan", run_text(cell), std::to_string(f.poses),
                           std::to_string(f.scans), Verdict::kFailed};
   if (!has_report(cell)) return not_reported(requirement);
@@ -74,7 +74,7 @@ Requirement pose_per_scan(const RealtimeCell& cell) {
 }
 
 Requirement packets(const RealtimeCell& cell) {
-  const RunFigures& f = cell.run.figures;
+  const NiliodFigures& f = cell.run.figures;
   const std::uint64_t lost = f.packets_lost + f.packets_dropped;
   const Requirement requirement{"no packet lost", run_text(cell), std::to_string(lost), "0",
                                 lost == 0 ? Verdict::kMet : Verdict::kMissed};
@@ -161,7 +161,7 @@ Requirement to_reader(const RealtimeCell& cell) {
 Requirement reader_poses(const RealtimeCell& cell) {
   Requirement requirement{"every pose at an independent reader", run_text(cell), cell.run.why_no_reader, "-",
                           Verdict::kNotMeasured};
-  const RunFigures& f = cell.run.figures;
+  const NiliodFigures& f = cell.run.figures;
   if (!cell.run.reader || f.poses == 0) return requirement;
   requirement.measured = std::to_string(cell.run.reader->poses);
   requirement.bound = std::to_string(f.poses);
@@ -180,7 +180,7 @@ Requirement stopping(const RealtimeCell& cell) {
 
 /// Only on the files of a run that could write them.
 Requirement files(const RealtimeCell& cell) {
-  const RunFigures& f = cell.run.figures;
+  const NiliodFigures& f = cell.run.figures;
   const std::size_t written = f.trajectory.poses.size();
   return {"every pose in trajectory.tum", run_text(cell), std::to_string(written),
           f.poses > 0 ? std::to_string(f.poses) : "not written",

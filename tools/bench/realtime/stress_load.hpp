@@ -8,6 +8,8 @@
 
 namespace nilio::tools::bench {
 
+inline constexpr unsigned kLoadProcesses = 2;
+
 /// Processes that load the computer as other programs would. They end with this object and with the thread
 /// that created it. Not thread-safe.
 class StressLoad {

@@ -102,12 +102,12 @@ std::string p50_p99(const std::optional<ipc::LatencySummary>& summary, double sc
 std::string run_text(const RealtimeCell& cell) { return budget_text(cell) + " ms, " + condition_text(cell); }
 
 Table realtime_work_table(std::span<const RealtimeCell> cells) {
-  const auto figures_of = [](const RealtimeCell& cell) -> const RunFigures& { return cell.run.figures; };
+  const auto figures_of = [](const RealtimeCell& cell) -> const NiliodFigures& { return cell.run.figures; };
   Table table{{"budget ms", "condition", "scans", "poses", "packets sent", "received", "lost", "dropped",
                "superseded", level_heading(cells, figures_of), "late poses", "with IMU"},
               {}};
   for (const RealtimeCell& cell : cells) {
-    const RunFigures& f = cell.run.figures;
+    const NiliodFigures& f = cell.run.figures;
     // A run whose disk did not take the report has no counts.
     const auto counted = [&](auto count) { return f.budget_ms ? whole(count) : "-"; };
     table.rows.push_back({budget_text(cell), condition_text(cell), counted(f.scans), counted(f.poses),
@@ -166,7 +166,7 @@ Table realtime_watch_table(std::span<const RealtimeCell> cells) {
 }
 
 Table counted_table(std::span<const CountedRun> runs) {
-  const auto figures_of = [](const CountedRun& run) -> const RunFigures& { return run.figures; };
+  const auto figures_of = [](const CountedRun& run) -> const NiliodFigures& { return run.figures; };
   Table table{{"budget ms", "poses", level_heading(runs, figures_of), "beyond budget ms, counted",
                "iteration us", "predicted by guard", "t %, 10-80 m", "SHA-256"},
               {}};

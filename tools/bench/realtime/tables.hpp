@@ -29,7 +29,7 @@ struct AccuracyReference {
 /// A replay whose budget is counted in operations instead of time: the same on every computer.
 struct CountedRun {
   double budget_ms = 0.0;
-  RunFigures figures;
+  NiliodFigures figures;
   std::optional<double> translation_percent;
 };
 

@@ -170,10 +170,10 @@ Table sharpness_table(const std::vector<NamedPoses>& names, const std::vector<Sh
 
 Result<std::monostate> write_json(const std::string& path, const std::vector<NamedPoses>& names,
                                   const std::vector<Sharpness>& figures) {
-  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  nlohmann::ordered_json rows = nlohmann::ordered_json::array();
   for (std::size_t k = 0; k < figures.size(); ++k) {
     const Sharpness& f = figures[k];
-    json.push_back({{"trajectory", names[k].name},
+    rows.push_back({{"trajectory", names[k].name},
                     {"shift_median_mm", f.shift_median_mm},
                     {"shift_rms_mm", f.shift_rms_mm},
                     {"thickness_median_mm", f.thickness_median_mm},
@@ -183,7 +183,7 @@ Result<std::monostate> write_json(const std::string& path, const std::vector<Nam
                     {"anchors", f.anchors},
                     {"windows", f.windows}});
   }
-  return write_text(path, json.dump(2) + '\n');
+  return write_text(path, rows.dump(2) + '\n');
 }
 
 }  // namespace

@@ -19,7 +19,6 @@ using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr double kMinuteS = 60.0;
 constexpr int kPictureWidth = 1200;
 constexpr int kPictureHeight = 520;
 /// Length of the simulated standstill, which is played in a loop: only the traffic jumps at a seam.

@@ -22,10 +22,8 @@ using core::Duration;
 using core::Error;
 using core::Result;
 
-constexpr Duration kPoll = Duration::from_milliseconds(20.0);
 constexpr Duration kSamplePeriod = Duration::from_seconds(1.0);
 constexpr std::int64_t kMinuteNs = 60'000'000'000;
-constexpr double kMinuteS = 60.0;
 constexpr double kKibibyte = 1024.0;
 /// Bounded, because notes take memory of the process that is measured.
 constexpr std::size_t kMaxNotes = 20;

@@ -18,6 +18,8 @@
 
 namespace nilio::tools::bench {
 
+inline constexpr double kMinuteS = 60.0;
+
 struct SoakConfig {
   /// Recorded time to play.
   core::Duration length = core::Duration::from_seconds(3600.0);

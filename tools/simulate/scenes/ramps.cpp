@@ -25,7 +25,7 @@ constexpr double kLapY = 9.0;
 constexpr double kAisleHalfM = 3.0;
 constexpr double kRampX = 15.0;
 constexpr double kGateX = -110.0;
-constexpr double kColumnsM = 8.0;
+constexpr double kRampColumnsM = 8.0;
 
 std::vector<Vector2> laps() {
   std::vector<Vector2> corners{{kGateX, -kLapY}};
@@ -110,7 +110,7 @@ class CarParkBuilder {
   }
 
   void add_columns(double z, double top) {
-    for (double x = -28.0; x <= 28.0; x += kColumnsM) {
+    for (double x = -28.0; x <= 28.0; x += kRampColumnsM) {
       std::vector<double> places{-kLapY - kAisleHalfM - 0.4, kLapY + kAisleHalfM + 0.4};
       if (std::abs(x) < 20.0 && std::abs(x) > 3.0) places.push_back(0.0);
       for (const double y : places) {

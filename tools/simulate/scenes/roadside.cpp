@@ -16,9 +16,9 @@ namespace {
 using core::SE3;
 using core::Vector3;
 
-constexpr double kBeyondM = 120.0;
-constexpr double kLongestM = 20000.0;
-constexpr double kKerbM = 4.0;
+constexpr double kRoadBeyondM = 120.0;
+constexpr double kLongestRoadM = 20000.0;
+constexpr double kRoadEdgeM = 4.0;
 
 /// Objects along a road. Spacings in metres along the road, 0 = none; offsets to either side from its
 /// middle.
@@ -114,14 +114,15 @@ class RoadsideBuilder {
 
  private:
   [[nodiscard]] SE3 frame(double at, double left, double yaw = 0.0) const {
-    const double off = std::abs(left) - kKerbM;
+    const double off = std::abs(left) - kRoadEdgeM;
     const Vector2 p = line_.place(at, left, 0.0).head<2>();
     return line_.frame(at, left, off > 0.0 ? std::min(1.0, off / 10.0) * relief_.at(p).height : 0.0, yaw);
   }
 
   void add_ground() {
     const Stretch whole{0.0, line_.length_m(), 2.0};
-    add_strip(mesh_, line_, whole, {{-kKerbM, -0.05}, {0.0, 0.0}, {kKerbM, -0.05}}, Material::kAsphalt);
+    add_strip(mesh_, line_, whole, {{-kRoadEdgeM, -0.05}, {0.0, 0.0}, {kRoadEdgeM, -0.05}},
+              Material::kAsphalt);
     const Material beside = plan_.kind == SceneKind::kSquare || plan_.kind == SceneKind::kBridge
                                 ? Material::kPavement
                                 : Material::kGrass;
@@ -131,9 +132,9 @@ class RoadsideBuilder {
           [&](double at) {
             Profile profile;
             for (const double share : {0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0}) {
-              const double left = side * (kKerbM + share * (plan_.ground_m - kKerbM));
+              const double left = side * (kRoadEdgeM + share * (plan_.ground_m - kRoadEdgeM));
               const Vector2 p = line_.place(at, left, 0.0).head<2>();
-              const double rise = std::min(1.0, (std::abs(left) - kKerbM) / 10.0) * relief_.at(p).height;
+              const double rise = std::min(1.0, (std::abs(left) - kRoadEdgeM) / 10.0) * relief_.at(p).height;
               profile.emplace_back(left, rise - 0.05);
             }
             return profile;
@@ -206,15 +207,15 @@ core::Result<Scene> build_roadside(SceneKind kind, const SceneConfig& config) {
   const double duration_s =
       wanted_duration(config.extent, speed, 60.0) + (config.extent.duration_s > 0.0 ? 0.0 : setting_off_s);
   const double drive_m = 1.02 * speed * duration_s + 5.0;
-  if (drive_m > kLongestM)
+  if (drive_m > kLongestRoadM)
     return core::Error{"the road is at most 20 km long; take a shorter --duration or --length"};
   const double phase = RandomStream(config.seed, 290).uniform(0.0, 6.0);
   const RoadLine line = make_road_line(
-      drive_m + 2.0 * kBeyondM, [&](double at) { return plan.bends * std::sin(at / 70.0 + phase); },
+      drive_m + 2.0 * kRoadBeyondM, [&](double at) { return plan.bends * std::sin(at / 70.0 + phase); },
       [&](double at) { return 400.0 * plan.relief * std::sin(at / 90.0 + phase); });
   std::vector<double> travelled;
   if (config.moving_start) {
-    travelled = travel_at(kBeyondM, speed, duration_s);
+    travelled = travel_at(kRoadBeyondM, speed, duration_s);
   } else {
     DrivingStyle style;
     style.cruise_speed_m_s = speed;
@@ -222,7 +223,7 @@ core::Result<Scene> build_roadside(SceneKind kind, const SceneConfig& config) {
                                      line.length_m(), style);
     travelled.resize(
         std::min(travelled.size(), static_cast<std::size_t>(duration_s / kControlIntervalS) + 2));
-    for (double& at : travelled) at += kBeyondM;
+    for (double& at : travelled) at += kRoadBeyondM;
   }
   Scene scene;
   scene.mesh.porous_plants = config.porous_plants;

@@ -18,7 +18,7 @@ using core::Vector3;
 constexpr double kRoadM = 300.0;
 constexpr double kPlaceM = 150.0;
 // Left of the parked vehicle.
-constexpr double kLaneM = 3.0;
+constexpr double kStreetLaneM = 3.0;
 constexpr double kOncomingM = 6.5;
 constexpr double kKerbM = -1.2;
 constexpr double kFarKerbM = 8.6;
@@ -44,7 +44,7 @@ MovingCar make_bus(const RoadLine& line, const BusStop& stop) {
   constexpr double kSpeed = 9.0;
   MovingCar bus;
   bus.model = kBusModel;
-  bus.path = line.path(kLaneM, false);
+  bus.path = line.path(kStreetLaneM, false);
   bus.speed_m_s = kSpeed;
   bus.halt_m = kPlaceM + 1.0;
   bus.halt_s = stop.stands_s;
@@ -70,7 +70,7 @@ std::vector<MovingCar> make_passing_traffic(const RoadLine& line, const SceneCon
       if (!oncoming && blocked(t)) continue;
       MovingCar car;
       car.model = random.chance(0.1) ? kTruckModel : random.index(kCarModels);
-      car.path = line.path(oncoming ? kOncomingM : kLaneM, oncoming);
+      car.path = line.path(oncoming ? kOncomingM : kStreetLaneM, oncoming);
       car.speed_m_s = 12.0;
       car.start_m = kPlaceM - car.speed_m_s * t;
       cars.push_back(std::move(car));

@@ -23,7 +23,6 @@ using drivers::VelodyneModel;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr std::int64_t kHourUs = 3'600'000'000;
 /// Separates the noise's random numbers from others of the same seed.
 constexpr std::uint64_t kNoiseStream = 0x4E6F697365;
 constexpr std::uint64_t kStampStream = 0x5374616D70;
@@ -110,8 +109,7 @@ LidarModel::Step LidarModel::step_at(std::uint64_t packet, std::size_t index) co
 }
 
 void LidarModel::set_last_bytes(std::uint64_t index, VelodyneDataPacket& packet) const {
-  const core::Time clock = timing_.sensor_clock(index);
-  packet.timestamp_us = static_cast<std::uint32_t>(clock.ns / 1000 % kHourUs);
+  packet.timestamp_us = timestamp_us(timing_.sensor_clock(index));
   packet.factory_byte_1 = layout_.return_mode_byte;
   packet.factory_byte_2 = sensor_.product_byte;
   if (!sensor_.has_clock)

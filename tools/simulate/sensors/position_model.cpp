@@ -16,7 +16,6 @@ namespace nilio::tools::simulate {
 namespace {
 
 constexpr double kMetresPerSecondPerKnot = 0.514444;
-constexpr std::int64_t kHourUs = 3'600'000'000;
 /// Delay of a receiver's sentence after its pulse.
 constexpr core::Duration kSentenceDelay{300'000'000};
 /// Origin of the world; x is east and y is north.
@@ -72,7 +71,7 @@ SimulatedPosition PositionModel::make_packet(std::uint64_t index) const {
   const std::uint64_t after = index * kDataPacketsPerPosition;
   const core::Duration time = timing_.last_firing(after) + timing_.packet_period() / 2;
   drivers::PositionPacket packet;
-  packet.timestamp_us = static_cast<std::uint32_t>(timing_.sensor_clock_at(time).ns / 1000 % kHourUs);
+  packet.timestamp_us = timestamp_us(timing_.sensor_clock_at(time));
   packet.pps = gps_ == GpsReception::kLocked ? drivers::PpsState::kLocked : drivers::PpsState::kAbsent;
   packet.health.top_board_degc = kTemperatureDegc;
   packet.health.bottom_board_degc = kTemperatureDegc;

@@ -10,6 +10,7 @@ namespace nilio::tools::simulate {
 namespace {
 
 constexpr std::int64_t kMicrosecondNs = 1000;
+constexpr std::int64_t kHourUs = 3'600'000'000;
 constexpr std::uint64_t kRestStream = 0x52657374;
 constexpr std::uint64_t kJitterStream = 0x4A6974746572;
 /// A VLS-128 pauses after each firing sequence for a random time with this mean (manual 63-9483).
@@ -86,6 +87,10 @@ core::Time SensorTiming::sensor_clock_at(core::Duration time) const {
 
 core::Duration SensorTiming::packet_period() const {
   return {to_true_ns(static_cast<std::int64_t>(steps_) * step_period_ns_)};
+}
+
+std::uint32_t timestamp_us(core::Time sensor_clock) {
+  return static_cast<std::uint32_t>(sensor_clock.ns / kMicrosecondNs % kHourUs);
 }
 
 }  // namespace nilio::tools::simulate

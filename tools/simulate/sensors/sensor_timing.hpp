@@ -63,6 +63,9 @@ class SensorTiming {
   std::int64_t last_offset_ns_ = 0;
 };
 
+/// Microseconds past the hour, as packets have them.
+std::uint32_t timestamp_us(core::Time sensor_clock);
+
 /// From the last firing to the host's time stamp without additional delay.
 inline constexpr core::Duration kTransmission{100'000};
 

@@ -16,7 +16,7 @@ using mangle::Faults;
 
 namespace {
 
-constexpr int kScans = 10;
+constexpr int kSequenceScans = 10;
 constexpr int kRings = 64;
 constexpr int kColumns = 90;
 
@@ -43,7 +43,7 @@ class Sequence {
     std::ofstream truth(path() / "truth.tum");
     std::ofstream(path() / "calib.txt") << "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
     const std::vector<KittiPoint> points = cylinder();
-    for (int i = 0; i < kScans; ++i) {
+    for (int i = 0; i < kSequenceScans; ++i) {
       times << 0.1 * i << '\n';
       truth << 0.1 * i << ' ' << i << " 0 0 0 0 0 1\n";
       poses << "1 0 0 0 0 1 0 0 0 0 1 " << i << '\n';
@@ -104,13 +104,14 @@ TEST_CASE("a reversed sequence begins with the last scan and its pose, at increa
   CHECK(last_column(sequence.out("reverse") / "poses.txt") ==
         std::vector<double>{9, 8, 7, 6, 5, 4, 3, 2, 1, 0});
   const auto times = last_column(sequence.out("reverse") / "times.txt");
-  for (int i = 0; i < kScans; ++i) CHECK(times[static_cast<std::size_t>(i)] == Approx(0.1 * i).margin(1e-9));
+  for (int i = 0; i < kSequenceScans; ++i)
+    CHECK(times[static_cast<std::size_t>(i)] == Approx(0.1 * i).margin(1e-9));
   const auto truth = read_trajectory((sequence.out("reverse") / "truth.tum").string());
   REQUIRE(truth);
-  for (int i = 0; i < kScans; ++i) {
+  for (int i = 0; i < kSequenceScans; ++i) {
     const auto k = static_cast<std::size_t>(i);
     CHECK(truth->stamps[k].seconds() == Approx(0.1 * i).margin(1e-9));
-    CHECK(truth->poses[k].translation().x() == Approx(kScans - 1 - i));
+    CHECK(truth->poses[k].translation().x() == Approx(kSequenceScans - 1 - i));
   }
 }
 

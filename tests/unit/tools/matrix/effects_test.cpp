@@ -14,7 +14,7 @@ using namespace nilio::tools::bench;
 
 namespace {
 
-MatrixRun run_of(const std::string& row, std::uint64_t seed, double drift_percent) {
+MatrixRun tracking_run(const std::string& row, std::uint64_t seed, double drift_percent) {
   MatrixRun run;
   run.row = row;
   run.seed = seed;
@@ -46,9 +46,9 @@ TEST_CASE("each effect alone, none and all are driven with equal seeds of a sens
 
 TEST_CASE("the ratio of an effect is that of the seeds which succeed in both", "[effects]") {
   MatrixResult result;
-  result.runs = {run_of("effects vlp16 ideal", 1, 0.1), run_of("effects vlp16 ideal", 2, 0.2),
-                 run_of("effects vlp16 ideal", 3, 0.1), run_of("effects vlp16 noise", 1, 0.3),
-                 run_of("effects vlp16 noise", 2, 0.6), run_of("effects vlp16 noise", 3, 5.0)};
+  result.runs = {tracking_run("effects vlp16 ideal", 1, 0.1), tracking_run("effects vlp16 ideal", 2, 0.2),
+                 tracking_run("effects vlp16 ideal", 3, 0.1), tracking_run("effects vlp16 noise", 1, 0.3),
+                 tracking_run("effects vlp16 noise", 2, 0.6), tracking_run("effects vlp16 noise", 3, 5.0)};
   const Table table = effects_table(result, "vlp16");
   REQUIRE(table.rows.size() == 2);
   CHECK(table.rows[0][0] == "ideal");

@@ -30,7 +30,7 @@ std::set<std::pair<std::string, std::uint64_t>> runs_of(const std::vector<Matrix
   return runs;
 }
 
-MatrixRun run_of(const std::string& row, std::size_t number, std::uint64_t seed) {
+MatrixRun numbered_run(const std::string& row, std::size_t number, std::uint64_t seed) {
   MatrixRun run;
   run.row = row;
   run.number = number;
@@ -54,9 +54,10 @@ TEST_CASE("every row gets all its seeds, those of the first run first, and a rea
 TEST_CASE("an earlier result is repeated run by run, without the rows that are no longer there", "[jobs]") {
   const Matrix matrix = full_matrix();
   MatrixResult earlier;
-  earlier.runs = {run_of("town vlp16 ideal", 1, 11), run_of("town vlp16 ideal, no IMU", 1, 11),
-                  run_of("town vlp16 ideal", 2, 12), run_of("forest hdl64e typical industrial", 1, 13),
-                  run_of("a row of another version", 1, 14)};
+  earlier.runs = {numbered_run("town vlp16 ideal", 1, 11), numbered_run("town vlp16 ideal, no IMU", 1, 11),
+                  numbered_run("town vlp16 ideal", 2, 12),
+                  numbered_run("forest hdl64e typical industrial", 1, 13),
+                  numbered_run("a row of another version", 1, 14)};
   const std::vector<MatrixJob> jobs = repeated_jobs(matrix, earlier);
   const std::set<std::pair<std::string, std::uint64_t>> expected{{"town vlp16 ideal", 11},
                                                                  {"town vlp16 ideal, no IMU", 11},
@@ -73,9 +74,10 @@ TEST_CASE("a matrix is resumed with the runs that are missing, and keeps the oth
   const std::vector<MatrixJob> jobs =
       make_jobs(select_rows(full_matrix(), "town vlp16 ideal|town vlp16 ideal, no IMU"), options, "abc");
   MatrixResult earlier;
-  earlier.runs = {run_of("town vlp16 ideal", 1, jobs[0].seed),
-                  run_of("town vlp16 ideal, no IMU", 2, jobs[1].seed),
-                  run_of("town vlp16 ideal", 2, jobs[1].seed), run_of("forest vlp16 ideal", 1, jobs[0].seed)};
+  earlier.runs = {numbered_run("town vlp16 ideal", 1, jobs[0].seed),
+                  numbered_run("town vlp16 ideal, no IMU", 2, jobs[1].seed),
+                  numbered_run("town vlp16 ideal", 2, jobs[1].seed),
+                  numbered_run("forest vlp16 ideal", 1, jobs[0].seed)};
   earlier.runs[0].figures.drift_percent = 0.5;
   std::vector<MatrixRun> kept;
   const std::vector<MatrixJob> remaining = remaining_jobs(jobs, earlier, kept);

@@ -24,7 +24,7 @@ tests::CommandResult capture_simulate(const std::string& arguments) {
   return tests::capture_command(tools::add_simulate_command, "simulate " + arguments);
 }
 
-int simulate(const std::string& arguments) { return capture_simulate(arguments).status; }
+int status_of_simulate(const std::string& arguments) { return capture_simulate(arguments).status; }
 
 const std::string kShort = " --duration 1 --moving-start --moving-cars 2";
 
@@ -34,9 +34,9 @@ TEST_CASE("the same seed gives the same bytes in every file, another seed does n
   const TemporaryFolder a;
   const TemporaryFolder b;
   const TemporaryFolder c;
-  REQUIRE(simulate(a.path().string() + kShort) == 0);
-  REQUIRE(simulate(b.path().string() + kShort) == 0);
-  REQUIRE(simulate(c.path().string() + kShort + " --seed 2") == 0);
+  REQUIRE(status_of_simulate(a.path().string() + kShort) == 0);
+  REQUIRE(status_of_simulate(b.path().string() + kShort) == 0);
+  REQUIRE(status_of_simulate(c.path().string() + kShort + " --seed 2") == 0);
   for (const char* name : {"lidar.pcap", "imu.candump.log", "truth.tum"}) {
     const std::string content = tests::read_file(a.path() / name);
     CHECK(content.size() > 10'000);
@@ -51,7 +51,7 @@ TEST_CASE("visits of a town have a frame in common, also on the way back", "[sim
   std::array<Eigen::Vector3d, 2> there;
   std::string captures;
   for (const char* const options : {" --visit 1", " --visit 2", " --visit 2 --way-back"}) {
-    REQUIRE(simulate(folder.path().string() + kShort + options) == 0);
+    REQUIRE(status_of_simulate(folder.path().string() + kShort + options) == 0);
     const std::string capture = tests::read_file(folder.path() / "lidar.pcap");
     CHECK(capture != captures);
     captures = capture;
@@ -68,21 +68,21 @@ TEST_CASE("visits of a town have a frame in common, also on the way back", "[sim
     }
     if (!is_back) there = now;
   }
-  CHECK(simulate(folder.path().string() + " --scene tunnel --visit 1") == 2);
+  CHECK(status_of_simulate(folder.path().string() + " --scene tunnel --visit 1") == 2);
 }
 
 TEST_CASE("a drive that is over before the vehicle has left its place is simulated", "[simulate_command]") {
   for (const char* seconds : {"0.5", "2.5"}) {
     const TemporaryFolder folder;
-    CHECK(simulate(folder.path().string() + " --moving-cars 2 --duration " + seconds) == 0);
+    CHECK(status_of_simulate(folder.path().string() + " --moving-cars 2 --duration " + seconds) == 0);
   }
 }
 
 TEST_CASE("the truth begins at the identity and its times are those of the IMU frames",
           "[simulate_command]") {
   const TemporaryFolder folder;
-  REQUIRE(simulate(folder.path().string() + kShort + " --realism ideal --imu oxts_rt3003 --imu-rate 100") ==
-          0);
+  REQUIRE(status_of_simulate(folder.path().string() + kShort +
+                             " --realism ideal --imu oxts_rt3003 --imu-rate 100") == 0);
   const auto truth = tools::read_trajectory((folder.path() / "truth.tum").string());
   REQUIRE(truth.ok());
   CHECK(truth->poses.size() == 201);
@@ -112,9 +112,9 @@ TEST_CASE("the truth begins at the identity and its times are those of the IMU f
 
 TEST_CASE("without an IMU neither its file nor its configuration is written", "[simulate_command]") {
   const TemporaryFolder folder;
-  REQUIRE(simulate(folder.path().string() + kShort) == 0);
+  REQUIRE(status_of_simulate(folder.path().string() + kShort) == 0);
   CHECK_THAT(tests::read_file(folder.path() / "nilio.yaml"), Catch::Contains("preset: xsens_mti"));
-  REQUIRE(simulate(folder.path().string() + kShort + " --imu none --sensor hdl64e") == 0);
+  REQUIRE(status_of_simulate(folder.path().string() + kShort + " --imu none --sensor hdl64e") == 0);
   CHECK_FALSE(std::filesystem::exists(folder.path() / "imu.candump.log"));
   const std::string configuration = tests::read_file(folder.path() / "nilio.yaml");
   CHECK_THAT(configuration, Catch::Contains("model: HDL-64E-S2") && !Catch::Contains("imu:"));
@@ -126,7 +126,7 @@ TEST_CASE("options out of range, not a number and unknown names are refused whil
                              "--sensor os1", "--return-mode triple", "--gps maybe", "--network-jitter-us -1",
                              "--rpm 1300", "--imu foo", "--moving-cars -1", "--seed x"}) {
     INFO(option);
-    CHECK(simulate("somewhere " + std::string(option)) == tests::kNotAccepted);
+    CHECK(status_of_simulate("somewhere " + std::string(option)) == tests::kNotAccepted);
   }
 }
 
@@ -182,7 +182,7 @@ TEST_CASE("every model is available by name, and unsupported options are rejecte
 TEST_CASE("the calibration that an HDL-64E sends is also written beside the recording",
           "[simulate_command]") {
   const TemporaryFolder folder;
-  REQUIRE(simulate(folder.path().string() + kShort + " --realism ideal --sensor HDL-64E-S3") == 0);
+  REQUIRE(status_of_simulate(folder.path().string() + kShort + " --realism ideal --sensor HDL-64E-S3") == 0);
   const auto path = folder.path() / "calibration.yaml";
   // By its file name only, so that the recording can be moved.
   CHECK_THAT(tests::read_file(folder.path() / "nilio.yaml"),
@@ -191,7 +191,7 @@ TEST_CASE("the calibration that an HDL-64E sends is also written beside the reco
   const auto read = drivers::with_calibration_file(built_in, path.string());
   REQUIRE(read.ok());
   CHECK(read->lasers != built_in.lasers);
-  REQUIRE(simulate(folder.path().string() + kShort +
-                   " --realism ideal --sensor HDL-64E-S3 --stream-calibration off") == 0);
+  REQUIRE(status_of_simulate(folder.path().string() + kShort +
+                             " --realism ideal --sensor HDL-64E-S3 --stream-calibration off") == 0);
   CHECK_FALSE(std::filesystem::exists(path));
 }
