@@ -7,9 +7,6 @@ if(NILIO_SANITIZE)
     # Checks that AddressSanitizer or Clang's fuzz targets cover as well; without them GCC builds in two thirds of the time.
     add_compile_options($<$<CXX_COMPILER_ID:GNU>:-fno-sanitize=null,nonnull-attribute,returns-nonnull-attribute,object-size,pointer-overflow,vptr,alignment>)
   endif()
-  # Sources of a library are compiled in groups: a third less to compile. The other builds show which includes are missing.
-  set(CMAKE_UNITY_BUILD ON)
-  add_compile_options($<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
   # Sees ghosts in instrumented code.
   add_compile_options($<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
 endif()

@@ -29,6 +29,8 @@ PKG_CONFIG_PATH=$(find "$work/prefix" -name pkgconfig -type d)
 export PKG_CONFIG_PATH
 read -ra flags < <(pkg-config --cflags --libs nilio-drivers)
 c++ -std=c++20 -O0 "$source_dir/core/examples/odometry_from_pcap.cpp" "${flags[@]}" -o "$work/with_pkg_config"
+# The flags suffice for every function of the libraries.
+echo 'int main() {}' | c++ -x c++ - -x none -Wl,--whole-archive "${flags[@]}" -Wl,--no-whole-archive -o "$work/whole_libraries"
 
 # A simulated capture through the second example, evaluated against its truth.
 "$nilio" simulate "$work/drive" --sensor vlp16 --imu none --duration 6 >"$work/simulate.txt"
