@@ -93,9 +93,8 @@ std::optional<SubmapEntry> decode_entry(std::span<const std::uint8_t> payload) {
   for (Eigen::Vector3f* corner : {&entry.minimum, &entry.maximum}) {
     for (int i = 0; i < 3; ++i) (*corner)[i] = in.get<float>();
   }
-  const bool is_possible = !in.failed() && entry.T_odom_submap.is_finite() && entry.minimum.allFinite() &&
-                           entry.maximum.allFinite() &&
-                           std::abs(entry.T_odom_submap.rotation.norm() - 1.0) < 1e-3;
+  const bool is_possible = !in.failed() && is_valid_pose(entry.T_odom_submap) && entry.minimum.allFinite() &&
+                           entry.maximum.allFinite();
   return is_possible ? std::optional(entry) : std::nullopt;
 }
 
@@ -139,7 +138,7 @@ std::optional<Keyframe> decode_keyframe(std::span<const std::uint8_t> payload) {
   keyframe.T_odom_base = get_pose(in);
   for (int i = 0; i < 36; ++i) keyframe.covariance(i / 6, i % 6) = in.get<double>();
   const auto count = in.get<std::uint32_t>();
-  if (in.failed() || count != in.left() / 7 || !keyframe.T_odom_base.is_finite()) return std::nullopt;
+  if (in.failed() || count != in.left() / 7 || !is_valid_pose(keyframe.T_odom_base)) return std::nullopt;
   keyframe.points.resize(count);
   for (MapPoint& point : keyframe.points) {
     for (int i = 0; i < 3; ++i)
