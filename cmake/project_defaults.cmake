@@ -15,7 +15,7 @@ set(NILIO_BASELINE x86-64-v2 CACHE STRING "Instruction set of the build on x86-6
 if(NILIO_BASELINE AND CMAKE_SYSTEM_PROCESSOR STREQUAL "x86_64")
   add_compile_options(-march=${NILIO_BASELINE})
 endif()
-# Builds whose presets set CMAKE_UNITY_BUILD compile sources in groups, in three fifths of the time; "dev" and "debug"
+# Builds whose presets set CMAKE_UNITY_BUILD compile sources in groups, in two thirds of the time; "dev" and "debug"
 # compile each by itself, which shows missing includes, and name it in compile_commands.json.
 if(CMAKE_UNITY_BUILD)
   add_compile_options($<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>)
