@@ -3,8 +3,8 @@
 #include "nilio/drivers/can/can_files.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/read_all.hpp"
 
-#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -25,14 +25,7 @@ inline CanContents contents_of(core::Result<std::unique_ptr<drivers::FrameSource
   INFO((source.ok() ? "" : source.error().message));
   REQUIRE(source.ok());
   CanContents contents;
-  std::array<drivers::CanFrame, 3> slots;
-  while (true) {
-    const drivers::SourceRead read = (*source)->read(slots, {});
-    contents.state = read.state;
-    if (read.state != drivers::SourceState::kData) break;
-    contents.frames.insert(contents.frames.end(), slots.begin(),
-                           slots.begin() + static_cast<std::ptrdiff_t>(read.count));
-  }
+  contents.frames = read_all(**source, 3, &contents.state);
   contents.stats = (*source)->stats();
   contents.status = (*source)->status();
   return contents;

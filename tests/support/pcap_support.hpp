@@ -3,8 +3,8 @@
 #include "nilio/drivers/capture/pcap.hpp"
 
 #include "tests/support/drivers_support.hpp"
+#include "tests/support/read_all.hpp"
 
-#include <array>
 #include <string>
 #include <vector>
 
@@ -25,14 +25,7 @@ inline CaptureContents read_capture(const std::string& bytes, const drivers::Pca
   auto source = drivers::open_pcap(file.path(), config);
   REQUIRE(source.ok());
   CaptureContents contents;
-  std::array<drivers::Packet, 3> slots;
-  for (;;) {
-    const drivers::SourceRead result = (*source)->read(slots, core::Duration{});
-    contents.state = result.state;
-    if (result.state != drivers::SourceState::kData) break;
-    contents.packets.insert(contents.packets.end(), slots.begin(),
-                            slots.begin() + static_cast<std::ptrdiff_t>(result.count));
-  }
+  contents.packets = read_all(**source, 3, &contents.state);
   contents.stats = (*source)->stats();
   contents.status = (*source)->status();
   return contents;

@@ -9,8 +9,6 @@
 
 namespace nilio::tools::bench {
 
-namespace {}  // namespace
-
 core::Result<std::unique_ptr<PoseListener>> PoseListener::start(std::uint32_t domain) {
   dds::OdometrySubscriberConfig config;
   config.participant.domain = domain;
