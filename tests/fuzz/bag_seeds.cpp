@@ -21,7 +21,7 @@ using drivers::bag::WireWriter;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::uint32_t kSeconds = 1'700'000'000;
-constexpr std::int64_t kStampNs = std::int64_t{kSeconds} * 1'000'000'000;
+constexpr std::int64_t kFirstStampNs = std::int64_t{kSeconds} * 1'000'000'000;
 
 std::string text_of(std::span<const std::uint8_t> bytes) { return {bytes.begin(), bytes.end()}; }
 
@@ -162,7 +162,7 @@ std::vector<Recorded> messages(bool is_cdr) {
   all.push_back({"/livox", "livox_ros_driver2", "CustomMsg",
                  message()
                      .header(7)
-                     .number(static_cast<std::uint64_t>(kStampNs))
+                     .number(static_cast<std::uint64_t>(kFirstStampNs))
                      .number(std::uint32_t{2})
                      .raw(std::string(4, '\0'))
                      .number(std::uint32_t{2})
@@ -268,8 +268,8 @@ std::string mcap(const std::string& compression, bool has_chunk, bool has_checks
                                                  counted(is_cdr ? "ros2msg" : "ros1msg") + counted(""));
     channels += mcap_record(format::kChannel, number(id) + number(schema) + counted(recorded.topic) +
                                                   counted(is_cdr ? "cdr" : "ros1") + counted(""));
-    data += mcap_record(format::kMessage, number(id) + number(std::uint32_t{0}) + number(kStampNs + id) +
-                                              number(kStampNs + id) + recorded.data);
+    data += mcap_record(format::kMessage, number(id) + number(std::uint32_t{0}) + number(kFirstStampNs + id) +
+                                              number(kFirstStampNs + id) + recorded.data);
     ++id;
   }
   std::string file = magic + mcap_record(format::kHeader, counted("ros2") + counted("seed"));
@@ -277,7 +277,7 @@ std::string mcap(const std::string& compression, bool has_chunk, bool has_checks
   const std::string records = channels + data;
   if (has_chunk) {
     const std::string chunk = packed(compression, records);
-    file += mcap_record(format::kChunk, number(kStampNs) + number(kStampNs + id) +
+    file += mcap_record(format::kChunk, number(kFirstStampNs) + number(kFirstStampNs + id) +
                                             number(std::uint64_t{records.size()}) +
                                             number(has_checksum ? crc(records) : 0U) + counted(compression) +
                                             number(std::uint64_t{chunk.size()}) + chunk);
@@ -288,11 +288,11 @@ std::string mcap(const std::string& compression, bool has_chunk, bool has_checks
   const std::size_t summary_start = file.size();
   std::string summary = channels;
   if (has_chunk)
-    summary += mcap_record(format::kChunkIndex,
-                           number(kStampNs) + number(kStampNs + id) + number(std::uint64_t{chunk_start}) +
-                               number(std::uint64_t{summary_start - chunk_start}) + counted("") +
-                               number(std::uint64_t{0}) + counted(compression) + number(std::uint64_t{1}) +
-                               number(std::uint64_t{1}));
+    summary += mcap_record(
+        format::kChunkIndex,
+        number(kFirstStampNs) + number(kFirstStampNs + id) + number(std::uint64_t{chunk_start}) +
+            number(std::uint64_t{summary_start - chunk_start}) + counted("") + number(std::uint64_t{0}) +
+            counted(compression) + number(std::uint64_t{1}) + number(std::uint64_t{1}));
   summary += std::string(1, static_cast<char>(format::kFooter)) +
              number(std::uint64_t{format::kFooterContent}) + number(std::uint64_t{summary_start}) +
              number(std::uint64_t{0});
@@ -321,7 +321,7 @@ std::string db3(bool is_compressed) {
     std::string hex;
     for (const char c : data) hex += {kHex[static_cast<std::uint8_t>(c) >> 4U], kHex[c & 15]};
     run(database, "INSERT INTO messages(topic_id,timestamp,data) VALUES(" + std::to_string(id) + "," +
-                      std::to_string(kStampNs + id) + ",X'" + hex + "')");
+                      std::to_string(kFirstStampNs + id) + ",X'" + hex + "')");
   }
   sqlite3_int64 size = 0;
   unsigned char* const image = sqlite3_serialize(database, "main", &size, 0);
