@@ -21,6 +21,8 @@ using namespace nilio;
 using namespace nilio::tests;
 
 constexpr std::uint32_t kWorldSeed = 3298301173U;
+// A sanitizer beside other tests takes 10 s for the loops of a submap.
+constexpr core::Duration kLoopPatience = core::Duration::from_seconds(300.0);
 
 /// Once around a block of 400 m and 160 m on, with an odometry that drifts.
 const ScannedDrive& block_drive() {
@@ -61,9 +63,12 @@ void check_closed(const std::filesystem::path& folder) {
   CHECK(std::count_if(map->loops().begin(), map->loops().end(), [](const mapping::Loop& loop) {
           return loop.verdict == mapping::LoopVerdict::kAccepted;
         }) >= 2);
+  // Else the mapper had no time for the last ones.
+  REQUIRE(map->last_corrected() == map->submaps().back().id);
   const auto poses = mapping::read_bytes(folder / "poses");
   REQUIRE(poses.ok());
-  CHECK(*poses == poses_from_scratch(*map));
+  const bool is_as_from_scratch = *poses == poses_from_scratch(*map);
+  CHECK(is_as_from_scratch);
   for (const auto& file : std::filesystem::directory_iterator(folder))
     CHECK(file.path().filename().string().find(".tmp.") == std::string::npos);
 }
@@ -79,7 +84,7 @@ TEST_CASE("loops are closed while keyframes arrive, with the poses of nilio map 
   for (const mapping::Keyframe& keyframe : block_drive().keyframes) push(*mapper, keyframe);
   CHECK(eventually([&] { return mapper->state().loops.load() > 0; }));
   CHECK(mapper->running());
-  const auto ends = mapper->stop(core::Duration::from_seconds(60.0));
+  const auto ends = mapper->stop(kLoopPatience);
   REQUIRE(ends.size() == 1);
   CHECK(ends.front().exit_status == 0);
   CHECK(stamps_in(folder.path() / "map").size() == block_drive().keyframes.size());
@@ -136,7 +141,7 @@ TEST_CASE(
       return mapper->running();
     }));
   }
-  const auto ends = mapper->stop(core::Duration::from_seconds(60.0));
+  const auto ends = mapper->stop(kLoopPatience);
   REQUIRE_FALSE(ends.empty());
   CHECK(ends.back().exit_status == 0);
   CHECK(kills >= 5);
@@ -161,9 +166,8 @@ TEST_CASE("a search that hangs delays neither keyframes nor submaps nor the end"
   for (std::size_t i = 200; i < keyframes.size(); ++i) push(*mapper, keyframes[i]);
   REQUIRE(wait_until_read(*mapper));
   CHECK(mapper->keyframes().dropped() == 0);
-  const auto begin = std::chrono::steady_clock::now();
+  // Killed, its status would differ.
   const auto ends = mapper->stop(core::Duration::from_seconds(3.0));
-  CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(3));
   REQUIRE(ends.size() == 1);
   CHECK(ends.front().exit_status == 0);
   std::filesystem::rename(folder.path() / "first", first);

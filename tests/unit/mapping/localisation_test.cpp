@@ -216,7 +216,7 @@ TEST_CASE("two equal crossings give no answer, the road that leaves them does", 
   CHECK(answer->keyframes > 20);
 }
 
-TEST_CASE("tracking corrects the drift of odometry and ends outside of the map", "[localisation]") {
+TEST_CASE("tracking corrects the drift of odometry and ends outside of the map", "[localisation][drives]") {
   ScannedWorld world;
   std::mt19937 random(kSeed);
   line_road(world, {0.0, 0.0}, {320.0, 0.0}, random);
@@ -260,7 +260,7 @@ Localisation continued(const SavedMap& map, const ScannedDrive& drive, const cor
 }  // namespace
 
 TEST_CASE("a run that was killed is continued where the vehicle finds itself, or not at all",
-          "[localisation]") {
+          "[localisation][drives]") {
   ScannedWorld world;
   std::mt19937 random(kSeed);
   line_road(world, {0.0, 0.0}, {200.0, 0.0}, random);
