@@ -261,7 +261,7 @@ PublishedPose Odometry::State::describe(const MotionPrior& prior, const MotionFi
   at_end.propagate(prior.inputs, moved.span().end);
   const Matrix6 to_odom = block_rotation(result.T_odom_base.rotation.toRotationMatrix());
   result.pose_covariance = to_odom * at_end.pose_covariance() * to_odom.transpose();
-  const Matrix6 since_start = at_end.pose_covariance() + map.drift().at(T_map_base);
+  const Matrix6 since_start = at_end.levelled_pose_covariance() + map.drift().at(T_map_base);
   result.drift_covariance = to_odom * since_start * to_odom.transpose();
   result.twist_covariance = at_end.twist_covariance();
   const PublishedPose pose{T_map_base, moved.span().end, prior.span_s(), result.twist.head<3>().norm(),

@@ -283,6 +283,14 @@ void MotionEstimator::settle() {
   period_s_ = scans_ == 1 ? span_s : kPeriodMemory * period_s_ + (1.0 - kPeriodMemory) * span_s;
   T_map_base_ = filter_.state().T_map_base * motion_.T_middle_end();
   T_accepted_ = T_map_base_;
+  level_odom();
+}
+
+/// Turns `odom` against the tilt of the map, around the vehicle, whose place in it stays.
+void MotionEstimator::level_odom() {
+  const Eigen::Quaterniond turn = so3_exp(filter_.take_tilt());
+  const Vector3& place = T_map_base_.translation;
+  T_odom_map_ = T_odom_map_ * SE3{turn, place - turn * place};
 }
 
 void MotionEstimator::coast() {

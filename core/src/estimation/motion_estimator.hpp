@@ -133,8 +133,8 @@ class MotionEstimator {
   [[nodiscard]] const SE3& T_accepted() const { return T_accepted_; }
   [[nodiscard]] const SE3& T_map_last_middle() const { return last_filter_.state().T_map_base; }
   [[nodiscard]] const SE3& T_stationary() const { return T_stationary_; }
-  /// The map keeps the axes of its first pose and is levelled only in the output, so that registration does
-  /// not depend on the accelerometer.
+  /// The map begins with the axes of its first pose and is levelled only in the output, so that registration
+  /// does not depend on the accelerometer; where the map tilts, `odom` does not.
   [[nodiscard]] const SE3& T_odom_map() const { return T_odom_map_; }
   /// Time between the midpoints of the last sweep and this one.
   [[nodiscard]] double seconds_since_last_middle() const;
@@ -155,6 +155,7 @@ class MotionEstimator {
   void initialise_gravity();
   void observe_innovation(const RegistrationResult& registration);
   void settle();
+  void level_odom();
 
   SE3 T_base_imu_;
   Duration max_imu_gap_;

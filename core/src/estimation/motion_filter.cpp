@@ -21,6 +21,7 @@ constexpr auto kRate = MotionFilter::kRate;
 constexpr auto kGyroBias = MotionFilter::kGyroBias;
 constexpr auto kAccelBias = MotionFilter::kAccelBias;
 constexpr auto kGravityBlock = MotionFilter::kGravityBlock;
+constexpr auto kTilt = MotionFilter::kTilt;
 constexpr auto kManoeuvre = MotionFilter::kManoeuvre;
 
 // Noise of an automotive IMU on a vibrating vehicle: five times the densities of data sheets
@@ -127,6 +128,22 @@ MotionRows error_dynamics(const MotionState& s, const MotionInputs& inputs) {
   return F;
 }
 
+using Tilting = Eigen::Matrix<double, MotionFilter::kSize, 3>;
+
+/// Effect of a tilt of the map below the vehicle, in axes of base_link: gravity turns in the map and, as a
+/// gyro that senses no turn tells, the pose.
+Tilting tilting_of(const MotionState& s, const MotionInputs& inputs) {
+  const Matrix3 R = s.T_map_base.rotation.toRotationMatrix();
+  const Matrix3 gravity_change = -skew(s.gravity) * R;
+  const Matrix3 horizontal = gravity_change.transpose() * gravity_change / (kGravity * kGravity);
+  Tilting tilting = Tilting::Zero();
+  tilting.middleRows<3>(kGravityBlock) = gravity_change;
+  if (!inputs.gyro) return tilting;
+  tilting.middleRows<3>(kRotation) = horizontal;
+  tilting.middleRows<3>(kTilt) = -R * horizontal;
+  return tilting;
+}
+
 /// Densities of the sensors' and the parameters' noise. `acceleration`: of base_link, m/s^2.
 Matrix sensor_noise(const MotionState& s, const Vector3& acceleration, const MotionInputs& inputs,
                     double seconds) {
@@ -136,7 +153,8 @@ Matrix sensor_noise(const MotionState& s, const Vector3& acceleration, const Mot
   };
   add(kGyroBias, kGyroBiasWalk);
   add(kAccelBias, kAccelBiasWalk);
-  add(kGravityBlock, kTiltWalk * kGravity * std::sqrt(s.velocity.norm()));
+  const Tilting tilting = tilting_of(s, inputs);
+  Q += kTiltWalk * kTiltWalk * s.velocity.norm() * tilting * tilting.transpose();
   if (inputs.gyro) {
     const double scale = inputs.gyro_scale_deviation * s.angular_velocity.norm();
     Eigen::Matrix<double, 6, 3> G;  // rotation and, where it is integrated in turning axes, velocity
@@ -254,6 +272,7 @@ void MotionFilter::reset(const SE3& T_map_base, Time time) {
   isolate(kGyroBias, variance_of(kGyroBiasPrior));
   isolate(kAccelBias, variance_of(kAccelBiasPrior));
   isolate(kGravityBlock, variance_of(kGravityPrior));
+  isolate(kTilt, Matrix3::Zero());
   if (old_covariance(kGyroBias, kGyroBias) > 0.0) {
     // Sensors keep their biases through a reset of the map.
     state_.gyro_bias = old.gyro_bias;
@@ -390,6 +409,7 @@ void MotionFilter::apply(const Vector& error) {
   state_.gyro_bias += error.segment<3>(kGyroBias);
   state_.accelerometer_bias += error.segment<3>(kAccelBias);
   state_.gravity += error.segment<3>(kGravityBlock);
+  state_.tilt += error.segment<3>(kTilt);
   state_.acceleration.head<2>() += error.segment<2>(kManoeuvre);
   state_.angular_acceleration.z() += error[kManoeuvre + 2];
 }
@@ -496,6 +516,13 @@ double MotionFilter::squared_distance(const SE3& T_map_base) const {
   covariance.topLeftCorner<3, 3>() += variance_of(kRelocatedMetres);
   covariance.bottomRightCorner<3, 3>() += variance_of(kRelocatedRadians);
   return moved.dot(solve_ldlt(covariance, moved));
+}
+
+Matrix6 MotionFilter::levelled_pose_covariance() const {
+  Eigen::Matrix<double, 6, kSize> to_pose = Eigen::Matrix<double, 6, kSize>::Zero();
+  to_pose.leftCols<6>().setIdentity();
+  to_pose.block<3, 3>(kRotation, kTilt) = state_.T_map_base.rotation.toRotationMatrix().transpose();
+  return to_pose * covariance_ * to_pose.transpose();
 }
 
 void MotionFilter::isolate(int block, const Matrix3& covariance) {

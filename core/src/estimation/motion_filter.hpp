@@ -8,6 +8,7 @@
 #include "core/src/estimation/innovation_bias.hpp"
 
 #include <optional>
+#include <utility>
 
 namespace nilio::core {
 
@@ -20,6 +21,8 @@ struct MotionState {
   Vector3 gyro_bias = Vector3::Zero();           ///< rad/s, in base_link axes
   Vector3 accelerometer_bias = Vector3::Zero();  ///< m/s^2, in base_link axes
   Vector3 gravity = Vector3::Zero();             ///< m/s^2, in map axes, pointing down
+  /// Rotation vector of the map's tilt below the vehicle since take_tilt(), rad, in map axes.
+  Vector3 tilt = Vector3::Zero();
   /// Manoeuvres where no sensor measures them: change of the velocity ahead and to the left, m/s^2, and of
   /// the yaw rate, rad/s^2.
   Vector3 acceleration = Vector3::Zero();
@@ -48,11 +51,11 @@ struct MotionInputs {
 
 /// Error-state Kalman filter of the vehicle's motion between the midpoints of sweeps; docs/algorithm.md has
 /// the equations. Error: (translation, rotation) of T_map_base = T_estimate * Exp(error), then velocity,
-/// angular velocity, gyro bias, accelerometer bias, gravity and manoeuvres as differences. The pose is
-/// relative to the map, whose own drift is not part of it. Not thread-safe.
+/// angular velocity, gyro bias, accelerometer bias, gravity, tilt and manoeuvres as differences. The pose is
+/// relative to the map, whose tilt below the vehicle a gyro tells from a turn. Not thread-safe.
 class MotionFilter {
  public:
-  static constexpr int kSize = 24;
+  static constexpr int kSize = 27;
   /// Deviation of gravity along each axis at a start in motion, m/s^2: acceleration and tilt are unknown.
   static constexpr double kGravityPrior = 1.5;
   /// Rates of roll and pitch until scans have shown those of the vehicle, rad/s: driving off road.
@@ -67,7 +70,8 @@ class MotionFilter {
     kGyroBias = 12,
     kAccelBias = 15,
     kGravityBlock = 18,
-    kManoeuvre = 21  ///< ahead, to the left, yaw
+    kTilt = 21,
+    kManoeuvre = 24  ///< ahead, to the left, yaw
   };
 
   MotionFilter() = default;
@@ -83,6 +87,8 @@ class MotionFilter {
   void set_pose(const SE3& T_map_base) { state_.T_map_base = T_map_base; }
   /// The clock was set ahead.
   void move_clock(Duration by);
+  /// The tilt so far, which is zero from then on; nothing else changes.
+  Vector3 take_tilt() { return std::exchange(state_.tilt, Vector3::Zero()); }
   /// Sets the velocities, as found by a search.
   void set_twist(const Vector6& twist, const Vector6& variance);
   /// Sets gravity and bias together by a mean specific force in map axes, m/s^2, with its variance along each
@@ -125,6 +131,8 @@ class MotionFilter {
   [[nodiscard]] const Matrix& covariance() const { return covariance_; }
   [[nodiscard]] Matrix12 motion_covariance() const { return covariance_.topLeftCorner<12, 12>(); }
   [[nodiscard]] Matrix6 pose_covariance() const { return covariance_.topLeftCorner<6, 6>(); }
+  /// That of the pose in axes without the map's tilt, in axes of base_link.
+  [[nodiscard]] Matrix6 levelled_pose_covariance() const;
   [[nodiscard]] Matrix6 twist_covariance() const { return covariance_.block<6, 6>(kVelocity, kVelocity); }
 
  private:

@@ -133,7 +133,8 @@ TEST_CASE("a wrong IMU is reported, not used and harmless", "[imu_faults][drives
     CHECK(run.health[fault.check].value == Approx(fault.value).margin(fault.tolerance));
     CHECK_FALSE(run.health.trusted);
     CHECK_FALSE(run.results.back().imu_used);
-    CHECK(run.end_error_m < without.end_error_m + 0.05);
+    // Until it is rejected it tilts `odom`.
+    CHECK(run.end_error_m < without.end_error_m + 0.1);
     CHECK(run.worst_step_m < without.worst_step_m + 0.05);
     CHECK(run.worst_step_deg < without.worst_step_deg + 0.5);
   }
@@ -152,7 +153,8 @@ TEST_CASE("an IMU with a time offset is reported, corrected and used", "[imu_fau
     CHECK(run.health.time_shift_ms == Approx(offset_ms).margin(4.0));
     CHECK(run.health.trusted);
     CHECK(run.results.back().imu_used);
-    CHECK(run.end_error_m < without.end_error_m + 0.03);
+    // 0.3 % of the way.
+    CHECK(run.end_error_m < without.end_error_m + 0.003 * 6.0 * kPeriod * kScansOfLongDrive);
   }
 }
 

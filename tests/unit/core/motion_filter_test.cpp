@@ -52,6 +52,7 @@ MotionState moved_by(MotionState state, const Vector& error, bool gyro) {
   state.gyro_bias += error.segment<3>(MotionFilter::kGyroBias);
   state.accelerometer_bias += error.segment<3>(MotionFilter::kAccelBias);
   state.gravity += error.segment<3>(MotionFilter::kGravityBlock);
+  state.tilt += error.segment<3>(MotionFilter::kTilt);
   state.acceleration.head<2>() += error.segment<2>(MotionFilter::kManoeuvre);
   state.angular_acceleration.z() += error[MotionFilter::kManoeuvre + 2];
   return state;
@@ -61,7 +62,7 @@ Vector difference(const MotionState& from, const MotionState& to) {
   Vector result;
   result << se3_log(from.T_map_base.inverse() * to.T_map_base), to.velocity - from.velocity,
       to.angular_velocity - from.angular_velocity, to.gyro_bias - from.gyro_bias,
-      to.accelerometer_bias - from.accelerometer_bias, to.gravity - from.gravity,
+      to.accelerometer_bias - from.accelerometer_bias, to.gravity - from.gravity, to.tilt - from.tilt,
       (to.acceleration - from.acceleration).head<2>(),
       to.angular_acceleration.z() - from.angular_acceleration.z();
   return result;
@@ -194,6 +195,57 @@ TEST_CASE("a sweep that shows its twist updates all states as the dense informat
   const Vector expected = covariance.leftCols<12>() * covariance.topLeftCorner<12, 12>().inverse() * moved;
   CHECK((filter.state().twist() - twist).norm() < 1e-9);
   CHECK((filter.state().gravity - expected.segment<3>(MotionFilter::kGravityBlock)).norm() < 1e-9);
+}
+
+TEST_CASE("the gyro tells a tilt of the map from a turn, whether or not scans show the speed",
+          "[motion_filter]") {
+  constexpr double kTiltPerMetre = 1e-2 * nilio::kRadiansPerDegree;
+  const Truth truth;
+  const MotionInputs inputs = truth.inputs(true, true);
+  for (const bool shows_speed : {true, false}) {
+    INFO((shows_speed ? "shown" : "not shown"));
+    Matrix6 information = information_of(0.02);
+    if (!shows_speed) information.row(0).setZero(), information.col(0).setZero();
+    // As after a standstill.
+    Vector deviations = Vector::Constant(1e-3);
+    deviations.segment<3>(MotionFilter::kVelocity).setConstant(0.02);
+    deviations.segment<3>(MotionFilter::kGyroBias).setConstant(0.02 * nilio::kRadiansPerDegree);
+    deviations.segment<3>(MotionFilter::kTilt).setZero();
+    const MotionState start = truth.at(1.0);
+    MotionFilter filter(start, deviations.cwiseAbs2().asDiagonal());
+    SE3 T_map_base = start.T_map_base;
+    Eigen::Quaterniond tilt = Eigen::Quaterniond::Identity();
+    MotionState before = start;
+    for (double t = 1.0 + kScanSeconds; t < 11.0; t += kScanSeconds) {
+      const MotionState now = truth.at(t);
+      const SE3 motion = before.T_map_base.inverse() * now.T_map_base;
+      const double angle = kTiltPerMetre * motion.translation.norm();
+      T_map_base = T_map_base * motion * SE3{so3_exp(Vector3(0.0, angle, 0.0)), Vector3::Zero()};
+      filter.propagate(inputs, now.time);
+      const Matrix6 P = filter.pose_covariance();
+      const SE3& predicted = filter.state().T_map_base;
+      const Vector6 moved =
+          (P.inverse() + information).inverse() * information * se3_log(predicted.inverse() * T_map_base);
+      filter.update(predicted * se3_exp(moved), information);
+      tilt = tilt * so3_exp(filter.take_tilt());
+      before = now;
+    }
+    const auto angle_to_truth = [&](const Eigen::Quaterniond& rotation) {
+      return so3_log(before.T_map_base.rotation.conjugate() * rotation).head<2>().norm();
+    };
+    const Eigen::Quaterniond& registered = filter.state().T_map_base.rotation;
+    const double tilted = angle_to_truth(registered);
+    CHECK(tilted > 0.8 * nilio::kRadiansPerDegree);
+    CHECK(angle_to_truth(tilt * registered) < 0.6 * tilted);
+    // Gravity as the accelerometer senses it.
+    const Vector3 sensed = registered.conjugate() * filter.state().gravity;
+    const Vector3 expected = before.T_map_base.rotation.conjugate() * start.gravity;
+    CHECK((sensed - expected).norm() < 0.6 * tilted * kGravity);
+    // The covariance says how well.
+    const Matrix6 levelled = filter.levelled_pose_covariance();
+    CHECK(levelled(4, 4) < 1.0 * nilio::kRadiansPerDegree * nilio::kRadiansPerDegree);
+    CHECK(levelled(4, 4) > 0.01 * nilio::kRadiansPerDegree * nilio::kRadiansPerDegree);
+  }
 }
 
 TEST_CASE("the normalised innovation is that of the scan alone", "[motion_filter]") {
