@@ -52,7 +52,7 @@ struct MotionInputs {
 /// Error-state Kalman filter of the vehicle's motion between the midpoints of sweeps; docs/algorithm.md has
 /// the equations. Error: (translation, rotation) of T_map_base = T_estimate * Exp(error), then velocity,
 /// angular velocity, gyro bias, accelerometer bias, gravity, tilt and manoeuvres as differences. The pose is
-/// relative to the map, whose tilt below the vehicle a gyro tells from a turn. Not thread-safe.
+/// relative to the map, whose drift is not part of it; a gyro tells its tilt from a turn. Not thread-safe.
 class MotionFilter {
  public:
   static constexpr int kSize = 27;

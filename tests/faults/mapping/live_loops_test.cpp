@@ -63,7 +63,7 @@ void check_closed(const std::filesystem::path& folder) {
   CHECK(std::count_if(map->loops().begin(), map->loops().end(), [](const mapping::Loop& loop) {
           return loop.verdict == mapping::LoopVerdict::kAccepted;
         }) >= 2);
-  // Else the mapper had no time for the last ones.
+  // A mapper without the time for all loops has corrected fewer submaps.
   REQUIRE(map->last_corrected() == map->submaps().back().id);
   const auto poses = mapping::read_bytes(folder / "poses");
   REQUIRE(poses.ok());
@@ -166,7 +166,7 @@ TEST_CASE("a search that hangs delays neither keyframes nor submaps nor the end"
   for (std::size_t i = 200; i < keyframes.size(); ++i) push(*mapper, keyframes[i]);
   REQUIRE(wait_until_read(*mapper));
   CHECK(mapper->keyframes().dropped() == 0);
-  // Killed, its status would differ.
+  // A process that is killed after its patience has another status.
   const auto ends = mapper->stop(core::Duration::from_seconds(3.0));
   REQUIRE(ends.size() == 1);
   CHECK(ends.front().exit_status == 0);

@@ -206,7 +206,7 @@ TEST_CASE("the gyro tells a tilt of the map from a turn, whether or not scans sh
     INFO((shows_speed ? "shown" : "not shown"));
     Matrix6 information = information_of(0.02);
     if (!shows_speed) information.row(0).setZero(), information.col(0).setZero();
-    // As after a standstill.
+    // The vehicle was stationary before.
     Vector deviations = Vector::Constant(1e-3);
     deviations.segment<3>(MotionFilter::kVelocity).setConstant(0.02);
     deviations.segment<3>(MotionFilter::kGyroBias).setConstant(0.02 * nilio::kRadiansPerDegree);
