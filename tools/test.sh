@@ -22,6 +22,8 @@ if [[ $mode == --full ]]; then
   selection=()
 fi
 log=build/sanitizers.log
+# Held during the timed tests.
+timed_lock=build/timed.lock
 
 # stage NAME COMMAND...: runs the command and tells how long it took.
 stage() {
@@ -40,29 +42,35 @@ run_release_tests() {
   return $status
 }
 
-# Sanitizer builds with what the other tests leave of the processors, and their tests without wall-clock times.
+# Sanitizer builds with what the release tests leave of the processors, and their tests, without those of wall-clock times, once the
+# timed ones are done.
 run_beside_release_tests() {
-  stage "asan build" nice -n 19 tools/build.sh asan "${targets[@]}" || return
+  stage "asan build" chrt --idle 0 tools/build.sh asan "${targets[@]}" || return
+  flock "$timed_lock" true
   stage "asan tests" ctest --preset asan "${untimed[@]}" "${selection[@]}" &
-  stage "tsan build" nice -n 19 tools/build.sh tsan test_ipc test_daemon &&
+  stage "tsan build" chrt --idle 0 tools/build.sh tsan test_ipc test_daemon &&
     stage "tsan tests" ctest --preset tsan "${untimed[@]}" --tests-regex '^(ipc|daemon)$' &&
-    stage "fuzz build" nice -n 19 tools/build.sh fuzz &&
+    stage "fuzz build" chrt --idle 0 tools/build.sh fuzz &&
     stage "fuzz tests" ctest --preset fuzz &&
     wait $!
 }
 
 stage setup tools/setup.sh --tests
 stage "release build" tools/build.sh release
-# Tests of wall-clock times have the computer to themselves.
-stage "timed tests" run_release_tests --label-regex timed
 if [[ $mode != --quick ]]; then
-  # The others, above all guests with one processor, run beside the sanitizers. A process group of its own, to end with this script.
+  exec {timed_tests}>"$timed_lock"
+  flock "$timed_tests"
+  # A process group of its own, to end with this script.
   set -m
   run_beside_release_tests >"$log" 2>&1 &
   sanitizers=$!
   set +m
   trap 'kill -- "-$sanitizers" 2>/dev/null || true' EXIT
 fi
+# Tests of wall-clock times have the computer to themselves but for compilers that run while it is idle.
+stage "timed tests" run_release_tests --label-regex timed
+[[ $mode == --quick ]] || flock --unlock "$timed_tests"
+# The others, above all guests with one processor, run beside the sanitizers.
 stage "untimed tests" run_release_tests "${untimed[@]}"
 if [[ $mode != --quick ]]; then
   stage "rest of the sanitizers" wait "$sanitizers" || { tail -n 60 "$log"; exit 1; }

@@ -16,7 +16,7 @@ TEST_CASE("niliod uses an IMU on a live bus, continues without it while the bus 
   const auto niliod = run.start_niliod({"imu.interface=vcan0"});
   REQUIRE(niliod->has_line("info: CAN vcan0: up"));
   const auto play = run.start_playing("vcan0");
-  CHECK(niliod->has_line("tracking: [0-9]+ poses"));
+  check_tracking(*niliod, run, "vcan0");
   if (!imu_is_used(*niliod, run, "vcan0", "whether niliod uses a good IMU")) return;
 
   set_up("vcan0", false);
@@ -60,7 +60,7 @@ TEST_CASE("niliod reports a missing CAN interface, continues without the IMU, an
   const auto niliod = run.start_niliod({"imu.interface=vcan0"});
   REQUIRE(niliod->has_line("info: CAN vcan0: up"));
   auto play = run.start_playing("vcan0");
-  CHECK(niliod->has_line("tracking: [0-9]+ poses"));
+  check_tracking(*niliod, run, "vcan0");
   bus.remove();
   CHECK(niliod->has_line("warning: CAN vcan0: gone; waiting for it"));
   CHECK(niliod->has_line("warning: IMU silent: "));

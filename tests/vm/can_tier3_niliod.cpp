@@ -22,7 +22,7 @@ TEST_CASE(
   CHECK(niliod->has_line("info: CAN can1: up, error-active, 500000 bit/s"));
   CHECK(drivers::query_can_interface("can1").bitrate == 500000U);
   auto play = run.start_playing("can0");
-  CHECK(niliod->has_line("tracking: [0-9]+ poses"));
+  check_tracking(*niliod, run, "can1");
   CHECK(poses_go_on(*niliod));
 
   inject("can1 bus-off");

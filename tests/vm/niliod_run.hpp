@@ -35,8 +35,10 @@ class NiliodRun {
 /// True once poses continued for some more status lines.
 bool poses_go_on(const Program& niliod);
 /// True once niliod has used the IMU for some status lines. Otherwise the test fails, unless the kernel's
-/// frame count shows that the guest was repeatedly too slow for the sensors: then `what` is undecided.
+/// frame count or niliod shows that the guest was too slow for the sensors: then `what` is undecided.
 bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
                  const std::string& what);
+/// Fails unless niliod tracks; as above.
+void check_tracking(const Program& niliod, const NiliodRun& run, const std::string& can_interface);
 
 }  // namespace nilio::tests
