@@ -131,8 +131,9 @@ void MotionEstimator::initialise_gravity() {
   const Time from = filter_.state().time;
   const Time to = std::min(prior_.span.middle(), *imu_.latest());
   if (to <= from) return;
-  filter_.set_gravity(filter_.state().T_map_base.rotation * mean_specific_force(imu_, from, to),
-                      kMovingGravityVariance);
+  const Vector3 force = mean_specific_force(imu_, from, to);
+  if (!is_gravity_plausible(force)) return;
+  filter_.set_gravity(filter_.state().T_map_base.rotation * force, kMovingGravityVariance);
   gravity_known_ = true;
 }
 

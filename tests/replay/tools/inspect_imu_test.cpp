@@ -122,7 +122,8 @@ TEST_CASE("the configuration written for a faulty IMU makes it agree", "[inspect
     CHECK(bad_checks(after).empty());
     CHECK(after["correction"].empty());
     CHECK(after["health"]["trusted"] == true);
-    CHECK(before["with_gyro_corrected"].get<int>() > before["with_gyro"].get<int>());
+    // All but the scans before the first turn has proven it.
+    CHECK(before["with_gyro_corrected"].get<double>() > 0.8 * before["poses"].get<double>());
   }
 }
 
