@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Sets up, builds and runs the tests.
-#   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), the sanitizer runs of the daemon's
-#                      libraries, and a short run of every fuzz target
+#   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), AddressSanitizer's run of what computes and
+#                      decodes, ThreadSanitizer's of the daemon, and a short run of every fuzz target
 #   test.sh --quick    release build and its tests only
-#   test.sh --full     AddressSanitizer runs the tests of the tools, too, which drive for minutes then; nilio init finds the mountings of
-#                      a second pair of drives
+#   test.sh --full     AddressSanitizer runs the tests of the daemon, DDS and the tools, too, which drive for minutes then; nilio init
+#                      finds the mountings of a second pair of drives
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case ${1:-} in
@@ -12,13 +12,13 @@ case ${1:-} in
   *) echo "test.sh: unknown option $1; known are --quick and --full" >&2; exit 2 ;;
 esac
 mode=${1:-}
-targets=(test_core test_drivers test_ipc test_mapping test_dds test_daemon fuzz_rtps)
-selection=(--exclude-regex '^(tools|map)(_timed)?$')
+targets=(test_core test_drivers test_ipc test_mapping fuzz_rtps)
+selection=(--exclude-regex '^(daemon|dds|tools|map)(_timed)?$')
 # Most of these wait for programs that they start: more of them than processors.
 untimed=(--label-exclude timed --parallel 4)
 if [[ $mode == --full ]]; then
   export NILIO_FULL_TESTS=1
-  targets+=(test_tools test_map)
+  targets+=(test_daemon test_dds test_tools test_map)
   selection=()
 fi
 log=build/sanitizers.log
