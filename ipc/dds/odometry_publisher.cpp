@@ -121,9 +121,12 @@ bool OdometryPublisher::publish_diagnostics(const DiagnosticArray& diagnostics) 
 }
 
 int OdometryPublisher::subscribers() const {
+  return std::max(matched_subscribers(*entities_->odometry_writer), transform_subscribers());
+}
+
+int OdometryPublisher::transform_subscribers() const {
   const fastdds::DataWriter* transform = entities_->transform_writer;
-  return std::max(matched_subscribers(*entities_->odometry_writer),
-                  transform == nullptr ? 0 : matched_subscribers(*transform));
+  return transform == nullptr ? 0 : matched_subscribers(*transform);
 }
 
 bool OdometryPublisher::wait_for_pose_acknowledgments(core::Duration timeout) {

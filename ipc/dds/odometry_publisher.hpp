@@ -46,6 +46,8 @@ class OdometryPublisher {
 
   /// Number of matched subscribers: the larger of odometry and transform.
   [[nodiscard]] int subscribers() const;
+  /// Those of the transform; topics are discovered one after another.
+  [[nodiscard]] int transform_subscribers() const;
   /// Waits until all reliable subscribers have received the poses, transforms and scan reports; false after
   /// `timeout`. For the thread that publishes them.
   bool wait_for_pose_acknowledgments(core::Duration timeout);

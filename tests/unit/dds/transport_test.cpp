@@ -212,6 +212,7 @@ TEST_CASE("CycloneDDS reads odometry, transform and diagnostics from the IDL wit
   Program reader(kCycloneLoopback + reader_program->string() + " " + std::to_string(domain) + " " +
                  std::to_string(message_count) + " 30");
   REQUIRE(wait_for_subscriber(*publisher));
+  REQUIRE(eventually([&] { return publisher->transform_subscribers() == 1; }));
   // Both sides discover each other independently; a volatile CycloneDDS reader ignores samples from before
   // its own discovery.
   REQUIRE(reader.line() == "ready");
