@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <chrono>
 #include <fstream>
-#include <functional>
 #include <iterator>
 #include <regex>
 #include <sstream>
@@ -69,24 +68,25 @@ int status_lines_with_imu(const std::string& log) {
   return good;
 }
 
-/// True once the condition holds for what niliod receives; otherwise the test fails or is undecided.
-bool holds_at_full_pace(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
-                        const std::string& what, const std::function<bool()>& condition) {
+}  // namespace
+
+bool holds_at_full_pace(const std::function<bool()>& condition, const NiliodRun& run,
+                        const std::string& can_interface, const std::string& what,
+                        const std::function<std::string()>& log) {
   PaceWatch pace(can_interface, run.can_frames_per_second());
   const bool holds = eventually([&] {
     pace.update();
     return condition();
   });
   if (holds) return true;
-  INFO(pace.slow_seconds() << " s too slow\n" << niliod.output());
+  const std::string lines = log();
+  INFO(pace.slow_seconds() << " s too slow\n" << lines);
   // A player that waits for the processor leaves gaps that no counter of a second shows; niliod names them.
-  const bool has_gaps = niliod.count("IMU: sample_(gap|loss) is (warn|bad)") > 0;
+  const bool has_gaps = count_lines(lines, "IMU: sample_(gap|loss) is (warn|bad)") > 0;
   CHECK((pace.slow_seconds() >= kPatienceS / kRecoveryS || has_gaps));
   say_undecided(what);
   return false;
 }
-
-}  // namespace
 
 void NiliodRun::write_drive(double seconds) {
   // Speeds do not depend on the duration.
@@ -129,13 +129,13 @@ bool poses_go_on(const Program& niliod) { return niliod.has_line(kStatus, niliod
 
 bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
                  const std::string& what) {
-  return holds_at_full_pace(niliod, run, can_interface, what,
-                            [&] { return status_lines_with_imu(niliod.output()) > 4; });
+  return holds_at_full_pace([&] { return status_lines_with_imu(niliod.output()) > 4; }, run, can_interface,
+                            what, [&] { return niliod.output(); });
 }
 
 void check_tracking(const Program& niliod, const NiliodRun& run, const std::string& can_interface) {
-  holds_at_full_pace(niliod, run, can_interface, "whether niliod tracks",
-                     [&] { return niliod.count("tracking: [0-9]+ poses") > 0; });
+  holds_at_full_pace([&] { return niliod.count("tracking: [0-9]+ poses") > 0; }, run, can_interface,
+                     "whether niliod tracks", [&] { return niliod.output(); });
 }
 
 }  // namespace nilio::tests

@@ -4,6 +4,7 @@
 #include "tests/vm/vm_support.hpp"
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -34,8 +35,13 @@ class NiliodRun {
 
 /// True once poses continued for some more status lines.
 bool poses_go_on(const Program& niliod);
-/// True once niliod has used the IMU for some status lines. Otherwise the test fails, unless the kernel's
-/// frame count or niliod shows that the guest was too slow for the sensors: then `what` is undecided.
+/// True once the condition holds for a niliod that receives the drive. Otherwise the test fails, unless the
+/// kernel's frame count or niliod's log shows that the guest was too slow for the sensors: then `what` is
+/// undecided.
+bool holds_at_full_pace(const std::function<bool()>& condition, const NiliodRun& run,
+                        const std::string& can_interface, const std::string& what,
+                        const std::function<std::string()>& log);
+/// True once niliod has used the IMU for some status lines; as above.
 bool imu_is_used(const Program& niliod, const NiliodRun& run, const std::string& can_interface,
                  const std::string& what);
 /// Fails unless niliod tracks; as above.

@@ -72,6 +72,15 @@ void say_undecided(const std::string& what) {
             << std::endl;
 }
 
+std::size_t count_lines(const std::string& text, const std::string& pattern) {
+  const std::regex expression(pattern);
+  std::istringstream lines(text);
+  std::size_t count = 0;
+  for (std::string line; std::getline(lines, line);)
+    if (std::regex_search(line, expression)) ++count;
+  return count;
+}
+
 int shell(const std::string& command) {
   const int status = std::system(command.c_str());
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
@@ -219,14 +228,7 @@ bool Program::has_line(const std::string& pattern, std::size_t times) const {
   return eventually([&] { return count(pattern) >= times; });
 }
 
-std::size_t Program::count(const std::string& pattern) const {
-  const std::regex expression(pattern);
-  std::istringstream text(output());
-  std::size_t lines = 0;
-  for (std::string line; std::getline(text, line);)
-    if (std::regex_search(line, expression)) ++lines;
-  return lines;
-}
+std::size_t Program::count(const std::string& pattern) const { return count_lines(output(), pattern); }
 
 int Program::stop(int signal) {
   kill(pid_, signal);

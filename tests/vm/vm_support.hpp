@@ -24,6 +24,9 @@ bool eventually(const std::function<bool()>& condition, double seconds = kPatien
 /// Prints the line that makes the runner report an otherwise passed run as skipped.
 void say_undecided(const std::string& what);
 
+/// Number of lines in which the pattern is found.
+[[nodiscard]] std::size_t count_lines(const std::string& text, const std::string& pattern);
+
 /// Exit status of a shell command; busybox has ip, insmod, rmmod.
 int shell(const std::string& command);
 
