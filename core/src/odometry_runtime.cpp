@@ -65,7 +65,7 @@ OdometryResult OdometryRuntime::predict_pose(const Scan& scan) const {
   result.predicted = true;
   result.degradation_level = DegradationLevel::kPredictionOnly;
   result.stop_reason = StopReason::kBudget;
-  result.state = s.gate.state_without_registration(s.motion, 1);
+  result.state = s.gate.state_without_registration(s.motion, filter, 1);
   s.describe(prior, filter, moved, T_map_base, result);
   return result;
 }

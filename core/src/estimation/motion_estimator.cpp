@@ -22,13 +22,14 @@ constexpr std::uint8_t kRotationAxes = 0b111000;
 constexpr double kPeriodMemory = 0.9;
 constexpr double kGapPeriods = 1.5;
 
-double deviation_at_lever(const Matrix6& covariance) {
-  const double square = covariance.topLeftCorner<3, 3>().trace() +
-                        kErrorLeverMetres * kErrorLeverMetres * covariance.bottomRightCorner<3, 3>().trace();
+}  // namespace
+
+double deviation_at_lever(const Matrix6& pose_covariance) {
+  const double square =
+      pose_covariance.topLeftCorner<3, 3>().trace() +
+      kErrorLeverMetres * kErrorLeverMetres * pose_covariance.bottomRightCorner<3, 3>().trace();
   return std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
-
-}  // namespace
 
 MotionEstimator::MotionEstimator(const OdometryConfig& config)
     : T_base_imu_(config.T_base_imu),

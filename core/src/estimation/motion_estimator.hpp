@@ -22,6 +22,8 @@ inline constexpr std::uint64_t kInitialScans = 5;
 /// the lower one for a relocalised pose.
 inline constexpr double kMaxSigmaMetres = 2.0;
 inline constexpr double kMinSigmaMetres = 0.1;
+/// Standard deviation of a point at the lever for the covariance of a pose, within these limits.
+[[nodiscard]] double deviation_at_lever(const Matrix6& pose_covariance);
 /// Squared Mahalanobis distance, 99.9 % of 6 degrees of freedom.
 inline constexpr double kFarInnovation = 22.46;
 /// Maximum lag of the last IMU sample behind the end of a live scan; the rate is held constant.

@@ -189,13 +189,16 @@ TrackingState TrackingGate::fail(const Alignment& alignment, const MotionEstimat
   ++failures_;
   ++doubts_;
   recovers_ = !for_lack_of_time;
-  return state_without_registration(motion, 0);
+  return state_without_registration(motion, motion.filter(), 0);
 }
 
 TrackingState TrackingGate::state_without_registration(const MotionEstimator& motion,
+                                                       const MotionFilter& predicted,
                                                        int scans_to_come) const {
   if (motion.is_initialising()) return TrackingState::kInitialising;
-  return failures_ + scans_to_come >= kLostAfterFailures ? TrackingState::kLost : TrackingState::kDegraded;
+  const bool is_unknown = deviation_at_lever(predicted.pose_covariance()) >= kMaxSigmaMetres;
+  return is_unknown || failures_ + scans_to_come >= kLostAfterFailures ? TrackingState::kLost
+                                                                       : TrackingState::kDegraded;
 }
 
 bool TrackingGate::is_drivable_step(const PublishedPose& pose) const {

@@ -56,8 +56,9 @@ class TrackingGate {
   TrackingState accept(const Alignment& alignment, const MotionEstimator& motion);
   /// The registration failed; `for_lack_of_time` is no reason to recover.
   TrackingState fail(const Alignment& alignment, const MotionEstimator& motion, bool for_lack_of_time);
-  /// State of a pose without registration, after so many more scans.
+  /// State of a predicted pose without registration, after so many more scans.
   [[nodiscard]] TrackingState state_without_registration(const MotionEstimator& motion,
+                                                         const MotionFilter& predicted,
                                                          int scans_to_come) const;
   /// A relocalisation tried all hypotheses.
   void count_search() { ++searches_; }

@@ -76,6 +76,18 @@ TEST_CASE("the fifth predicted pose in a row is lost, and a registration ends th
   CHECK(drive.gate.vouches());
 }
 
+TEST_CASE("a prediction over seconds without a sensor is lost at once, for lack of time as well",
+          "[tracking_gate]") {
+  for (const bool for_lack_of_time : {false, true}) {
+    Drive drive;
+    drive.scans += 130;
+    CHECK(drive.fail(for_lack_of_time) == TrackingState::kLost);
+  }
+  Drive drive;
+  drive.scans += 2;
+  CHECK(drive.fail() == TrackingState::kDegraded);
+}
+
 TEST_CASE("a scan for which there was no time is no reason to recover", "[tracking_gate]") {
   Drive drive;
   drive.fail(true);
