@@ -216,11 +216,12 @@ RayScene::~RayScene() = default;
 core::Result<RayScene> RayScene::create(const TriangleMesh& still, std::vector<MovingCar> cars,
                                         const SurfaceDetail& detail) {
   auto state = std::make_unique<State>();
-  // One thread: the hierarchy, and with it the choice between two coinciding triangles, is then reproducible.
-  state->device.reset(rtcNewDevice("threads=1"));
+  // One thread and the same instructions everywhere: the hierarchy, and with it the choice between two
+  // coinciding triangles, and the distances are then reproducible.
+  state->device.reset(rtcNewDevice("threads=1,isa=sse4.2"));
   if (!state->device) {
     return core::Error{"Embree cannot start (error " + std::to_string(rtcGetDeviceError(nullptr)) +
-                       "); is this a 64-bit x86 processor with SSE2?"};
+                       "); is this a 64-bit x86 processor with SSE4.2?"};
   }
   state->still = make_cast_mesh(state->device.get(), still);
   for (std::size_t model = 0; model < kVehicleModels; ++model) {
