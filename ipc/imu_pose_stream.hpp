@@ -80,7 +80,7 @@ class ImuPoseStream {
 /// True if the pose is next in the order in which the two rings were filled: it was delivered before the
 /// sample was received. Poses do not wait for samples.
 [[nodiscard]] inline bool pose_comes_first(const PoseRecord& pose, const ImuRecord& sample) {
-  return pose.stage_ns[static_cast<std::size_t>(Stage::kDelivered)] <= sample.received_ns;
+  return pose.stage_time_ns(Stage::kDelivered) <= sample.received_ns;
 }
 
 }  // namespace nilio::ipc

@@ -6,13 +6,6 @@
 #include <nlohmann/json.hpp>
 
 namespace nilio::ipc {
-namespace {
-
-std::int64_t stage_time(const PoseRecord& record, Stage stage) {
-  return record.stage_ns[static_cast<std::size_t>(stage)];
-}
-
-}  // namespace
 
 LatencySummary summarize(std::string_view name, const Histogram& histogram) {
   return summarize(name, histogram.snapshot());
@@ -40,8 +33,8 @@ void LatencyHistograms::record(const PoseRecord& record) noexcept {
     const std::int64_t end = record.stage_ns[i + 1];
     if (begin != 0 && end != 0) histograms_[i].record(end - begin);
   }
-  const std::int64_t received = stage_time(record, Stage::kReceived);
-  const std::int64_t delivered = stage_time(record, Stage::kDelivered);
+  const std::int64_t received = record.stage_time_ns(Stage::kReceived);
+  const std::int64_t delivered = record.stage_time_ns(Stage::kDelivered);
   if (received == 0 || delivered == 0) return;
   histograms_[static_cast<std::size_t>(LatencyStage::kEndToEnd)].record_corrected(
       delivered - received, record.stamp_ns - record.scan_start_ns);

@@ -5,10 +5,6 @@
 namespace nilio::ipc {
 namespace {
 
-std::int64_t stage_time(const PoseRecord& record, Stage stage) {
-  return record.stage_ns[static_cast<std::size_t>(stage)];
-}
-
 // Only one thread records.
 void increment(std::atomic<std::uint64_t>& counter) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
@@ -21,9 +17,9 @@ void PublisherState::record(const PoseRecord& record, core::Time taken, core::Ti
   increment(accepted ? poses_ : failed_);
   if (!accepted) return;
   write_.record((written - taken).ns);
-  if (const std::int64_t received = stage_time(record, Stage::kReceived); received != 0)
+  if (const std::int64_t received = record.stage_time_ns(Stage::kReceived); received != 0)
     received_to_written_.record_corrected(written.ns - received, record.stamp_ns - record.scan_start_ns);
-  const std::int64_t delivered = stage_time(record, Stage::kDelivered);
+  const std::int64_t delivered = record.stage_time_ns(Stage::kDelivered);
   if (!record.has_deadline || delivered == 0 || record.state == TrackingState::kInitialising) return;
   const std::int64_t overshoot = record.overshoot_ns + written.ns - delivered;
   if (overshoot > 0) increment(late_);

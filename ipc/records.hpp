@@ -88,6 +88,11 @@ struct PoseRecord {
   /// State of the IMU; valid if has_imu.
   bool has_imu = false;
   core::ImuHealth imu_health{};
+
+  /// Time at which the stage ended; 0 = unknown.
+  [[nodiscard]] std::int64_t stage_time_ns(Stage stage) const {
+    return stage_ns[static_cast<std::size_t>(stage)];
+  }
 };
 
 /// IMU sample for the publisher process; passed by value.

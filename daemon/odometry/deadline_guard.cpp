@@ -63,8 +63,7 @@ bool DeadlineGuard::run() {
   if (!state_.compare_exchange_strong(expected, State::kPublishing, std::memory_order_acq_rel)) return true;
   stamp_delivery(prediction_);
   prediction_.has_deadline = true;
-  prediction_.overshoot_ns =
-      prediction_.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)] - deadline_ns_;
+  prediction_.overshoot_ns = prediction_.stage_time_ns(ipc::Stage::kDelivered) - deadline_ns_;
   publish_(prediction_);
   state_.store(State::kPublished, std::memory_order_release);
   return true;

@@ -26,10 +26,6 @@ std::int64_t& stage_of(ipc::PoseRecord& record, ipc::Stage stage) {
   return record.stage_ns[static_cast<std::size_t>(stage)];
 }
 
-std::int64_t stage_of(const core::OdometryResult& result, core::OdometryStage stage) {
-  return result.stage_ns[static_cast<std::size_t>(stage)];
-}
-
 /// Arrival time of the scan; now, if its packets have no receive times.
 std::int64_t arrival_ns(const core::Scan& scan) {
   return scan.received_ns > 0 ? scan.received_ns : monotonic_ns();
@@ -89,10 +85,10 @@ ipc::PoseRecord make_pose_record(const core::OdometryResult& result, const core:
   stage_of(record, ipc::Stage::kReceived) = scan.received_ns;
   stage_of(record, ipc::Stage::kPopped) = scan.popped_ns;
   stage_of(record, ipc::Stage::kCompleted) = scan.completed_ns;
-  stage_of(record, ipc::Stage::kStarted) = stage_of(result, core::OdometryStage::kStarted);
-  stage_of(record, ipc::Stage::kFiltered) = stage_of(result, core::OdometryStage::kFiltered);
-  stage_of(record, ipc::Stage::kCoarse) = stage_of(result, core::OdometryStage::kCoarse);
-  stage_of(record, ipc::Stage::kFine) = stage_of(result, core::OdometryStage::kFine);
+  stage_of(record, ipc::Stage::kStarted) = result.stage_time_ns(core::OdometryStage::kStarted);
+  stage_of(record, ipc::Stage::kFiltered) = result.stage_time_ns(core::OdometryStage::kFiltered);
+  stage_of(record, ipc::Stage::kCoarse) = result.stage_time_ns(core::OdometryStage::kCoarse);
+  stage_of(record, ipc::Stage::kFine) = result.stage_time_ns(core::OdometryStage::kFine);
   return record;
 }
 
@@ -365,7 +361,7 @@ void OdometryLoop::register_and_publish(const core::Scan& scan, const ScanDecisi
   odometry_.update_map(result);
   record.map_voxels = result.map_voxels;
   record.iteration_ns = runtime_.budget().iteration_ns();
-  stage_of(record, ipc::Stage::kMapped) = stage_of(result, core::OdometryStage::kMapped);
+  stage_of(record, ipc::Stage::kMapped) = result.stage_time_ns(core::OdometryStage::kMapped);
   push_pose(record, stop);
   wait_for_mapper(result, stop);
   cloud_feed_.add(result, odometry_);

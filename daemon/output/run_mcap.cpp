@@ -9,10 +9,6 @@ namespace {
 
 constexpr std::int64_t kReportPeriodNs = 1'000'000'000;
 
-std::int64_t stage_of(const ipc::PoseRecord& record, ipc::Stage stage) {
-  return record.stage_ns[static_cast<std::size_t>(stage)];
-}
-
 }  // namespace
 
 RunMcap::RunMcap(std::filesystem::path path, RunFrames frames)
@@ -29,9 +25,9 @@ void RunMcap::add(const ipc::PoseRecord& record) {
   const StampedPose pose{record.stamp_ns, record.position, record.orientation_xyzw};
   write_transform(pose, frames_, message_);
   write(RunChannel::kTransform, record.stamp_ns);
-  const std::int64_t received = stage_of(record, ipc::Stage::kReceived);
+  const std::int64_t received = record.stage_time_ns(ipc::Stage::kReceived);
   if (received > 0) {
-    const std::int64_t latency_ns = stage_of(record, ipc::Stage::kDelivered) - received;
+    const std::int64_t latency_ns = record.stage_time_ns(ipc::Stage::kDelivered) - received;
     write_number(static_cast<double>(latency_ns) * 1e-6, message_);
     write(RunChannel::kLatency, record.stamp_ns);
   }

@@ -93,8 +93,7 @@ std::string scan_table_line(const ipc::PoseRecord& r) {
   // Latency stage i lies between the stamps i and i + 1.
   for (std::size_t i = 0; i + 1 < ipc::kStageCount; ++i)
     line += duration_cell(r.stage_ns[i], r.stage_ns[i + 1]);
-  line += duration_cell(r.stage_ns[static_cast<std::size_t>(ipc::Stage::kReceived)],
-                        r.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)]);
+  line += duration_cell(r.stage_time_ns(ipc::Stage::kReceived), r.stage_time_ns(ipc::Stage::kDelivered));
   return line + '\n';
 }
 

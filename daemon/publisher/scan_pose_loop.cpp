@@ -21,20 +21,16 @@ constexpr Duration kMaxWaitWhenStopping{1'000'000'000};
 // Time for reliable subscribers to acknowledge when poses arrive faster than the history is deep.
 constexpr Duration kBacklogAcknowledgment{20'000'000};
 
-Time stage_time(const ipc::PoseRecord& record, ipc::Stage stage) {
-  return {record.stage_ns[static_cast<std::size_t>(stage)]};
-}
-
 }  // namespace
 
 void PublishLatency::record(const ipc::PoseRecord& record, Time taken, Time written) noexcept {
   stages_.record(record);
   write_.record((written - taken).ns);
-  const Time delivered = stage_time(record, ipc::Stage::kDelivered);
-  if (delivered.ns != 0) pick_up_.record((taken - delivered).ns);
-  const Time received = stage_time(record, ipc::Stage::kReceived);
-  if (received.ns != 0)
-    received_to_written_.record_corrected((written - received).ns, record.stamp_ns - record.scan_start_ns);
+  const std::int64_t delivered = record.stage_time_ns(ipc::Stage::kDelivered);
+  if (delivered != 0) pick_up_.record(taken.ns - delivered);
+  const std::int64_t received = record.stage_time_ns(ipc::Stage::kReceived);
+  if (received != 0)
+    received_to_written_.record_corrected(written.ns - received, record.stamp_ns - record.scan_start_ns);
 }
 
 void PublishLatency::fill(std::span<StageLatency, kRows> rows) const {

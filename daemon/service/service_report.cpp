@@ -24,8 +24,8 @@ void ServiceReport::add(const ipc::PoseRecord& record) {
   if (!notifier_.is_connected()) return;
   state_ = record.state;
   ++poses_;
-  const std::int64_t received = record.stage_ns[static_cast<std::size_t>(ipc::Stage::kReceived)];
-  const std::int64_t delivered = record.stage_ns[static_cast<std::size_t>(ipc::Stage::kDelivered)];
+  const std::int64_t received = record.stage_time_ns(ipc::Stage::kReceived);
+  const std::int64_t delivered = record.stage_time_ns(ipc::Stage::kDelivered);
   if (received != 0 && delivered != 0) latencies_ns_.push_back(delivered - received);
 }
 

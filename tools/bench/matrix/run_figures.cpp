@@ -101,8 +101,8 @@ void measure_drift_nees(std::span<const OdometryResult> results, std::span<const
 }
 
 double cpu_ms(const OdometryResult& result) {
-  const auto at = [&](core::OdometryStage stage) { return result.stage_ns[static_cast<std::size_t>(stage)]; };
-  return 1e-6 * static_cast<double>(at(core::OdometryStage::kMapped) - at(core::OdometryStage::kStarted));
+  return 1e-6 * static_cast<double>(result.stage_time_ns(core::OdometryStage::kMapped) -
+                                    result.stage_time_ns(core::OdometryStage::kStarted));
 }
 
 }  // namespace

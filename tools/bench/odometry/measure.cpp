@@ -23,7 +23,7 @@ std::int64_t thread_cpu_ns() { return clock_ns(CLOCK_THREAD_CPUTIME_ID); }
 std::int64_t process_cpu_ns() { return clock_ns(CLOCK_PROCESS_CPUTIME_ID); }
 
 std::int64_t ticks(const OdometryResult& result, OdometryStage from, OdometryStage to) {
-  return result.stage_ns[static_cast<std::size_t>(to)] - result.stage_ns[static_cast<std::size_t>(from)];
+  return result.stage_time_ns(to) - result.stage_time_ns(from);
 }
 
 constexpr std::array<std::pair<OdometryStage, OdometryStage>, kStages> kStageEnds = {{
@@ -61,10 +61,10 @@ class MinimumTimes {
 
  private:
   static std::int64_t start_of(const OdometryResult& result) {
-    return result.stage_ns[static_cast<std::size_t>(OdometryStage::kStarted)];
+    return result.stage_time_ns(OdometryStage::kStarted);
   }
   static std::int64_t end_of(const OdometryResult& result) {
-    return result.stage_ns[static_cast<std::size_t>(OdometryStage::kMapped)];
+    return result.stage_time_ns(OdometryStage::kMapped);
   }
 
   std::vector<double> total_;

@@ -63,6 +63,11 @@ struct OdometryResult {
   std::uint32_t map_voxels = 0;
   std::uint64_t map_refused = 0;
   std::array<std::int64_t, static_cast<std::size_t>(OdometryStage::kCount)> stage_ns{};
+
+  /// Time at which the stage ended.
+  [[nodiscard]] std::int64_t stage_time_ns(OdometryStage stage) const {
+    return stage_ns[static_cast<std::size_t>(stage)];
+  }
 };
 
 }  // namespace nilio::core
