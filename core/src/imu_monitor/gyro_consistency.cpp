@@ -44,8 +44,9 @@ double GyroConsistency::scale_deviation() const {
 bool GyroConsistency::compared() const { return weight_ >= kMinConsistencyWeight; }
 
 bool GyroConsistency::rejected() const {
-  return !accepted_ && (rejected_ || (gyro_evidence_ > kEvidenceSquares &&
-                                      scale_deviation() >= kUnknownScale && !is_proven()));
+  const bool is_worse =
+      gyro_evidence_ > std::max(kEvidenceSquares, kPlainlyWorse * kPlainlyWorse * constant_evidence_);
+  return !accepted_ && (rejected_ || (is_worse && scale_deviation() >= kUnknownScale));
 }
 
 double GyroConsistency::gyro_error() const {

@@ -19,7 +19,8 @@ class GyroConsistency {
   void interrupt() { has_rate_ = false; }
 
   [[nodiscard]] bool accepted() const { return accepted_; }
-  /// True after a rejection, or after turns that would have proven a sound gyro.
+  /// True after a rejection, or after turns that would have proven a sound gyro and that a constant rate
+  /// predicted clearly better.
   [[nodiscard]] bool rejected() const;
   /// True once enough scans have been compared for the errors to be meaningful.
   [[nodiscard]] bool compared() const;

@@ -3,6 +3,7 @@
 #include "nilio/core/units.hpp"
 
 #include <cmath>
+#include <random>
 
 #include <catch2/catch.hpp>
 
@@ -53,4 +54,20 @@ TEST_CASE(
   // One that fails in the bend is.
   for (int i = 0; i < 20; ++i) consistency.add(0.5 * rate, rate, kPeriodS);
   CHECK(consistency.rejected());
+}
+
+TEST_CASE("registered rotations that are only noise seldom reject a sound gyro", "[gyro_consistency]") {
+  int rejected = 0;
+  for (unsigned seed = 1; seed <= 100; ++seed) {
+    std::mt19937 random(seed);
+    std::normal_distribution<double> noise(0.0, 1.5 * kRadiansPerDegree);
+    GyroConsistency consistency;
+    bool once = false;
+    for (int i = 0; i < 200; ++i) {
+      consistency.add(Vector3::Zero(), noise(random) * Vector3::UnitZ(), kPeriodS);
+      once = once || consistency.rejected();
+    }
+    if (once) ++rejected;
+  }
+  CHECK(rejected <= 10);
 }
