@@ -35,11 +35,11 @@ stage() {
 }
 
 run_release_tests() {
-  local status=0 log=build/release/Testing/Temporary/LastTest.log
+  local status=0 results=build/release/Testing/Temporary/LastTest.log
   ctest --preset release "$@" || status=$?
   # Failed checks once more, because logs are long and often cut, and the reasons of skipped tests, which ctest only counts.
-  ((status == 0)) || grep --extended-regexp --after-context=4 "FAILED:|^failed:|, not '|^no line '" "$log" | head -n 60 || true
-  grep --extended-regexp '^(skipped|undecided):' "$log" || true
+  ((status == 0)) || grep --extended-regexp --after-context=4 "FAILED:|^failed:|, not '|^no line '" "$results" | head -n 60 || true
+  grep --extended-regexp '^(skipped|undecided):' "$results" || true
   return $status
 }
 
