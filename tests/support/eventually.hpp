@@ -9,7 +9,7 @@ namespace nilio::tests {
 /// the computer is.
 template <class Condition>
 bool eventually(Condition condition, std::chrono::microseconds pause = std::chrono::milliseconds(5)) {
-  const auto limit = std::chrono::steady_clock::now() + std::chrono::minutes(1);
+  const auto limit = std::chrono::steady_clock::now() + std::chrono::minutes(5);
   while (!condition()) {
     if (std::chrono::steady_clock::now() > limit) return false;
     std::this_thread::sleep_for(pause);
