@@ -22,10 +22,6 @@ constexpr double kMinResidualVariance = 0.01 * 0.01;
 // plane, or the same at the lever by rotation.
 constexpr double kKnownMetres = 0.05;
 
-// Margin on the squared error of normals: in a bare tube the squared cosines along it are one to two times
-// the error that follows from thickness, spread and count of the planes; with observable structure ten times.
-constexpr double kNormalMargin = 2.0;
-
 /// Unobserved directions of one 3x3 block of H, normalised so that a well observed direction is near 1/3.
 struct BlockObservability {
   Matrix3 observed = Matrix3::Identity();  ///< projector onto the observed directions
@@ -46,24 +42,6 @@ BlockObservability observe(const Matrix3& block, double threshold) {
     result.unobserved_axes = static_cast<std::uint8_t>(result.unobserved_axes | (1U << axis));
   }
   return result;
-}
-
-/// Noisy normals add spurious information along the axis of a tube: normals with error variance `share` add
-/// that share of the other directions' weight to each direction. Returns the matrix that removes it from the
-/// step's equations.
-Matrix3 shrink_of(const Matrix3& block, double share) {
-  const double trace = block.trace();
-  if (!(trace > 0.0)) return Matrix3::Zero();
-  const SymmetricEigen3 eigen = symmetric_eigen(Matrix3(block / trace));
-  Matrix3 shrink = Matrix3::Zero();
-  for (int i = 0; i < 3; ++i) {
-    const double seen = eigen.values[i];
-    const double left = seen - share * (1.0 - seen);
-    if (left <= 0.0) continue;
-    const Vector3 direction = eigen.vectors.col(i);
-    shrink += std::sqrt(left / seen) * direction * direction.transpose();
-  }
-  return shrink;
 }
 
 bool is_small(const Vector6& step, const SolverOptions& options) {
@@ -114,20 +92,26 @@ Matrix6 with_error(const Matrix6& information) {
   return 0.5 * (result + result.transpose());
 }
 
-/// Matrix that removes from the equations what the errors of normals add to translations.
+/// S with which S^T H S is H without the spurious information of noisy normals, as along the axis of a tube,
+/// or about the yaw on bare ground: what they add along each principal direction of H, where rotations move a
+/// point at the lever, is taken from it, or all that there is.
 Matrix6 shrink_of_normals(const NormalEquations& equations) {
-  // Rotation has levers of many lengths, for which this bound does not hold.
-  Matrix6 shrink = Matrix6::Identity();
-  const double normal_variance = equations.normal_square / std::max(equations.weight_sum, 1e-12);
-  shrink.topLeftCorner<3, 3>() =
-      shrink_of(equations.H.topLeftCorner<3, 3>(), kNormalMargin * normal_variance);
-  return shrink;
+  const Vector6 metre = pose_error(1.0);
+  const Matrix6 H = metre.asDiagonal() * equations.H * metre.asDiagonal();
+  const Matrix6 spurious = metre.asDiagonal() * equations.H_normals * metre.asDiagonal();
+  const SymmetricEigen6 eigen = symmetric_eigen(H);
+  const Vector6 added = (eigen.vectors.transpose() * spurious * eigen.vectors).diagonal();
+  Vector6 left = Vector6::Zero();
+  for (int i = 0; i < 6; ++i)
+    if (eigen.values[i] > 0.0) left[i] = std::sqrt(std::max(0.0, 1.0 - added[i] / eigen.values[i]));
+  const Matrix6 shrink = eigen.vectors * left.asDiagonal() * eigen.vectors.transpose();
+  return metre.asDiagonal() * shrink * metre.cwiseInverse().asDiagonal();
 }
 
 /// Information of the scan alone.
 Matrix6 scan_information(const NormalEquations& equations) {
   const Matrix6 shrink = shrink_of_normals(equations);
-  return shrink * equations.H * shrink / measurement_variance(equations);
+  return shrink.transpose() * equations.H * shrink / measurement_variance(equations);
 }
 
 /// Information of the scan about the pose, and the axes that it does not observe.
@@ -161,7 +145,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
 Matrix12 sweep_information(const NormalEquations& equations, const Matrix12& H) {
   Matrix12 shrink = Matrix12::Zero();
   shrink.topLeftCorner<6, 6>() = shrink.bottomRightCorner<6, 6>() = shrink_of_normals(equations);
-  const Matrix12 sharp = shrink * H * shrink / measurement_variance(equations);
+  const Matrix12 sharp = shrink.transpose() * H * shrink / measurement_variance(equations);
   Vector12 shared;
   shared << shared_error(), shared_error();
   const Matrix12 result = solve_lu(Matrix12(Matrix12::Identity() + sharp * shared.asDiagonal()), sharp);

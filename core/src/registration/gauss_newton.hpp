@@ -32,6 +32,7 @@ NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Acc
         for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
         equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
         equations.H_newest.triangularView<Eigen::StrictlyLower>() = equations.H_newest.transpose();
+        equations.H_normals.triangularView<Eigen::StrictlyLower>() = equations.H_normals.transpose();
         equations.H_cross.triangularView<Eigen::StrictlyLower>() = equations.H_cross.transpose();
         equations.H_twist.triangularView<Eigen::StrictlyLower>() = equations.H_twist.transpose();
         sanitizer_release(&order);

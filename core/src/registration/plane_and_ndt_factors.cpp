@@ -158,12 +158,22 @@ void add_upper(Matrix6& H, const Vector6& J, double weight) {
   }
 }
 
+/// Adds what an error of the normal n is expected to add to H: with the variance v along both directions
+/// across n, v (E^T E - J^T J), E = [I, -skew(q)], J = n^T E. `weight` includes v.
+void add_normal_error(const Vector6& J, const Vector3& q, double weight, Matrix6& H) {
+  H.topLeftCorner<3, 3>().diagonal().array() += weight;
+  H.topRightCorner<3, 3>() -= weight * skew(q);
+  H.bottomRightCorner<3, 3>() += weight * (q.squaredNorm() * Matrix3::Identity() - q * q.transpose());
+  add_upper(H, J, -weight);
+}
+
 /// Converts equations of a motion in map axes to the axes of the moving frame.
 NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_moving) {
   const Matrix6 D = block_rotation(R_map_moving);
   equations.H = D.transpose() * equations.H * D;
   equations.b = D.transpose() * equations.b;
   equations.H_newest = D.transpose() * equations.H_newest * D;
+  equations.H_normals = D.transpose() * equations.H_normals * D;
   equations.H_cross = D.transpose() * equations.H_cross * D;
   equations.H_twist = D.transpose() * equations.H_twist * D;
   equations.b_twist = D.transpose() * equations.b_twist;
@@ -219,7 +229,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
         }
         equations.weighted_square_error += weight * residual * residual;
         equations.weight_sum += weight;
-        equations.normal_square += weight * normal_variance(*surface);
+        add_normal_error(J, q, weight * normal_variance(*surface), equations.H_normals);
         ++equations.correspondences;
         if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
       });

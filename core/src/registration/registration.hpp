@@ -33,8 +33,8 @@ struct NormalEquations {
   /// H with the weight of each voxel times the share of the newest of its scans, 2 / (scans + 1): as of a
   /// mean that follows them.
   Matrix6 H_newest = Matrix6::Zero();
-  /// Sum of weight * squared error of the plane's normal, rad^2; planes only.
-  double normal_square = 0.0;
+  /// Part of H that the errors of the planes' normals are expected to add.
+  Matrix6 H_normals = Matrix6::Zero();
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
