@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Sets up, builds and runs the tests.
 #   test.sh            release build, all tests (those of CAN run inside guests: tests/vm), AddressSanitizer's run of what computes and
-#                      decodes, ThreadSanitizer's of the daemon, and a short run of every fuzz target
+#                      decodes, and, unless that took long, ThreadSanitizer's of the daemon and a short run of every fuzz target
 #   test.sh --quick    release build and its tests only
-#   test.sh --full     AddressSanitizer runs the tests of the daemon, DDS and the tools, too, which drive for minutes then; nilio init
-#                      finds the mountings of a second pair of drives
+#   test.sh --full     nothing is left out; AddressSanitizer runs the tests of the daemon, DDS and the tools, too, which drive for minutes
+#                      then; nilio init finds the mountings of a second pair of drives
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case ${1:-} in
@@ -22,6 +22,8 @@ if [[ $mode == --full ]]; then
   selection=()
 fi
 log=build/sanitizers.log
+# ThreadSanitizer and the fuzz targets begin within this time, s, or are left out, as on slow computers.
+in_time_s=900
 # Held during the timed tests.
 timed_lock=build/timed.lock
 
@@ -49,6 +51,11 @@ run_beside_release_tests() {
   stage "asan build" chrt --idle 0 tools/build.sh asan "${targets[@]}" || return
   flock "$timed_lock" true
   stage "asan tests" ctest --preset asan "${untimed[@]}" "${selection[@]}" &
+  if [[ $mode != --full ]] && ((SECONDS > in_time_s)); then
+    echo "test.sh: left out after $SECONDS s: ThreadSanitizer and the fuzz targets; test.sh --full runs them"
+    wait $!
+    return
+  fi
   stage "tsan build" chrt --idle 0 tools/build.sh tsan test_ipc test_daemon &&
     stage "tsan tests" ctest --preset tsan "${untimed[@]}" --tests-regex '^(ipc|daemon)$' &&
     stage "fuzz build" chrt --idle 0 tools/build.sh fuzz &&
