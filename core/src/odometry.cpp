@@ -192,6 +192,8 @@ void Odometry::State::register_predicted(OdometryResult& result) {
   if (motion.scans() > 1) return align_to_prediction(result);
   if (!motion.motion_goes_on()) return find_initial_velocity(result);
   register_at_prediction(result);
+  // Too few points tell nothing.
+  if (!alignment.has_pose()) return;
   if (motion.fits(alignment.registration) && gate.begins_in_family(alignment, motion)) return;
   motion.forget_motion();
   find_initial_velocity(result);

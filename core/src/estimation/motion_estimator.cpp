@@ -53,8 +53,9 @@ void MotionEstimator::level(const Scan& scan) {
 }
 
 void MotionEstimator::leave_map() {
-  motion_goes_on_ = !is_initialising() && (prior_.inputs.measure_motion() || prior_.is_known_gap);
-  if (is_initialising()) T_map_base_ = T_accepted_;
+  const bool is_known = motion_goes_on_ || !is_initialising();
+  motion_goes_on_ = is_known && (prior_.inputs.measure_motion() || prior_.is_known_gap);
+  if (is_initialising() && !motion_goes_on_) T_map_base_ = T_accepted_;
   scans_ = 0;
   speed_is_observed_ = true;
   stationary_detector_.end();

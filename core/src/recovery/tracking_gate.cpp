@@ -68,6 +68,13 @@ bool is_plausible(const Alignment& alignment, const MotionEstimator& motion) {
   return !alignment.relocalized || alignment.has_converged();
 }
 
+double chance_of_agreement(const Alignment& alignment) {
+  if (alignment.points == 0) return 0.0;
+  const auto points = static_cast<double>(alignment.points);
+  const double mean = alignment.agreement() / points;
+  return kGateSigmas * std::sqrt(std::max(0.0, mean * (1.0 - mean)) / points);
+}
+
 bool is_drivable_deviation(const SE3& deviation, double seconds) {
   return deviation.translation.norm() <= kMaxAcceleration * seconds * seconds &&
          so3_log(deviation.rotation).norm() <= kMaxTurnAcceleration * seconds * seconds;
@@ -123,7 +130,8 @@ double TrackingGate::agreement(const Alignment& alignment, const MotionEstimator
 }
 
 bool TrackingGate::begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const {
-  return agreement(alignment, motion) > kAgreementCollapse * former_agreement_;
+  return agreement(alignment, motion) + chance_of_agreement(alignment) >
+         kAgreementCollapse * former_agreement_;
 }
 
 bool TrackingGate::is_in_family(const Alignment& alignment, const MotionEstimator& motion) const {

@@ -98,6 +98,10 @@ class TrackingGate {
   std::optional<Time> elsewhere_at_;  ///< last pose behind a gap in a place that the map does not know
 };
 
+/// How far the mean agreement of the points may be off for their number (three deviations): values between 0
+/// and 1 with the mean a have a variance of a (1 - a) at most.
+[[nodiscard]] double chance_of_agreement(const Alignment& alignment);
+
 /// Whether the alignment has a pose at which a vehicle can be: its speed is one of a vehicle, and a
 /// relocalised pose is a local optimum.
 [[nodiscard]] bool is_plausible(const Alignment& alignment, const MotionEstimator& motion);

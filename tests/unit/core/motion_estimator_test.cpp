@@ -223,6 +223,23 @@ TEST_CASE("with an IMU that measured the motion it goes on in a new map", "[moti
   motion.start(scan_at(6.0));
   CHECK(motion.filter().state().velocity.x() == Approx(x).margin(0.5));
   CHECK(motion.filter().state().velocity.x() == Approx(truth.speed(6.05)).margin(0.3));
+  // The second scan cannot be registered, and the map is reset again: the IMU still knows the motion.
+  motion.place_first_sweep(motion.prior().span);
+  motion.finish(0);
+  add_samples_until(6.21);
+  motion.predict(scan_at(6.1));
+  motion.coast();
+  motion.finish(0);
+  REQUIRE(motion.is_initialising());
+  motion.leave_map();
+  CHECK(motion.motion_goes_on());
+  add_samples_until(6.31);
+  motion.start(scan_at(6.2));
+  CHECK(motion.filter().state().velocity.x() == Approx(truth.speed(6.25)).margin(0.3));
+  // A motion that a scan refuted is not known until one is found.
+  motion.forget_motion();
+  motion.leave_map();
+  CHECK_FALSE(motion.motion_goes_on());
 }
 
 TEST_CASE("an IMU that senses a motion that scans do not show, as on a ship, is left out",

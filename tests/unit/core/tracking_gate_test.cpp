@@ -2,7 +2,10 @@
 
 #include "nilio/core/units.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <random>
 
 #include <catch2/catch.hpp>
 
@@ -167,6 +170,30 @@ TEST_CASE("a map is reset after 30 predicted poses or ten searches in vain", "[t
   CHECK(drive.gate.restart_is_due(drive.motion));
 }
 
+TEST_CASE("few points may agree better by chance, many may not", "[tracking_gate]") {
+  CHECK(chance_of_agreement({}) == 0.0);
+  std::mt19937_64 generator(3);
+  for (const std::size_t points : {30U, 2000U}) {
+    std::bernoulli_distribution agrees(0.7);
+    int beyond = 0;
+    double widest = 0.0;
+    for (int draw = 0; draw < 2000; ++draw) {
+      Alignment alignment = Drive::good();
+      alignment.points = points;
+      alignment.registration.equations.agreement = 0.0;
+      for (std::size_t i = 0; i < points; ++i)
+        alignment.registration.equations.agreement += agrees(generator) ? 1.0 : 0.0;
+      const double chance = chance_of_agreement(alignment);
+      const double mean = alignment.agreement() / static_cast<double>(points);
+      beyond += std::abs(mean - 0.7) > chance ? 1 : 0;
+      widest = std::max(widest, chance);
+    }
+    INFO(points << " points");
+    CHECK(beyond < 40);
+    CHECK(widest < 1.5 / std::sqrt(static_cast<double>(points)) + 1e-9);
+  }
+}
+
 TEST_CASE(
     "behind a gap in a place that the map does not know it is reset, and tracking is said a second later",
     "[tracking_gate]") {
@@ -188,6 +215,10 @@ TEST_CASE(
   // The motion goes on unless the second scan agrees less with the new map than scans did with the old one.
   CHECK(drive.gate.begins_in_family(Drive::good(0.7), drive.motion));
   CHECK_FALSE(drive.gate.begins_in_family(Drive::good(0.5), drive.motion));
+  Alignment few = Drive::good(0.5);
+  few.points = 40;
+  few.registration.equations.agreement = 20.0;
+  CHECK(drive.gate.begins_in_family(few, drive.motion));
   for (int i = 1; i < 5; ++i) CHECK(drive.accept(Drive::good()) == TrackingState::kInitialising);
   for (int i = 5; i < 10; ++i) CHECK(drive.accept(Drive::good()) == TrackingState::kDegraded);
   CHECK(drive.accept(Drive::good()) == TrackingState::kTracking);
