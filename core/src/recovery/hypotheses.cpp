@@ -101,8 +101,7 @@ void Odometry::State::reconsider_imu(OdometryResult& result) {
   motion.predict_without_imu();
   register_at_prediction(result);
   if (!is_plausible(alignment, motion) ||
-      (!is_contradicted &&
-       gate.agreement(alignment, motion) - chance_of_agreement(alignment) <= with_imu.agreement))
+      (!is_contradicted && !gate.agrees_better(alignment, motion, with_imu.agreement)))
     return return_to(with_imu, result);
   result.imu_used = false;
   if (is_contradicted || motion.contradicts_gyro(alignment.registration)) motion.demote_imu();
@@ -120,8 +119,7 @@ void Odometry::State::compare_hypotheses(OdometryResult& result) {
   align_anew(result);
   if (alignment.has_pose() && gate.is_in_family(alignment, motion) && is_motion()) return;
   relocalize(result);
-  if (!alignment.has_converged() ||
-      gate.agreement(alignment, motion) - chance_of_agreement(alignment) <= tracked_agreement ||
+  if (!alignment.has_converged() || !gate.agrees_better(alignment, motion, tracked_agreement) ||
       !motion.may_reach(alignment.pose()) || !(is_motion() || gate.is_in_family(alignment, motion))) {
     alignment = tracked;
     motion.return_to(tracked_motion);

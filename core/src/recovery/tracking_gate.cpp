@@ -129,6 +129,11 @@ double TrackingGate::agreement(const Alignment& alignment, const MotionEstimator
   return seen * alignment.agreement() / static_cast<double>(alignment.points);
 }
 
+bool TrackingGate::agrees_better(const Alignment& alignment, const MotionEstimator& motion,
+                                 double other) const {
+  return agreement(alignment, motion) - chance_of_agreement(alignment) > other;
+}
+
 bool TrackingGate::begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const {
   return agreement(alignment, motion) + chance_of_agreement(alignment) >
          kAgreementCollapse * former_agreement_;

@@ -46,6 +46,9 @@ class TrackingGate {
   // Evidence about an alignment of the scan that `motion` predicts.
   /// Mean agreement of the points with the map, 0 to 1; 0 without a pose.
   [[nodiscard]] double agreement(const Alignment& alignment, const MotionEstimator& motion) const;
+  /// Whether it agrees better than another alignment did, by more than chance.
+  [[nodiscard]] bool agrees_better(const Alignment& alignment, const MotionEstimator& motion,
+                                   double other) const;
   /// Whether the second scan of a map agrees with it nearly as well as scans did with the map before.
   [[nodiscard]] bool begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool is_in_family(const Alignment& alignment, const MotionEstimator& motion) const;

@@ -109,14 +109,13 @@ Matrix6 shrink_of_normals(const NormalEquations& equations) {
 }
 
 /// Information of the scan alone.
-Matrix6 scan_information(const NormalEquations& equations) {
-  const Matrix6 shrink = shrink_of_normals(equations);
+Matrix6 scan_information(const NormalEquations& equations, const Matrix6& shrink) {
   return shrink.transpose() * equations.H * shrink / measurement_variance(equations);
 }
 
 /// Information of the scan about the pose, and the axes that it does not observe.
-void set_information(const NormalEquations& equations, RegistrationResult& result) {
-  const Matrix6 information = scan_information(equations);
+void set_information(const NormalEquations& equations, const Matrix6& shrink, RegistrationResult& result) {
+  const Matrix6 information = scan_information(equations, shrink);
   result.information = with_error(information);
   const double noise = residual_variance(equations, equations.gaussian_square_excess);
   result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
@@ -133,7 +132,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const PosePrior& prior = *options.prior;
   const Vector6 offset = se3_log(prior.T_map_moving.inverse() * result.T_map_moving);
   const Matrix6 held = inverse_ldlt(prior.covariance);
-  set_information(equations, result);
+  set_information(equations, shrink_of_normals(equations), result);
   const Matrix6 combined = result.information + held;
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
   const Vector6 step = solve_ldlt(combined, result.information * wanted - held * offset);
@@ -142,10 +141,10 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
 }
 
 /// Information about pose and twist in the units of H, with the errors that points share.
-Matrix12 sweep_information(const NormalEquations& equations, const Matrix12& H) {
-  Matrix12 shrink = Matrix12::Zero();
-  shrink.topLeftCorner<6, 6>() = shrink.bottomRightCorner<6, 6>() = shrink_of_normals(equations);
-  const Matrix12 sharp = shrink.transpose() * H * shrink / measurement_variance(equations);
+Matrix12 sweep_information(const NormalEquations& equations, const Matrix12& H, const Matrix6& shrink) {
+  Matrix12 both = Matrix12::Zero();
+  both.topLeftCorner<6, 6>() = both.bottomRightCorner<6, 6>() = shrink;
+  const Matrix12 sharp = both.transpose() * H * both / measurement_variance(equations);
   Vector12 shared;
   shared << shared_error(), shared_error();
   const Matrix12 result = solve_lu(Matrix12(Matrix12::Identity() + sharp * shared.asDiagonal()), sharp);
@@ -173,11 +172,12 @@ StepOutcome step_of_sweep(const NormalEquations& equations, const SolverOptions&
   offset << se3_log(prior.T_map_middle.inverse() * result.T_map_moving),
       unit_s * (result.twist - prior.twist);
   const Matrix12 held = inverse_ldlt(Matrix12(units.asDiagonal() * prior.covariance * units.asDiagonal()));
-  const Matrix12 information = sweep_information(equations, H);
+  const Matrix6 shrink = shrink_of_normals(equations);
+  const Matrix12 information = sweep_information(equations, H, shrink);
   const Matrix12 combined = information + held;
   const Vector12 wanted = -solve_ldlt(H, b);
   const Vector12 step = solve_ldlt(combined, Vector12(information * wanted - held * offset));
-  set_information(equations, result);
+  set_information(equations, shrink, result);
   result.observability =
       observability_of(prior.covariance.topLeftCorner<6, 6>(), inverse_ldlt(combined).topLeftCorner<6, 6>());
   result.sweep_information = units.asDiagonal() * information * units.asDiagonal();
@@ -215,7 +215,7 @@ StepOutcome apply_step(const NormalEquations& equations, const SolverOptions& op
       observe(equations.H.bottomRightCorner<3, 3>(), options.degeneracy_threshold);
   result.degenerate_axes =
       static_cast<std::uint8_t>(translation.unobserved_axes | (rotation.unobserved_axes << 3U));
-  result.information = with_error(scan_information(equations));
+  result.information = with_error(scan_information(equations, shrink_of_normals(equations)));
   Vector6 step = -solve_ldlt(equations.H, equations.b);
   step.head<3>() = translation.observed * step.head<3>();
   step.tail<3>() = rotation.observed * step.tail<3>();
