@@ -1,7 +1,6 @@
 #include "nilio/core/odometry.hpp"
 
 #include "core/src/odometry_impl.hpp"
-#include "core/src/prefault.hpp"
 #include "core/src/registration/gauss_newton.hpp"
 
 #include <algorithm>
@@ -99,9 +98,8 @@ Odometry::State::State(const OdometryConfig& configuration, ClockFunction clock_
       map(config, info_of(config.registration).needs_points),
       ndt_icp(config, budget, clock),
       search(config, ndt_icp, budget),
-      gate(config, ndt_icp.method()) {
-  prefault(config.max_filtered_points, first_sweep.points);
-}
+      gate(config, ndt_icp.method()),
+      initial_motions(config.max_filtered_points) {}
 
 OdometryResult Odometry::State::result_for(const Scan& scan) {
   OdometryResult result;
@@ -137,13 +135,12 @@ bool Odometry::State::restart_is_due() const {
 
 /// The first scan of a map.
 void Odometry::State::start(const Scan& scan, OdometryResult& result) {
-  if (first_sweep.points.empty()) motion.level(scan);
+  if (initial_motions.sweeps().empty()) motion.level(scan);
   const Matrix6 covariance = motion.start(scan);
   map.drift().take(motion.T_map_base(), covariance);
   map.drift().follow(motion.T_map_base(), Matrix6::Identity(), Matrix6::Zero());
   alignment = {};
-  first_sweep.points = preprocessing.sweep();
-  first_sweep.span = motion.prior().span;
+  initial_motions.begin(preprocessing.sweep(), motion.prior().span);
   const double plane_voxel_m = plane_voxel_for(config, scan.beam_spacing_rad);
   gate.begin_map(plane_voxel_m);
   place_first_sweep(plane_voxel_m);
@@ -154,10 +151,16 @@ void Odometry::State::start(const Scan& scan, OdometryResult& result) {
 
 /// The map is that of the first sweep, with the velocity known by now.
 void Odometry::State::place_first_sweep(double plane_voxel_m) {
-  motion.place_first_sweep(first_sweep.span);
+  motion.place_first_sweep(initial_motions.first_span());
+  const PlacedSweep placed{motion.motion(), motion.T_map_last_middle()};
+  initial_motions.place_first(placed);
   map.reset(plane_voxel_m);
-  const auto& points = preprocessing.deskew(first_sweep.points, motion.motion());
-  map.insert(first_sweep.points, points, motion.T_map_last_middle(), coarse_voxel_m());
+  insert(initial_motions.sweeps().front(), placed);
+}
+
+void Odometry::State::insert(const std::vector<SweepPoint>& sweep, const PlacedSweep& placed) {
+  const auto& points = preprocessing.deskew(sweep, placed.motion);
+  map.insert(sweep, points, placed.T_map_middle, coarse_voxel_m());
 }
 
 void Odometry::State::predict(const Scan& scan, OdometryResult& result) {
@@ -189,14 +192,15 @@ void Odometry::State::register_sweep(OdometryResult& result) {
 }
 
 void Odometry::State::register_predicted(OdometryResult& result) {
+  if (!initial_motions.are_decided()) return follow_initial_motions(result);
   if (motion.scans() > 1) return align_to_prediction(result);
-  if (!motion.motion_goes_on()) return find_initial_velocity(result);
+  if (!motion.motion_goes_on()) return find_initial_motions(result);
   register_at_prediction(result);
   // Too few points tell nothing.
   if (!alignment.has_pose()) return;
   if (motion.fits(alignment.registration) && gate.begins_in_family(alignment, motion)) return;
   motion.forget_motion();
-  find_initial_velocity(result);
+  find_initial_motions(result);
 }
 
 void Odometry::State::register_at_prediction(OdometryResult& result) {

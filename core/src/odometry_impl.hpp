@@ -5,6 +5,7 @@
 #include "core/src/estimation/motion_estimator.hpp"
 #include "core/src/map/local_map.hpp"
 #include "core/src/preprocessing/preprocessing.hpp"
+#include "core/src/recovery/initial_motions.hpp"
 #include "core/src/recovery/pose_search.hpp"
 #include "core/src/recovery/tracking_gate.hpp"
 #include "core/src/registration/ndt_icp.hpp"
@@ -22,12 +23,6 @@ struct WorkerThreads {
   tbb::task_arena one{1};
 };
 
-/// First sweep of a map: it is placed again when the second one has shown the velocity.
-struct FirstSweep {
-  std::vector<SweepPoint> points;
-  SweepSpan span;
-};
-
 /// Parts of the odometry, and its steps in the order of use: odometry.cpp, and recovery/hypotheses.cpp for
 /// those that try another motion or pose.
 struct Odometry::State {
@@ -38,6 +33,7 @@ struct Odometry::State {
   [[nodiscard]] bool restart_is_due() const;
   void start(const Scan& scan, OdometryResult& result);
   void place_first_sweep(double plane_voxel_m);
+  void insert(const std::vector<SweepPoint>& sweep, const PlacedSweep& placed);
   void predict(const Scan& scan, OdometryResult& result);
   void select_points(const SE3& T_map_guess);
   tbb::task_arena& registration_threads();
@@ -59,8 +55,14 @@ struct Odometry::State {
   };
   [[nodiscard]] Hypothesis hypothesis() const;
   void return_to(const Hypothesis& earlier, OdometryResult& result);
-  void find_initial_velocity(OdometryResult& result);
-  void begin_with(const Vector6& twist, OdometryResult& result);
+  void find_initial_motions(OdometryResult& result);
+  void refine_initial_motions(OdometryResult& result);
+  /// Variances of the twist that the second scan of a map gives: m^2/s^2, rad^2/s^2.
+  [[nodiscard]] Vector6 found_variance() const;
+  void begin_with(const Vector6& twist, const Vector6& variance, bool coarse, OdometryResult& result);
+  void follow_initial_motions(OdometryResult& result);
+  void keep_likely_motions(OdometryResult& result);
+  void place_sweeps(const InitialMotion& placed);
   void reconsider_stationary(OdometryResult& result);
   void reconsider_imu(OdometryResult& result);
   void compare_hypotheses(OdometryResult& result);
@@ -90,7 +92,7 @@ struct Odometry::State {
   PoseSearch search;
   TrackingGate gate;
   Alignment alignment;  ///< of the last scan
-  FirstSweep first_sweep;
+  InitialMotions initial_motions;
 };
 
 }  // namespace nilio::core

@@ -31,6 +31,15 @@ double deviation_at_lever(const Matrix6& pose_covariance) {
   return std::clamp(std::sqrt(square), kMinSigmaMetres, kMaxSigmaMetres);
 }
 
+MotionFilter updated(MotionFilter predicted, const RegistrationResult& registration) {
+  const SE3& T_map_middle = registration.T_map_moving;
+  if (registration.sweep_information.isZero())
+    predicted.update(T_map_middle, registration.information);
+  else
+    predicted.update(T_map_middle, registration.twist, registration.sweep_information);
+  return predicted;
+}
+
 MotionEstimator::MotionEstimator(const OdometryConfig& config)
     : T_base_imu_(config.T_base_imu),
       max_imu_gap_(config.max_imu_gap),
@@ -173,6 +182,16 @@ void MotionEstimator::predict_again() {
   deviation_m_ = deviation_at_lever(filter_.pose_covariance());
 }
 
+void MotionEstimator::predict_after(const MotionFilter& earlier, bool gravity_known) {
+  filter_ = earlier;
+  filter_.move_clock(last_filter_.state().time - earlier.state().time);
+  gravity_known_ = gravity_known;
+  initialise_gravity();
+  prior_.inputs.accelerometer = false;
+  last_filter_ = filter_;
+  predict_again();
+}
+
 void MotionEstimator::set_last_twist(const Vector6& twist, const Vector6& variance) {
   filter_ = last_filter_;
   filter_.set_twist(twist, variance);
@@ -216,8 +235,10 @@ bool MotionEstimator::widen_for_manoeuvre(const SE3& T_map_middle) {
 
 void MotionEstimator::return_to(const Hypothesis& earlier) {
   prior_ = earlier.prior;
+  last_filter_ = earlier.last_filter;
   filter_ = earlier.filter;
   motion_ = earlier.motion;
+  gravity_known_ = earlier.gravity_known;
   T_predicted_ = filter_.state().T_map_base;
   deviation_m_ = deviation_at_lever(filter_.pose_covariance());
 }
@@ -256,12 +277,8 @@ void MotionEstimator::observe_innovation(const RegistrationResult& registration)
 }
 
 void MotionEstimator::update(const RegistrationResult& registration) {
-  const SE3& T_map_middle = registration.T_map_moving;
   observe_innovation(registration);
-  if (registration.sweep_information.isZero())
-    filter_.update(T_map_middle, registration.information);
-  else
-    filter_.update(T_map_middle, registration.twist, registration.sweep_information);
+  filter_ = updated(filter_, registration);
   const Duration shift = monitor_.time_shift();
   monitor_.observe(imu_, filter_.state().gyro_bias, motion_to(registration));
   if (monitor_.time_shift() != shift) imu_.move_stamps(shift - monitor_.time_shift());

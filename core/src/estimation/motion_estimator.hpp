@@ -24,6 +24,8 @@ inline constexpr double kMaxSigmaMetres = 2.0;
 inline constexpr double kMinSigmaMetres = 0.1;
 /// Standard deviation of a point at the lever for the covariance of a pose, within these limits.
 [[nodiscard]] double deviation_at_lever(const Matrix6& pose_covariance);
+/// The filter of a scan's prediction with what its registration shows.
+[[nodiscard]] MotionFilter updated(MotionFilter predicted, const RegistrationResult& registration);
 /// Squared Mahalanobis distance, 99.9 % of 6 degrees of freedom.
 inline constexpr double kFarInnovation = 22.46;
 /// Maximum lag of the last IMU sample behind the end of a live scan; the rate is held constant.
@@ -50,8 +52,10 @@ class MotionEstimator {
   /// A motion of the scan, to return to after another one was tried.
   struct Hypothesis {
     MotionPrior prior;
+    MotionFilter last_filter;
     MotionFilter filter;
     SweepMotion motion;
+    bool gravity_known = false;
   };
 
   explicit MotionEstimator(const OdometryConfig& config);
@@ -81,6 +85,9 @@ class MotionEstimator {
   /// Sets the twist at the last scan, and its variance; then predict_again().
   void set_last_twist(const Vector6& twist, const Vector6& variance);
   void predict_again();
+  /// After another motion than that of the last scan, for which the filter is `earlier`; without the
+  /// accelerometer.
+  void predict_after(const MotionFilter& earlier, bool gravity_known);
   /// The IMU was wrong about a stationary vehicle, and with it the gravity that it gave.
   void end_stationary();
 
@@ -104,7 +111,9 @@ class MotionEstimator {
   /// Ends the scan, registered with these degenerate axes.
   void finish(std::uint8_t degenerate_axes);
 
-  [[nodiscard]] Hypothesis hypothesis() const { return {prior_, filter_, motion_}; }
+  [[nodiscard]] Hypothesis hypothesis() const {
+    return {prior_, last_filter_, filter_, motion_, gravity_known_};
+  }
   void return_to(const Hypothesis& earlier);
   /// Only the motion over the sweep.
   void return_to(const SweepMotion& earlier) { motion_ = earlier; }

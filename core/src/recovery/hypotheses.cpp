@@ -1,15 +1,20 @@
 #include "core/src/odometry_impl.hpp"
 
-#include <algorithm>
-#include <array>
-
 namespace nilio::core {
 
 namespace {
 
-// Error of a found displacement, with a sweep that is not deskewed.
+// Error of a displacement found with sweeps that were deskewed with another velocity.
 constexpr double kFoundDeviationMetres = 0.3;
 constexpr double kFoundDeviationRadians = 0.01;
+// A tight corner at walking pace, rad/s.
+constexpr double kTriedTurnRate = 0.5;
+
+Vector6 variances(double speed, double turn_rate) {
+  Vector6 deviations;
+  deviations << Vector3::Constant(speed), Vector3::Constant(turn_rate);
+  return deviations.cwiseAbs2();
+}
 
 }  // namespace
 
@@ -23,55 +28,87 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   alignment.count(result);
 }
 
-/// The speed at the second scan is unknown, but for a stationary vehicle. The vehicle is slow unless more
-/// points agree with one of the motions found, or many more where the IMU says that it is stationary.
-void Odometry::State::find_initial_velocity(OdometryResult& result) {
-  const bool is_stationary = motion.prior().is_stationary;
-  const auto poses = search.find_displacements(preprocessing.sweep(), map, motion, result);
-  std::array<Vector6, PoseSearch::kDisplacementTrials> twists;
-  std::transform(poses.begin(), poses.end(), twists.begin(),
-                 [&](const FoundPose& found) { return motion.twist_to(found.T_map_middle); });
-  const auto is_slow = [&](const Vector6& twist) {
-    return twist.head<3>().norm() * motion.seconds_since_last_middle() < kFoundDeviationMetres;
-  };
-  const auto found_slow = std::find_if(twists.begin(), twists.end(), is_slow);
-  Vector6 slow = Vector6::Zero();
-  if (is_stationary) {
-    slow = motion.twist_to(motion.T_stationary());
-  } else if (found_slow != twists.end()) {
-    slow = *found_slow;
+/// The speed at the second scan is unknown, and its rotation without a gyro: the motions found from several
+/// speeds live until one wins. An IMU that says that the vehicle is stationary must be refuted.
+void Odometry::State::find_initial_motions(OdometryResult& result) {
+  const bool seems_stationary = motion.prior().is_stationary;
+  initial_motions.forget_motions();
+  if (seems_stationary) {
+    begin_with(motion.twist_to(motion.T_stationary()), found_variance(), true, result);
+    initial_motions.add(motion.hypothesis(), alignment);
+    motion.predict_moving();
   }
-  begin_with(slow, result);
-  const MotionEstimator::Hypothesis at_rest = motion.hypothesis();
-  double most = alignment.agreement() / (is_stationary ? kAgreementCollapse : 1.0);
-  Vector6 best = slow;
-  Vector6 last = slow;
-  for (const Vector6& found : twists) {
-    if (is_slow(found)) continue;
-    if (motion.prior().is_stationary) motion.predict_moving();
-    begin_with(last = found, result);
-    if (!alignment.has_pose()) continue;
-    // The error of a found velocity distorts both sweeps; that of the registered one is small.
-    last = motion.twist_to(alignment.pose());
-    begin_with(last, result);
-    if (alignment.agreement() <= most) continue;
-    most = alignment.agreement();
-    best = last;
+  for (const double speed : InitialMotions::kSpeeds) {
+    begin_with(speed * Vector6::UnitX(), variances(0.5 * InitialMotions::kSpeedStep, kTriedTurnRate), true,
+               result);
+    initial_motions.add(motion.hypothesis(), alignment);
   }
-  if (is_stationary && best == slow) motion.return_to(at_rest);
-  if (is_stationary && best != slow) motion.end_stationary();
-  if (last != best) begin_with(best, result);
+  initial_motions.drop_equal();
+  refine_initial_motions(result);
+  if (seems_stationary && !initial_motions.keep_stationary()) motion.end_stationary();
+  initial_motions.keep_likely();
+  refine_initial_motions(result);
+  keep_likely_motions(result);
+}
+
+/// The error of a tried velocity distorts both sweeps; that of the registered one is small.
+void Odometry::State::refine_initial_motions(OdometryResult& result) {
+  for (InitialMotion& found : initial_motions.motions()) {
+    if (found.motion.prior.is_stationary || !found.alignment.pose().is_finite()) continue;
+    const SE3 T_first_second = found.earlier[0].T_map_middle.inverse() * found.alignment.pose();
+    const Vector6 twist = se3_log(T_first_second) / motion.seconds_since_last_middle();
+    const bool has_few_points = found.alignment.by_ndt || !found.alignment.has_pose();
+    begin_with(twist, found_variance(), has_few_points, result);
+    initial_motions.replace(found, motion.hypothesis(), alignment);
+  }
+}
+
+Vector6 Odometry::State::found_variance() const {
+  const double seconds = motion.seconds_since_last_middle();
+  return variances(kFoundDeviationMetres / seconds, kFoundDeviationRadians / seconds);
 }
 
 /// Registers the second scan with this initial velocity. The first map is built again with it.
-void Odometry::State::begin_with(const Vector6& twist, OdometryResult& result) {
-  const double seconds = motion.seconds_since_last_middle();
-  Vector6 deviation;
-  deviation << Vector3::Constant(kFoundDeviationMetres), Vector3::Constant(kFoundDeviationRadians);
-  motion.set_last_twist(twist, deviation.cwiseAbs2() / (seconds * seconds));
+void Odometry::State::begin_with(const Vector6& twist, const Vector6& variance, bool coarse,
+                                 OdometryResult& result) {
+  motion.set_last_twist(twist, variance);
   if (!motion.prior().motion_compensated) place_first_sweep(map.plane_voxel_m());
   motion.predict_again();
-  register_at_prediction(result);
+  ndt_icp.select(preprocessing.sweep(), motion.motion(), map, motion.T_predicted(), coarse);
+  align({motion.T_predicted(), metric_of(motion.filter()), coarse}, result);
+}
+
+/// Registers a scan after each motion that the scans before may have had, with the map that they give with
+/// it.
+void Odometry::State::follow_initial_motions(OdometryResult& result) {
+  if (motion.prior().is_stationary) {
+    initial_motions.keep_first();
+    return align_to_prediction(result);
+  }
+  for (InitialMotion& followed : initial_motions.motions()) {
+    place_sweeps(followed);
+    motion.predict_after(followed.motion.filter, followed.motion.gravity_known);
+    register_at_prediction(result);
+    followed.motion = motion.hypothesis();
+    followed.alignment = alignment;
+  }
+  keep_likely_motions(result);
+}
+
+void Odometry::State::keep_likely_motions(OdometryResult& result) {
+  initial_motions.keep_likely();
+  const InitialMotion& best = initial_motions.motions().front();
+  place_sweeps(best);
+  motion.return_to(best.motion);
+  alignment = best.alignment;
+  alignment.count(result);
+  if (!initial_motions.are_decided()) initial_motions.end_scan(preprocessing.sweep());
+}
+
+void Odometry::State::place_sweeps(const InitialMotion& placed) {
+  map.reset(map.plane_voxel_m());
+  const auto sweeps = initial_motions.sweeps();
+  for (std::size_t i = 0; i < sweeps.size(); ++i) insert(sweeps[i], placed.earlier[i]);
 }
 
 /// Other vehicles move the scan of a stationary one, and the IMU does not see a smooth walking pace: the

@@ -13,12 +13,6 @@ namespace {
 // Points per hypothesis, enough to rank hypotheses, and more where there is time.
 constexpr std::size_t kFewPoints = 250;
 constexpr std::size_t kManyPoints = 800;
-// Initial velocity search: displacements along the vehicle's axis for -20 to 50 m/s at 10 Hz; the best few
-// that are not the same place are registered.
-constexpr double kMinDisplacementMetres = -2.0;
-constexpr double kDisplacementStepMetres = 1.0;
-constexpr std::size_t kDisplacements = 8;
-constexpr double kSamePlaceMetres = 1.25;
 
 // Relocalisation hypotheses around the prediction. NDT converges from 3 m and 10 deg around each.
 struct Offset {
@@ -30,11 +24,6 @@ constexpr std::array<Offset, 7> kOffsets = {
 constexpr std::size_t kHypotheses = kOffsets.size() + 1;
 // Typical number of NDT iterations for a hypothesis.
 constexpr std::size_t kSearchIterations = 15;
-
-SE3 displaced(const SE3& T_predicted, std::size_t i) {
-  const double forward_m = kMinDisplacementMetres + kDisplacementStepMetres * static_cast<double>(i);
-  return T_predicted * SE3{Eigen::Quaterniond::Identity(), Vector3(forward_m, 0.0, 0.0)};
-}
 
 /// The vehicle may have stopped at the last registered pose, or be near the predicted one.
 SE3 hypothesis(std::size_t i, const MotionEstimator& motion) {
@@ -64,32 +53,6 @@ void PoseSearch::try_hypothesis(const SE3& T_map_hypothesis, const LocalMap& map
       ndt_icp_.align_roughly(map, points_, T_map_hypothesis, motion.deviation_m(), result);
   if (!found.T_map_moving.is_finite() || found.equations.inliers <= best.inliers) return;
   best = {found.T_map_moving, found.equations.inliers};
-}
-
-std::array<FoundPose, PoseSearch::kDisplacementTrials> PoseSearch::find_displacements(
-    const std::vector<SweepPoint>& sweep, const LocalMap& map, const MotionEstimator& motion,
-    OdometryResult& result) {
-  sample(sweep, motion, kFewPoints);
-  const SE3& T_predicted = motion.T_predicted();
-  std::array<double, kDisplacements> scores{};
-  for (std::size_t i = 0; i < scores.size(); ++i)
-    scores[i] = ndt_equations(map.gaussians(), points_, displaced(T_predicted, i), {kNdtKernelSchedule[0]})
-                    .weight_sum;
-  std::array<FoundPose, kDisplacementTrials> poses;
-  for (FoundPose& found : poses) {
-    const auto top =
-        static_cast<std::size_t>(std::max_element(scores.begin(), scores.end()) - scores.begin());
-    found = {T_predicted, 0};
-    try_hypothesis(displaced(T_predicted, top), map, motion, found, result);
-    for (std::size_t i = 0; i < scores.size(); ++i) {
-      const double apart_m =
-          kDisplacementStepMetres * std::abs(static_cast<double>(i) - static_cast<double>(top));
-      if (apart_m < kSamePlaceMetres) scores[i] = 0.0;
-    }
-  }
-  std::sort(poses.begin(), poses.end(),
-            [](const FoundPose& a, const FoundPose& b) { return a.inliers > b.inliers; });
-  return poses;
 }
 
 FoundPose PoseSearch::relocalize(const std::vector<SweepPoint>& sweep, const LocalMap& map,

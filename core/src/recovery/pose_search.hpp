@@ -28,13 +28,6 @@ class PoseSearch {
   /// `ndt_icp` and `budget` must outlive it.
   PoseSearch(const OdometryConfig& config, NdtIcp& ndt_icp, ComputeBudget& budget);
 
-  static constexpr std::size_t kDisplacementTrials = 2;
-  /// Second scan of a map, at an unknown speed: poses along the vehicle's axis, most inliers first.
-  std::array<FoundPose, kDisplacementTrials> find_displacements(const std::vector<SweepPoint>& sweep,
-                                                                const LocalMap& map,
-                                                                const MotionEstimator& motion,
-                                                                OdometryResult& result);
-
   /// Scan of a lost vehicle: the pose around prediction and last pose. Hypotheses for which there is no time
   /// are continued in the next call.
   FoundPose relocalize(const std::vector<SweepPoint>& sweep, const LocalMap& map,

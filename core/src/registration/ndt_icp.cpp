@@ -179,9 +179,9 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
     // moving objects, so not beside a prior from the accelerometer.
     const bool has_few =
         !by_accelerometer && 2 * registration.equations.correspondences < coarse.equations.correspondences;
-    const bool keeps_ndt = (!alignment.has_pose() || has_few) && has_found_pose(coarse);
+    alignment.by_ndt = (!alignment.has_pose() || has_few) && has_found_pose(coarse);
     alignment.only_ndt = false;
-    if (keeps_ndt) {
+    if (alignment.by_ndt) {
       // NDT follows moving objects where nothing holds it: an IMU, or the motion before a new map.
       const bool is_known = about.imu_covers || (motion.motion_goes_on() && motion.is_initialising());
       const std::optional<PosePrior> held = is_known ? prior : std::nullopt;

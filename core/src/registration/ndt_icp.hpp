@@ -32,7 +32,8 @@ struct Alignment {
   bool with_coarse = false;  ///< NDT was due
   /// Found by relocalisation: the step to it is no motion of this scan.
   bool relocalized = false;
-  bool only_ndt = false;    ///< the pose of NDT was kept, and no prior held it
+  bool by_ndt = false;      ///< the pose of NDT was kept
+  bool only_ndt = false;    ///< and no prior held it
   int fine_iterations = 0;  ///< of ICP in the whole scan
   bool awaits_map = false;  ///< the map has not taken the sweep yet
 

@@ -1,5 +1,6 @@
 #include "core/src/estimation/motion_filter.hpp"
 
+#include "core/src/estimation/stationary_detector.hpp"
 #include "tests/support/synthetic_imu_drive.hpp"
 
 #include <cmath>

@@ -160,6 +160,40 @@ TEST_CASE("the speed of a fast vehicle is mostly found at its second scan, betwe
   CHECK(found > 20);
 }
 
+TEST_CASE("the first scans find the speed of a vehicle that drives along with others, without an IMU",
+          "[odometry]") {
+  int found = 0;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> speed_m_s(5.0, 45.0);
+    std::uniform_real_distribution<double> slower_m_s(0.0, 3.0);
+    std::uniform_real_distribution<double> gap_m(5.0, 15.0);
+    const double speed = speed_m_s(random);
+    const double others = speed - slower_m_s(random);
+    Room road;
+    road.low = {-1e3, -1e3, -1.8};
+    road.high = {1e3, 1e3, 1e3};
+    for (const double y : {-9.0, 9.0}) {
+      for (double x = -150.0; x < 150.0; x += gap_m(random)) road.pillars.push_back({x, y, 0.3});
+    }
+    const auto driving_at = [&](double t) {
+      return SE3{Eigen::Quaterniond::Identity(), Vector3(speed * t, 0.0, 0.0)};
+    };
+    Odometry odometry(OdometryConfig{});
+    OdometryResult result;
+    for (int i = 0; i < 5; ++i) {
+      Room with_others = road;
+      for (const double x : {-25.0, 18.0, 45.0})
+        with_others.pillars.push_back({x + others * i * kPeriod, 3.5, 0.9});
+      result = odometry.register_scan(
+          scan_room(with_others, driving_at, i * kPeriod, 5 * seed + static_cast<std::uint64_t>(i)));
+    }
+    found += std::abs(result.twist[0] - speed) < 1.0 ? 1 : 0;
+  }
+  CAPTURE(found);
+  CHECK(found >= 18);
+}
+
 TEST_CASE("the result is the same to the last bit with 1, 2 and 4 threads and in a second run",
           "[odometry]") {
   RunSettings settings;
