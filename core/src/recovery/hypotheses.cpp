@@ -54,11 +54,10 @@ void Odometry::State::find_initial_motions(OdometryResult& result) {
 /// The error of a tried velocity distorts both sweeps; that of the registered one is small.
 void Odometry::State::refine_initial_motions(OdometryResult& result) {
   for (InitialMotion& found : initial_motions.motions()) {
-    if (found.motion.prior.is_stationary || !found.alignment.pose().is_finite()) continue;
+    if (found.motion.prior.is_stationary || !found.alignment.has_pose()) continue;
     const SE3 T_first_second = found.earlier[0].T_map_middle.inverse() * found.alignment.pose();
     const Vector6 twist = se3_log(T_first_second) / motion.seconds_since_last_middle();
-    const bool has_few_points = found.alignment.by_ndt || !found.alignment.has_pose();
-    begin_with(twist, found_variance(), has_few_points, result);
+    begin_with(twist, found_variance(), found.alignment.by_ndt, result);
     initial_motions.replace(found, motion.hypothesis(), alignment);
   }
 }
