@@ -29,10 +29,9 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
 }
 
 /// The speed at the second scan is unknown, and its rotation without a gyro: the motions found from several
-/// speeds live until one wins. An IMU that says that the vehicle is stationary must be refuted.
+/// speeds are kept until one is left. An IMU that says that the vehicle is stationary must be refuted.
 void Odometry::State::find_initial_motions(OdometryResult& result) {
   const bool seems_stationary = motion.prior().is_stationary;
-  initial_motions.forget_motions();
   if (seems_stationary) {
     begin_with(motion.twist_to(motion.T_stationary()), found_variance(), true, result);
     initial_motions.add(motion.hypothesis(), alignment);

@@ -9,12 +9,7 @@ namespace nilio::core {
 
 namespace {
 
-double mean_agreement(const InitialMotion& motion) {
-  const Alignment& alignment = motion.alignment;
-  return alignment.points == 0 ? 0.0 : alignment.agreement() / static_cast<double>(alignment.points);
-}
-
-/// Information of the scan about the way along the vehicle's axis; none where the solver finds it degenerate.
+/// Information of the scan along the vehicle's x axis; zero where the solver finds it degenerate.
 double information_ahead(const InitialMotion& motion) {
   const RegistrationResult& registration = motion.alignment.registration;
   return (registration.degenerate_axes & 1U) != 0 ? 0.0 : registration.information(0, 0);
@@ -24,7 +19,7 @@ bool agrees_less(const InitialMotion& a, const InitialMotion& b) {
   return a.alignment.agreement() < b.alignment.agreement();
 }
 
-bool shows_less_ahead(const InitialMotion& a, const InitialMotion& b) {
+bool observes_less_ahead(const InitialMotion& a, const InitialMotion& b) {
   return information_ahead(a) < information_ahead(b);
 }
 
@@ -81,14 +76,14 @@ void InitialMotions::keep_likely() {
   const auto is_beaten = [&](const InitialMotion& beaten) {
     return std::any_of(motions_.begin(), motions_.end(), [&](const InitialMotion& other) {
       return agrees_less(beaten, other) &&
-             mean_agreement(beaten) < kAgreementCollapse * mean_agreement(other);
+             beaten.alignment.mean_agreement() < kAgreementCollapse * other.alignment.mean_agreement();
     });
   };
   std::erase_if(motions_, is_beaten);
   drop_equal();
   const bool has_planes = sweeps().size() > 1;
   std::iter_swap(motions_.begin(), std::max_element(motions_.begin(), motions_.end(),
-                                                    has_planes ? shows_less_ahead : agrees_less));
+                                                    has_planes ? observes_less_ahead : agrees_less));
 }
 
 void InitialMotions::end_scan(const std::vector<SweepPoint>& sweep) {

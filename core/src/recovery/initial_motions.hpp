@@ -27,9 +27,9 @@ struct InitialMotion {
   std::array<PlacedSweep, kInitialSweeps> earlier;
 };
 
-/// Motions that the first scans of a map may have, and these scans. Two scans cannot tell the speed where
-/// little of the scene shows it, and traffic shows another one: motions live until one wins. Memory is
-/// allocated at construction. Not thread-safe.
+/// Hypotheses of the motion since the first scan of a map, and the scans since then. Two scans do not observe
+/// the speed where few of their points do, and moving objects suggest another one: hypotheses are kept until
+/// one is left. Memory is allocated at construction. Not thread-safe.
 class InitialMotions {
  public:
   /// Speeds along the vehicle's axis; at rest first.
@@ -42,7 +42,6 @@ class InitialMotions {
   void begin(const std::vector<SweepPoint>& sweep, const SweepSpan& span);
   /// Places the first sweep for the motions that are added next.
   void place_first(const PlacedSweep& placed) { first_ = placed; }
-  void forget_motions() { motions_.clear(); }
   void add(const MotionEstimator::Hypothesis& motion, const Alignment& alignment);
   void replace(InitialMotion& found, const MotionEstimator::Hypothesis& motion, const Alignment& alignment);
   /// Drops all but one of the motions that end at the same place: that with which most points agree.
@@ -51,8 +50,8 @@ class InitialMotions {
   /// map agrees much better with another one. Returns whether it is.
   bool keep_stationary();
   /// Drops motions out of family, where more points agree with another one and much better, and equal ones.
-  /// The best becomes the first: that of most points, and with planes, from the third scan on, that which
-  /// shows the way best, as all that is beside it agrees with the true speed.
+  /// The best becomes the first: that of most points; from the third scan on, with planes, that with most
+  /// information along the vehicle's x axis, because the static scene agrees with the true speed.
   void keep_likely();
   void keep_first() { motions_.erase(motions_.begin() + 1, motions_.end()); }
   /// The scan ends, for each motion with an update by its alignment; its sweep will be part of the map.

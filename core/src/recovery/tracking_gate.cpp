@@ -70,9 +70,8 @@ bool is_plausible(const Alignment& alignment, const MotionEstimator& motion) {
 
 double chance_of_agreement(const Alignment& alignment) {
   if (alignment.points == 0) return 0.0;
-  const auto points = static_cast<double>(alignment.points);
-  const double mean = alignment.agreement() / points;
-  return kGateSigmas * std::sqrt(std::max(0.0, mean * (1.0 - mean)) / points);
+  const double mean = alignment.mean_agreement();
+  return kGateSigmas * std::sqrt(std::max(0.0, mean * (1.0 - mean)) / static_cast<double>(alignment.points));
 }
 
 bool is_drivable_deviation(const SE3& deviation, double seconds) {

@@ -49,6 +49,10 @@ struct Alignment {
   }
   /// Number of points that agree with the map, each as its residual tells.
   [[nodiscard]] double agreement() const { return has_pose() ? registration.equations.agreement : 0.0; }
+  /// Mean of it over the registered points, 0 to 1.
+  [[nodiscard]] double mean_agreement() const {
+    return points == 0 ? 0.0 : agreement() / static_cast<double>(points);
+  }
   /// Copies counts of points to the result of the scan.
   void count(OdometryResult& result) const;
 };
