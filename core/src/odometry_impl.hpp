@@ -57,9 +57,9 @@ struct Odometry::State {
   void return_to(const Hypothesis& earlier, OdometryResult& result);
   void find_initial_motions(OdometryResult& result);
   void refine_initial_motions(OdometryResult& result);
-  /// Variances of the twist that the second scan of a map gives: m^2/s^2, rad^2/s^2.
-  [[nodiscard]] Vector6 found_variance() const;
-  void begin_with(const Vector6& twist, const Vector6& variance, bool coarse, OdometryResult& result);
+  /// `variance`: m^2/s^2, rad^2/s^2.
+  void place_with(const Vector6& twist, const Vector6& variance);
+  void begin_with(const Vector6& twist, bool coarse, OdometryResult& result);
   void follow_initial_motions(OdometryResult& result);
   void keep_likely_motions(OdometryResult& result);
   void place_sweeps(const InitialMotion& placed);

@@ -4,8 +4,6 @@ namespace nilio::core {
 
 namespace {
 
-// Error of a displacement found with sweeps that were deskewed with another velocity.
-constexpr double kFoundDeviationMetres = 0.3;
 constexpr double kFoundDeviationRadians = 0.01;
 // A tight corner at walking pace, rad/s.
 constexpr double kTriedTurnRate = 0.5;
@@ -32,14 +30,18 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
 /// speeds are kept until one is left. An IMU that says that the vehicle is stationary must be refuted.
 void Odometry::State::find_initial_motions(OdometryResult& result) {
   const bool seems_stationary = motion.prior().is_stationary;
+  const bool has_coarse = ndt_icp.method().coarse;
   if (seems_stationary) {
-    begin_with(motion.twist_to(motion.T_stationary()), found_variance(), true, result);
+    begin_with(motion.twist_to(motion.T_stationary()), has_coarse, result);
     initial_motions.add(motion.hypothesis(), alignment);
     motion.predict_moving();
   }
-  for (const double speed : InitialMotions::kSpeeds) {
-    begin_with(speed * Vector6::UnitX(), variances(0.5 * InitialMotions::kSpeedStep, kTriedTurnRate), true,
-               result);
+  // A velocity that is not known yet distorts both sweeps alike.
+  place_with(Vector6::Zero(), variances(0.5 * InitialMotions::kSpeedStep, kTriedTurnRate));
+  const SE3 T_map_first = motion.T_map_last_middle();
+  const double seconds = motion.seconds_since_last_middle();
+  for (const SE3& found : search.find_displacements(preprocessing.sweep(), map, motion, result)) {
+    begin_with(se3_log(T_map_first.inverse() * found) / seconds, has_coarse, result);
     initial_motions.add(motion.hypothesis(), alignment);
   }
   initial_motions.drop_equal();
@@ -56,22 +58,22 @@ void Odometry::State::refine_initial_motions(OdometryResult& result) {
     if (found.motion.prior.is_stationary || !found.alignment.has_pose()) continue;
     const SE3 T_first_second = found.earlier[0].T_map_middle.inverse() * found.alignment.pose();
     const Vector6 twist = se3_log(T_first_second) / motion.seconds_since_last_middle();
-    begin_with(twist, found_variance(), found.alignment.by_ndt, result);
+    begin_with(twist, found.alignment.by_ndt, result);
     initial_motions.replace(found, motion.hypothesis(), alignment);
   }
 }
 
-Vector6 Odometry::State::found_variance() const {
-  const double seconds = motion.seconds_since_last_middle();
-  return variances(kFoundDeviationMetres / seconds, kFoundDeviationRadians / seconds);
-}
-
-/// Registers the second scan with this initial velocity. The first map is built again with it.
-void Odometry::State::begin_with(const Vector6& twist, const Vector6& variance, bool coarse,
-                                 OdometryResult& result) {
+/// Places the first sweep, and predicts the second, with this initial velocity.
+void Odometry::State::place_with(const Vector6& twist, const Vector6& variance) {
   motion.set_last_twist(twist, variance);
   if (!motion.prior().motion_compensated) place_first_sweep(map.plane_voxel_m());
   motion.predict_again();
+}
+
+/// Registers the second scan with this initial velocity.
+void Odometry::State::begin_with(const Vector6& twist, bool coarse, OdometryResult& result) {
+  const double seconds = motion.seconds_since_last_middle();
+  place_with(twist, variances(PoseSearch::kDeviationMetres / seconds, kFoundDeviationRadians / seconds));
   ndt_icp.select(preprocessing.sweep(), motion.motion(), map, motion.T_predicted(), coarse);
   align({motion.T_predicted(), metric_of(motion.filter()), coarse}, result);
 }

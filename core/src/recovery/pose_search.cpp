@@ -1,6 +1,7 @@
 #include "core/src/recovery/pose_search.hpp"
 
 #include "core/src/prefault.hpp"
+#include "core/src/recovery/initial_motions.hpp"
 
 #include <algorithm>
 #include <array>
@@ -39,6 +40,7 @@ PoseSearch::PoseSearch(const OdometryConfig& config, NdtIcp& ndt_icp, ComputeBud
     : ndt_icp_(ndt_icp), budget_(budget) {
   prefault(config.max_filtered_points, deskewed_);
   prefault(kManyPoints, points_);
+  prefault(InitialMotions::kSpeeds.size(), displaced_);
 }
 
 void PoseSearch::sample(const std::vector<SweepPoint>& sweep, const MotionEstimator& motion,
@@ -68,6 +70,25 @@ FoundPose PoseSearch::relocalize(const std::vector<SweepPoint>& sweep, const Loc
   }
   has_tried_all_ = true;
   return best;
+}
+
+std::span<const SE3> PoseSearch::find_displacements(const std::vector<SweepPoint>& sweep, const LocalMap& map,
+                                                    const MotionEstimator& motion, OdometryResult& result) {
+  sample(sweep, motion, kFewPoints);
+  displaced_.clear();
+  for (const double speed : InitialMotions::kSpeeds) {
+    const Vector3 displacement(speed * motion.seconds_since_last_middle(), 0.0, 0.0);
+    const RegistrationResult found = ndt_icp_.register_roughly(
+        map, points_, motion.T_predicted() * SE3{Eigen::Quaterniond::Identity(), displacement},
+        motion.deviation_m(), result);
+    const auto is_near = [&](const SE3& other) {
+      return (other.translation - found.T_map_moving.translation).norm() < kDeviationMetres;
+    };
+    if (has_found_pose(found) && std::none_of(displaced_.begin(), displaced_.end(), is_near))
+      displaced_.push_back(found.T_map_moving);
+  }
+  if (displaced_.empty()) displaced_.push_back(motion.T_predicted());
+  return displaced_;
 }
 
 }  // namespace nilio::core

@@ -11,6 +11,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace nilio::core {
@@ -25,9 +26,16 @@ struct FoundPose {
 /// and the one with most inliers is kept. Not thread-safe.
 class PoseSearch {
  public:
+  /// Error of a displacement found with sweeps that were deskewed with another velocity.
+  static constexpr double kDeviationMetres = 0.3;
+
   /// `ndt_icp` and `budget` must outlive it.
   PoseSearch(const OdometryConfig& config, NdtIcp& ndt_icp, ComputeBudget& budget);
 
+  /// Second scan of a map, at an unknown speed: where it registers, from speeds along the vehicle's axis;
+  /// each place once.
+  std::span<const SE3> find_displacements(const std::vector<SweepPoint>& sweep, const LocalMap& map,
+                                          const MotionEstimator& motion, OdometryResult& result);
   /// Scan of a lost vehicle: the pose around prediction and last pose. Hypotheses for which there is no time
   /// are continued in the next call.
   FoundPose relocalize(const std::vector<SweepPoint>& sweep, const LocalMap& map,
@@ -46,6 +54,7 @@ class PoseSearch {
   bool has_tried_all_ = false;
   std::vector<Eigen::Vector3f> deskewed_;
   std::vector<Eigen::Vector3f> points_;
+  std::vector<SE3> displaced_;
 };
 
 }  // namespace nilio::core

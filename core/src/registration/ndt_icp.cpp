@@ -26,13 +26,6 @@ double gaussian_weight(const std::optional<PosePrior>& prior) {
   return variance / (variance + kVoxelMeanDeviation * kVoxelMeanDeviation);
 }
 
-/// Whether the coarse pose is usable, also if the budget ended before convergence.
-bool has_found_pose(const RegistrationResult& coarse) {
-  return coarse.iterations > 0 &&
-         (coarse.stop_reason == StopReason::kBudget || coarse.stop_reason == StopReason::kConverged ||
-          coarse.stop_reason == StopReason::kMaxIterations);
-}
-
 /// The prior of the registration; none for a relocalised pose.
 std::optional<PosePrior> pose_prior(const MotionEstimator& motion, bool relocalized) {
   if (relocalized) return std::nullopt;
@@ -40,6 +33,12 @@ std::optional<PosePrior> pose_prior(const MotionEstimator& motion, bool relocali
 }
 
 }  // namespace
+
+bool has_found_pose(const RegistrationResult& registration) {
+  return registration.iterations > 0 && (registration.stop_reason == StopReason::kBudget ||
+                                         registration.stop_reason == StopReason::kConverged ||
+                                         registration.stop_reason == StopReason::kMaxIterations);
+}
 
 PlaneMetric plane_metric(double sigma_m) {
   PlaneMetric metric;
@@ -209,17 +208,23 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
   return alignment;
 }
 
+RegistrationResult NdtIcp::register_roughly(const LocalMap& map, std::span<const Eigen::Vector3f> points,
+                                            const SE3& T_map_hypothesis, double sigma_m,
+                                            OdometryResult& result) {
+  if (!method_.coarse)
+    return register_fine(map, points, T_map_hypothesis, plane_metric(sigma_m), std::nullopt, nullptr, result);
+  const RegistrationResult coarse = register_coarsely(map.gaussians(), points, T_map_hypothesis,
+                                                      max_coarse_iterations_, &budget_, kRoughEpsilon);
+  result.coarse_iterations += coarse.iterations;
+  return coarse;
+}
+
 RegistrationResult NdtIcp::align_roughly(const LocalMap& map, std::span<const Eigen::Vector3f> points,
                                          const SE3& T_map_hypothesis, double sigma_m,
                                          OdometryResult& result) {
-  RegistrationResult coarse;
-  coarse.T_map_moving = T_map_hypothesis;
-  if (method_.coarse)
-    coarse = register_coarsely(map.gaussians(), points, T_map_hypothesis, max_coarse_iterations_, &budget_,
-                               kRoughEpsilon);
-  result.coarse_iterations += coarse.iterations;
-  return register_fine(map, points, coarse.T_map_moving, plane_metric(sigma_m), std::nullopt, nullptr,
-                       result);
+  const RegistrationResult rough = register_roughly(map, points, T_map_hypothesis, sigma_m, result);
+  if (!method_.coarse) return rough;
+  return register_fine(map, points, rough.T_map_moving, plane_metric(sigma_m), std::nullopt, nullptr, result);
 }
 
 void NdtIcp::add_residuals(const LocalMap& map, const MotionEstimator& motion, const Alignment& alignment,

@@ -65,6 +65,9 @@ struct AlignmentStart {
   bool relocalized = false;
 };
 
+/// Whether the pose of a registration is usable, also if the budget ended before convergence.
+bool has_found_pose(const RegistrationResult& registration);
+
 /// The loop of NI-LIO (3.2, 3.3): deskew, NDT, point-to-plane ICP, repeated until the motion settles; or one
 /// of the methods that the paper compares it with. Not thread-safe, but uses the threads of the arena it runs
 /// in.
@@ -84,7 +87,11 @@ class NdtIcp {
   /// Registers the selected points; the motion over the sweep follows. `result` counts passes and iterations.
   Alignment align(const LocalMap& map, MotionEstimator& motion, const AlignmentStart& start,
                   OdometryResult& result);
-  /// Registers deskewed points from a hypothesis, roughly, with no prior.
+  /// Registers deskewed points from a hypothesis, with no prior: by NDT to a tenth of a metre, where the
+  /// method has it.
+  RegistrationResult register_roughly(const LocalMap& map, std::span<const Eigen::Vector3f> points,
+                                      const SE3& T_map_hypothesis, double sigma_m, OdometryResult& result);
+  /// The same, then by the method.
   RegistrationResult align_roughly(const LocalMap& map, std::span<const Eigen::Vector3f> points,
                                    const SE3& T_map_hypothesis, double sigma_m, OdometryResult& result);
 

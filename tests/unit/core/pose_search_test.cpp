@@ -3,6 +3,8 @@
 #include "tests/support/sweep_of_scan.hpp"
 #include "tests/support/synthetic_room.hpp"
 
+#include <algorithm>
+
 #include <catch2/catch.hpp>
 
 using namespace nilio::core;
@@ -80,4 +82,31 @@ TEST_CASE("hypotheses for which there is no time are tried with the next scans",
     REQUIRE(++calls < 50);
   } while (nearest > 0.05);
   CHECK(calls > 1);
+}
+
+TEST_CASE("at an unknown speed the second scan is found at its place, and at each place once",
+          "[pose_search]") {
+  for (const double speed : {-17.0, 0.0, 4.0, 14.0, 33.0, 47.0}) {
+    CAPTURE(speed);
+    Search s;
+    const SE3 truth = pose(0.1 * speed);
+    const auto found =
+        s.search.find_displacements(sweep_of(scan_from(truth, 1), kStep).sweep, s.map, s.motion, s.result);
+    REQUIRE_FALSE(found.empty());
+    const auto apart = [](const SE3& a, const SE3& b) { return (a.translation - b.translation).norm(); };
+    CHECK(std::any_of(found.begin(), found.end(),
+                      [&](const SE3& at) { return apart(at, truth) < PoseSearch::kDeviationMetres; }));
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      for (std::size_t j = 0; j < i; ++j) CHECK(apart(found[i], found[j]) >= PoseSearch::kDeviationMetres);
+    }
+  }
+}
+
+TEST_CASE("a second scan that registers nowhere is where it was predicted", "[pose_search]") {
+  Search s;
+  s.map.reset(1.5);
+  const auto found =
+      s.search.find_displacements(sweep_of(scan_from(pose(1.0), 1), kStep).sweep, s.map, s.motion, s.result);
+  REQUIRE(found.size() == 1);
+  CHECK(found.front().translation == s.motion.T_predicted().translation);
 }
