@@ -5,6 +5,7 @@
 #include "tools/bench/realism/scan_statistics.hpp"
 #include "tools/simulate/simulate.hpp"
 
+#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <system_error>
@@ -83,9 +84,15 @@ Result<Rows> measure(const std::string& dataset_argument, double firings, int ev
   const auto run = run_odometry(*dataset, *config, nullptr, look);
   if (!run) return run.error();
   double iterations = 0.0;
-  for (const core::OdometryResult& result : run->results) iterations += result.fine_iterations;
+  std::size_t tracked = 0;
+  for (const core::OdometryResult& result : run->results) {
+    // The initial velocity search registers one scan many times.
+    if (result.state == core::TrackingState::kInitialising) continue;
+    iterations += result.fine_iterations;
+    ++tracked;
+  }
   Rows rows = statistics.rows();
-  rows.push_back({kIterations, {iterations / static_cast<double>(run->results.size())}, 2});
+  rows.push_back({kIterations, {iterations / static_cast<double>(std::max<std::size_t>(tracked, 1))}, 2});
   return rows;
 }
 
