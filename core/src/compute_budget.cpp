@@ -81,6 +81,7 @@ std::int64_t ComputeBudget::overshoot_ns() const {
 
 void ComputeBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns) {
   answers_ = answers;
+  hypothesis_answers_ = Answers::kUnlimited;
   begin_ns_ = begin_ns;
   deadline_ns_ = deadline_ns;
   lap_ns_ = begin_ns;
@@ -99,6 +100,9 @@ void ComputeBudget::begin_scan(std::int64_t released_ns, bool exempt, Duration r
   const bool has_release = config_.mode == BudgetMode::kWall && released_ns > 0;
   const std::int64_t deadline = (has_release ? released_ns : now) + std::max(config_.budget, recovery).ns;
   begin(exempt ? Answers::kUnlimited : Answers::kDecided, now, deadline);
+  if (!exempt) return;
+  hypothesis_answers_ = Answers::kDecided;
+  hypotheses_end_ns_ = now + recovery.ns;
 }
 
 void ComputeBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
@@ -106,6 +110,7 @@ void ComputeBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
   counted_ns_ = 0;
   const bool was_limited = !exempt && (decisions.count_size > 0 || decisions.stop_size > 0);
   begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, 0, kNever);
+  if (exempt && decisions.stop_size > 0) hypothesis_answers_ = Answers::kRepeated;
 }
 
 double ComputeBudget::cost_units(WorkKind work, std::size_t units) {
@@ -179,15 +184,25 @@ std::size_t ComputeBudget::choose_registration_points(std::size_t most, bool coa
 }
 
 bool ComputeBudget::allows(WorkKind work, std::size_t units) {
-  if (answers_ == Answers::kUnlimited) return true;
+  return answers_ == Answers::kUnlimited ||
+         decide(answers_, now_ns() + predicted_ns(work, units) <= end_of(work));
+}
+
+bool ComputeBudget::allows_hypothesis() {
+  return hypothesis_answers_ == Answers::kUnlimited ||
+         decide(hypothesis_answers_, now_ns() < hypotheses_end_ns_);
+}
+
+/// The answer to the next question, as it is now or as recorded.
+bool ComputeBudget::decide(Answers answers, bool is_in_time) {
   const std::uint16_t question = questions_++;
   const auto stops = decisions_.stops.begin();
-  if (answers_ == Answers::kRepeated)
+  if (answers == Answers::kRepeated)
     return std::find(stops, stops + decisions_.stop_size, question) == stops + decisions_.stop_size &&
            (decisions_.stop_size < BudgetDecisions::kMaxStops || question < decisions_.stops.back());
   // Decisions beyond the capacity could not be repeated.
   if (decisions_.stop_size == BudgetDecisions::kMaxStops) return false;
-  if (now_ns() + predicted_ns(work, units) <= end_of(work)) return true;
+  if (is_in_time) return true;
   decisions_.stops[decisions_.stop_size++] = question;
   return false;
 }

@@ -17,6 +17,9 @@ constexpr float kInitialVoxelShare = 0.7F;
 constexpr std::size_t kMinStartPoints = 50;
 // Share of the time between scans.
 constexpr double kRecoveryShare = 0.5;
+// Times between scans in which a scan of the initialisation begins hypotheses: it delays the next ones a
+// little, on a computer on which all of them take seconds.
+constexpr double kInitialPeriods = 2.0;
 // Points times iterations of ICP, about 0.2 ms, and points to insert, from which a second thread pays.
 constexpr std::size_t kMinSharedWork = 4000;
 constexpr std::size_t kMinSharedPoints = 8000;
@@ -55,7 +58,9 @@ BeamCorrection Odometry::beam_correction(std::size_t ring) const {
 OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
   s.update_map();
-  s.budget.begin_scan(scan.received_ns, s.motion.is_initialising(), s.recovery_budget(scan));
+  const bool is_initialising = s.motion.is_initialising();
+  const Duration initial = Duration::from_seconds(kInitialPeriods * s.motion.period_s());
+  s.budget.begin_scan(scan.received_ns, is_initialising, is_initialising ? initial : s.recovery_budget(scan));
   return register_within_budget(scan);
 }
 

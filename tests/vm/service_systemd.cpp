@@ -139,6 +139,7 @@ TEST_CASE("with CAN set up by its unit and a LiDAR the service tracks, and witho
   CHECK(niliod.await("StatusText", "^[a-z]+, .* poses/s.*; (CAN can0: down|IMU silent)"));
   CHECK(play->stop(SIGTERM) >= 0);
   CHECK(niliod.await("StatusText", "^no poses; no scan for"));
+  INFO(niliod.journal());
   CHECK(niliod.restarts() == 0);
   CHECK(niliod.is_active());
 }

@@ -40,7 +40,9 @@ void Odometry::State::find_initial_motions(OdometryResult& result) {
   place_with(Vector6::Zero(), variances(0.5 * InitialMotions::kSpeedStep, kTriedTurnRate));
   const SE3 T_map_first = motion.T_map_last_middle();
   const double seconds = motion.seconds_since_last_middle();
-  for (const SE3& found : search.find_displacements(preprocessing.sweep(), map, motion, result)) {
+  const auto displaced = search.find_displacements(preprocessing.sweep(), map, motion, result);
+  for (const SE3& found : displaced) {
+    if (&found != &displaced.front() && !budget.allows_hypothesis()) break;
     begin_with(se3_log(T_map_first.inverse() * found) / seconds, has_coarse, result);
     initial_motions.add(motion.hypothesis(), alignment);
   }
@@ -56,6 +58,7 @@ void Odometry::State::find_initial_motions(OdometryResult& result) {
 void Odometry::State::refine_initial_motions(OdometryResult& result) {
   for (InitialMotion& found : initial_motions.motions()) {
     if (found.motion.prior.is_stationary || !found.alignment.has_pose()) continue;
+    if (!budget.allows_hypothesis()) return;
     const SE3 T_first_second = found.earlier[0].T_map_middle.inverse() * found.alignment.pose();
     const Vector6 twist = se3_log(T_first_second) / motion.seconds_since_last_middle();
     begin_with(twist, found.alignment.by_ndt, result);
@@ -86,6 +89,10 @@ void Odometry::State::follow_initial_motions(OdometryResult& result) {
     return align_to_prediction(result);
   }
   for (InitialMotion& followed : initial_motions.motions()) {
+    if (&followed != &initial_motions.motions().front() && !budget.allows_hypothesis()) {
+      initial_motions.keep_before(followed);
+      break;
+    }
     place_sweeps(followed);
     motion.predict_after(followed.motion.filter, followed.motion.gravity_known);
     register_at_prediction(result);

@@ -54,6 +54,9 @@ class InitialMotions {
   /// information along the vehicle's x axis, because the static scene agrees with the true speed.
   void keep_likely();
   void keep_first() { motions_.erase(motions_.begin() + 1, motions_.end()); }
+  void keep_before(const InitialMotion& end) {
+    motions_.erase(motions_.begin() + (&end - motions_.data()), motions_.end());
+  }
   /// The scan ends, for each motion with an update by its alignment; its sweep will be part of the map.
   void end_scan(const std::vector<SweepPoint>& sweep);
 

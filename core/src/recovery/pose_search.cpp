@@ -77,6 +77,7 @@ std::span<const SE3> PoseSearch::find_displacements(const std::vector<SweepPoint
   sample(sweep, motion, kFewPoints);
   displaced_.clear();
   for (const double speed : InitialMotions::kSpeeds) {
+    if (!displaced_.empty() && !budget_.allows_hypothesis()) break;
     const Vector3 displacement(speed * motion.seconds_since_last_middle(), 0.0, 0.0);
     const RegistrationResult found = ndt_icp_.register_roughly(
         map, points_, motion.T_predicted() * SE3{Eigen::Quaterniond::Identity(), displacement},

@@ -204,6 +204,35 @@ TEST_CASE("a budget denies all queries after its last recorded stop", "[compute_
   for (int i = 0; i < 200; ++i) CHECK_FALSE(repeated.allows(WorkKind::kNdt, 1));
 }
 
+TEST_CASE("an exempt scan is limited in its number of hypotheses only, and repeats it", "[compute_budget]") {
+  ComputeBudget budget(ops(0.01), nullptr);
+  budget.begin_scan(0, true, Duration::from_milliseconds(1.0));
+  int begun = 0;
+  while (budget.allows_hypothesis() && begun < 100) {
+    ++begun;
+    CHECK(budget.choose_registration_points(1000, true) == 1000);
+    for (int i = 0; i < 5; ++i) CHECK(budget.allows(WorkKind::kIcp, 1000));
+    budget.record(WorkKind::kIcp, 5000);
+  }
+  // An iteration of 1000 points takes 60 us.
+  CHECK(begun == 4);
+  ComputeBudget repeated({}, nullptr);
+  repeated.begin_scan(budget.decisions(), true);
+  for (int i = 0; i < 4; ++i) CHECK(repeated.allows_hypothesis());
+  CHECK_FALSE(repeated.allows_hypothesis());
+  CHECK(repeated.allows(WorkKind::kIcp, 1000));
+}
+
+TEST_CASE("a run on a computer too slow for the initial velocity search is repeated", "[compute_budget]") {
+  work_clock.cost_ns = {500.0, 4000.0, 2000.0, 80'000.0};
+  const BudgetRun slow =
+      budgeted_drive({BudgetMode::kWall, Duration::from_milliseconds(50.0)}, 12, nullptr, read_work_clock);
+  const BudgetRun fast = budgeted_drive({}, 12);
+  CHECK(slow.results[1].coarse_iterations < fast.results[1].coarse_iterations);
+  CHECK(slow.results[1].coarse_iterations > 0);
+  CHECK(same_poses(slow, budgeted_drive({}, 12, &slow.decisions)));
+}
+
 TEST_CASE("work skipped as too expensive is tried again", "[compute_budget]") {
   work_clock.cost_ns = {20.0, 130.0, 60.0, 60'000.0};
   ComputeBudget budget({BudgetMode::kWall, Duration::from_milliseconds(1.0)}, read_work_clock);

@@ -63,8 +63,8 @@ class ComputeBudget {
   ComputeBudget(const BudgetConfig& config, ClockFunction clock);
 
   /// Begins a scan whose last packet arrived at `released_ns` by the clock, 0 = now, and that has to be done
-  /// after `recovery` if that is longer than the configured budget. An exempt scan is not limited and does
-  /// not update the cost estimates.
+  /// after `recovery` if that is longer than the configured budget. An exempt scan is not limited, but that
+  /// it begins no hypothesis after `recovery`, and does not update the cost estimates.
   void begin_scan(std::int64_t released_ns, bool exempt, Duration recovery = {});
   /// Begins a scan that repeats recorded decisions.
   void begin_scan(const BudgetDecisions& decisions, bool exempt);
@@ -76,6 +76,8 @@ class ComputeBudget {
   std::size_t choose_registration_points(std::size_t most, bool coarse);
   /// Whether there is time for that much work.
   bool allows(WorkKind work, std::size_t units);
+  /// Whether there is time to begin another hypothesis of an exempt scan.
+  bool allows_hypothesis();
   /// Records the work done since the last call, or since the scan began.
   void record(WorkKind work, std::size_t units);
   /// Ends the scan after its pose was published; `iterations` of ICP were run.
@@ -101,6 +103,7 @@ class ComputeBudget {
   enum class Answers : std::uint8_t { kUnlimited, kDecided, kRepeated };
 
   void begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns);
+  bool decide(Answers answers, bool is_in_time);
   std::size_t choose(WorkKind work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
                      std::size_t most);
   [[nodiscard]] std::size_t units_within(WorkKind work, std::int64_t end_ns, std::size_t rounds,
@@ -119,6 +122,8 @@ class ComputeBudget {
   std::int64_t begin_ns_ = 0;
   /// By the clock, or by counted work since the start of the scan; the largest value if unlimited.
   std::int64_t deadline_ns_ = 0;
+  Answers hypothesis_answers_ = Answers::kUnlimited;
+  std::int64_t hypotheses_end_ns_ = 0;
   std::int64_t lap_ns_ = 0;
   std::size_t registration_points_ = 0;
   bool coarse_ = false;
