@@ -4,6 +4,7 @@ namespace nilio::core {
 
 namespace {
 
+// Error of the rotation beside PoseSearch::kDeviationMetres.
 constexpr double kFoundDeviationRadians = 0.01;
 // A tight corner at walking pace, rad/s.
 constexpr double kTriedTurnRate = 0.5;

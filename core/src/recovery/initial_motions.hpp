@@ -54,6 +54,7 @@ class InitialMotions {
   /// information along the vehicle's x axis, because the static scene agrees with the true speed.
   void keep_likely();
   void keep_first() { motions_.erase(motions_.begin() + 1, motions_.end()); }
+  /// Drops this motion and those behind it, for which there was no time.
   void keep_before(const InitialMotion& end) {
     motions_.erase(motions_.begin() + (&end - motions_.data()), motions_.end());
   }
