@@ -79,9 +79,9 @@ std::int64_t ComputeBudget::overshoot_ns() const {
   return config_.mode == BudgetMode::kOff ? 0 : now_ns() + rest - deadline_ns_;
 }
 
-void ComputeBudget::begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns) {
+void ComputeBudget::begin(Answers answers, bool exempt, std::int64_t begin_ns, std::int64_t deadline_ns) {
   answers_ = answers;
-  hypothesis_answers_ = Answers::kUnlimited;
+  exempt_ = exempt;
   begin_ns_ = begin_ns;
   deadline_ns_ = deadline_ns;
   lap_ns_ = begin_ns;
@@ -95,22 +95,18 @@ void ComputeBudget::begin_scan(std::int64_t released_ns, bool exempt, Duration r
   decisions_ = {};
   counted_ns_ = 0;
   answers_ = Answers::kUnlimited;
-  if (config_.mode == BudgetMode::kOff) return begin(Answers::kUnlimited, 0, kNever);
+  if (config_.mode == BudgetMode::kOff) return begin(Answers::kUnlimited, exempt, 0, kNever);
   const std::int64_t now = now_ns();
   const bool has_release = config_.mode == BudgetMode::kWall && released_ns > 0;
-  const std::int64_t deadline = (has_release ? released_ns : now) + std::max(config_.budget, recovery).ns;
-  begin(exempt ? Answers::kUnlimited : Answers::kDecided, now, deadline);
-  if (!exempt) return;
-  hypothesis_answers_ = Answers::kDecided;
-  hypotheses_end_ns_ = now + recovery.ns;
+  const Duration time = exempt ? recovery : std::max(config_.budget, recovery);
+  begin(Answers::kDecided, exempt, now, (has_release ? released_ns : now) + time.ns);
 }
 
 void ComputeBudget::begin_scan(const BudgetDecisions& decisions, bool exempt) {
   decisions_ = decisions;
   counted_ns_ = 0;
-  const bool was_limited = !exempt && (decisions.count_size > 0 || decisions.stop_size > 0);
-  begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, 0, kNever);
-  if (exempt && decisions.stop_size > 0) hypothesis_answers_ = Answers::kRepeated;
+  const bool was_limited = decisions.count_size > 0 || decisions.stop_size > 0;
+  begin(was_limited ? Answers::kRepeated : Answers::kUnlimited, exempt, 0, kNever);
 }
 
 double ComputeBudget::cost_units(WorkKind work, std::size_t units) {
@@ -151,7 +147,7 @@ std::size_t ComputeBudget::units_within(WorkKind work, std::int64_t end_ns, std:
 
 std::size_t ComputeBudget::choose(WorkKind work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
                                   std::size_t most) {
-  if (answers_ == Answers::kUnlimited) return most;
+  if (!is_limited()) return most;
   if (answers_ == Answers::kRepeated) {
     if (decisions_.count_size == 0) return most;
     const std::uint8_t last = static_cast<std::uint8_t>(decisions_.count_size - 1);
@@ -184,20 +180,18 @@ std::size_t ComputeBudget::choose_registration_points(std::size_t most, bool coa
 }
 
 bool ComputeBudget::allows(WorkKind work, std::size_t units) {
-  return answers_ == Answers::kUnlimited ||
-         decide(answers_, now_ns() + predicted_ns(work, units) <= end_of(work));
+  return !is_limited() || decide(now_ns() + predicted_ns(work, units) <= end_of(work));
 }
 
 bool ComputeBudget::allows_hypothesis() {
-  return hypothesis_answers_ == Answers::kUnlimited ||
-         decide(hypothesis_answers_, now_ns() < hypotheses_end_ns_);
+  return !exempt_ || answers_ == Answers::kUnlimited || decide(now_ns() < deadline_ns_);
 }
 
 /// The answer to the next question, as it is now or as recorded.
-bool ComputeBudget::decide(Answers answers, bool is_in_time) {
+bool ComputeBudget::decide(bool is_in_time) {
   const std::uint16_t question = questions_++;
   const auto stops = decisions_.stops.begin();
-  if (answers == Answers::kRepeated)
+  if (answers_ == Answers::kRepeated)
     return std::find(stops, stops + decisions_.stop_size, question) == stops + decisions_.stop_size &&
            (decisions_.stop_size < BudgetDecisions::kMaxStops || question < decisions_.stops.back());
   // Decisions beyond the capacity could not be repeated.
@@ -218,8 +212,7 @@ void ComputeBudget::record(WorkKind work, std::size_t units) {
   if (units == 0) return mark_lap();
   counted_ns_ += static_cast<std::int64_t>(cost_ns(work) * cost_units(work, units));
   if (config_.mode != BudgetMode::kWall || answers_ == Answers::kRepeated) return;
-  if (answers_ == Answers::kDecided)
-    update(work, static_cast<double>(now_ns() - lap_ns_) / cost_units(work, units));
+  if (is_limited()) update(work, static_cast<double>(now_ns() - lap_ns_) / cost_units(work, units));
   mark_lap();
 }
 
@@ -229,7 +222,7 @@ void ComputeBudget::mark_lap() {
 
 void ComputeBudget::finish_scan(int iterations) {
   record(WorkKind::kFinish, 1);
-  if (answers_ == Answers::kUnlimited || was_short() || iterations == 0) return;
+  if (!is_limited() || was_short() || iterations == 0) return;
   iterations_ += kIterationGain * (static_cast<double>(iterations) - iterations_);
 }
 

@@ -59,8 +59,9 @@ OdometryResult Odometry::register_scan(const Scan& scan) {
   State& s = *state_;
   s.update_map();
   const bool is_initialising = s.motion.is_initialising();
-  const Duration initial = Duration::from_seconds(kInitialPeriods * s.motion.period_s());
-  s.budget.begin_scan(scan.received_ns, is_initialising, is_initialising ? initial : s.recovery_budget(scan));
+  const Duration time = is_initialising ? Duration::from_seconds(kInitialPeriods * s.motion.period_s())
+                                        : s.recovery_budget(scan);
+  s.budget.begin_scan(scan.received_ns, is_initialising, time);
   return register_within_budget(scan);
 }
 

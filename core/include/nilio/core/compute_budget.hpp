@@ -102,8 +102,10 @@ class ComputeBudget {
  private:
   enum class Answers : std::uint8_t { kUnlimited, kDecided, kRepeated };
 
-  void begin(Answers answers, std::int64_t begin_ns, std::int64_t deadline_ns);
-  bool decide(Answers answers, bool is_in_time);
+  void begin(Answers answers, bool exempt, std::int64_t begin_ns, std::int64_t deadline_ns);
+  /// Whether the amount of work is.
+  [[nodiscard]] bool is_limited() const { return !exempt_ && answers_ != Answers::kUnlimited; }
+  bool decide(bool is_in_time);
   std::size_t choose(WorkKind work, std::size_t rounds, std::int64_t end_ns, std::size_t least,
                      std::size_t most);
   [[nodiscard]] std::size_t units_within(WorkKind work, std::int64_t end_ns, std::size_t rounds,
@@ -118,12 +120,11 @@ class ComputeBudget {
   BudgetConfig config_;
   ClockFunction clock_;
   Answers answers_ = Answers::kUnlimited;
+  bool exempt_ = false;
   std::int64_t counted_ns_ = 0;
   std::int64_t begin_ns_ = 0;
   /// By the clock, or by counted work since the start of the scan; the largest value if unlimited.
   std::int64_t deadline_ns_ = 0;
-  Answers hypothesis_answers_ = Answers::kUnlimited;
-  std::int64_t hypotheses_end_ns_ = 0;
   std::int64_t lap_ns_ = 0;
   std::size_t registration_points_ = 0;
   bool coarse_ = false;
