@@ -82,6 +82,8 @@ class MotionEstimator {
   void predict_without_imu();
   /// As a moving vehicle, against the IMU's opinion that it is stationary.
   void predict_moving();
+  /// Whether the next prediction is that of a stationary vehicle, whatever the IMU says.
+  void assume_stationary(bool is_stationary) { prior_.is_stationary = is_stationary; }
   /// Sets the twist at the last scan, and its variance; then predict_again().
   void set_last_twist(const Vector6& twist, const Vector6& variance);
   void predict_again();

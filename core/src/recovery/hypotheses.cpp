@@ -27,16 +27,16 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   alignment.count(result);
 }
 
-/// The speed at the second scan is unknown, and its rotation without a gyro: the motions found from several
-/// speeds are kept until one is left. An IMU that says that the vehicle is stationary must be refuted.
+/// The speed at the second scan is unknown, and its rotation without a gyro: rest, which registration does
+/// not find among vehicles that move, and the motions found from several speeds are kept until one is left.
+/// An IMU that says that the vehicle is stationary must be refuted.
 void Odometry::State::find_initial_motions(OdometryResult& result) {
   const bool seems_stationary = motion.prior().is_stationary;
   const bool has_coarse = ndt_icp.method().coarse;
-  if (seems_stationary) {
-    begin_with(motion.twist_to(motion.T_stationary()), has_coarse, result);
-    initial_motions.add(motion.hypothesis(), alignment);
-    motion.predict_moving();
-  }
+  motion.assume_stationary(true);
+  begin_with(motion.twist_to(motion.T_stationary()), has_coarse, result);
+  initial_motions.add(motion.hypothesis(), alignment);
+  motion.assume_stationary(false);
   // A velocity that is not known yet distorts both sweeps alike.
   place_with(Vector6::Zero(), variances(0.5 * InitialMotions::kSpeedStep, kTriedTurnRate));
   const SE3 T_map_first = motion.T_map_last_middle();
