@@ -15,31 +15,33 @@ namespace nilio::core {
 /// of the error of a registered pose.
 inline constexpr double kScanErrorMetres = 0.007;
 
-/// Sums `accumulate(point, equations)` over all points in a fixed order; `accumulate` fills the upper
-/// triangle of H only.
-template <class Accumulate>
-NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
+/// Sums `accumulate(point, sums)` over all points in a fixed order.
+template <class Sums, class Accumulate>
+Sums sum_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
   // Points per leaf of the reduction. Fixed, so that the tree and every rounding depend on the number of
   // points only.
   constexpr std::size_t grain = 512;
   using Range = tbb::blocked_range<std::size_t>;
   char order = 0;
   sanitizer_release(&order);
-  const NormalEquations sum = tbb::parallel_deterministic_reduce(
-      Range(0, points.size(), grain), NormalEquations{},
-      [&](const Range& range, NormalEquations equations) {
+  const Sums sum = tbb::parallel_deterministic_reduce(
+      Range(0, points.size(), grain), Sums{},
+      [&](const Range& range, Sums sums) {
         sanitizer_acquire(&order);
-        for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], equations);
-        equations.H.triangularView<Eigen::StrictlyLower>() = equations.H.transpose();
-        equations.H_newest.triangularView<Eigen::StrictlyLower>() = equations.H_newest.transpose();
-        equations.H_normals.triangularView<Eigen::StrictlyLower>() = equations.H_normals.transpose();
-        equations.H_cross.triangularView<Eigen::StrictlyLower>() = equations.H_cross.transpose();
-        equations.H_twist.triangularView<Eigen::StrictlyLower>() = equations.H_twist.transpose();
+        for (std::size_t i = range.begin(); i < range.end(); ++i) accumulate(points[i], sums);
         sanitizer_release(&order);
-        return equations;
+        return sums;
       },
-      [](NormalEquations a, const NormalEquations& b) { return a += b; });
+      [](Sums a, const Sums& b) { return a += b; });
   sanitizer_acquire(&order);
+  return sum;
+}
+
+/// Sums `accumulate(point, equations)`, which fills the upper triangle of H.
+template <class Accumulate>
+NormalEquations reduce_points(std::span<const Eigen::Vector3f> points, const Accumulate& accumulate) {
+  NormalEquations sum = sum_points<NormalEquations>(points, accumulate);
+  sum.H.triangularView<Eigen::StrictlyLower>() = sum.H.transpose();
   return sum;
 }
 

@@ -101,18 +101,94 @@ double normal_variance(const GaussianVoxel& surface) {
   return (thickness / surface.count + kScanErrorMetres * kScanErrorMetres) / spread;
 }
 
-/// Adds a point at `q` (map axes, from the origin of the moving frame) with Jacobian [I, -skew(q)];
-/// `information` and `gradient` are weighted.
-void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q, Matrix6& H,
-               Vector6& b) {
-  const Matrix3 S = skew(q);
-  const Matrix3 cross = information * S;
-  H.topLeftCorner<3, 3>() += information;
-  H.topRightCorner<3, 3>() -= cross;
-  H.bottomRightCorner<3, 3>() += S.transpose() * cross;
-  b.head<3>() += gradient;
-  b.tail<3>() += q.cross(gradient);
+/// Upper triangle of a symmetric 6 x 6 matrix, column by column, and a zero for an even number.
+using PackedMatrix6 = Eigen::Matrix<double, 22, 1>;
+
+PackedMatrix6 packed_square(const Vector6& J) {
+  PackedMatrix6 packed;
+  Eigen::Index entry = 0;
+  for (Eigen::Index column = 0; column < 6; ++column)
+    for (Eigen::Index row = 0; row <= column; ++row) packed[entry++] = J[row] * J[column];
+  packed[entry] = 0.0;
+  return packed;
 }
+
+/// E^T W E for a point at `q` (map axes, from the origin of the moving frame) with Jacobian
+/// E = [I, -skew(q)].
+PackedMatrix6 packed_information(const Matrix3& W, const Vector3& q) {
+  Matrix3 cross;
+  cross << q.y() * W.col(2) - q.z() * W.col(1), q.z() * W.col(0) - q.x() * W.col(2),
+      q.x() * W.col(1) - q.y() * W.col(0);
+  PackedMatrix6 packed;
+  packed << W(0, 0), W.col(1).head<2>(), W.col(2), cross.col(0), q.cross(cross.col(0)).head<1>(),
+      cross.col(1), q.cross(cross.col(1)).head<2>(), cross.col(2), q.cross(cross.col(2)), 0.0;
+  return packed;
+}
+
+Matrix6 unpacked(const PackedMatrix6& packed) {
+  Matrix6 H;
+  Eigen::Index entry = 0;
+  for (Eigen::Index column = 0; column < 6; ++column)
+    for (Eigen::Index row = 0; row <= column; ++row) H(row, column) = H(column, row) = packed[entry++];
+  return H;
+}
+
+/// Sums over points for plane_equations(): all but the matrices are in `equations`.
+struct PlaneSums {
+  PackedMatrix6 H = PackedMatrix6::Zero();
+  PackedMatrix6 H_newest = PackedMatrix6::Zero();
+  PackedMatrix6 H_cross = PackedMatrix6::Zero();
+  PackedMatrix6 H_twist = PackedMatrix6::Zero();
+  /// Of the errors of normals: the sum of J^T J, and that of (q, 1) (q, 1)^T.
+  PackedMatrix6 along_normals = PackedMatrix6::Zero();
+  Eigen::Matrix4d positions = Eigen::Matrix4d::Zero();
+  NormalEquations equations;
+
+  PlaneSums& operator+=(const PlaneSums& other) {
+    H += other.H;
+    H_newest += other.H_newest;
+    H_cross += other.H_cross;
+    H_twist += other.H_twist;
+    along_normals += other.along_normals;
+    positions += other.positions;
+    equations += other.equations;
+    return *this;
+  }
+
+  /// Adds a point at a time from the midpoint of the sweep: its information and gradient, E^T W E and E^T W
+  /// e.
+  void add(const PackedMatrix6& information, const Vector6& gradient, double weight, double share_of_newest,
+           double time_s) {
+    H += weight * information;
+    H_newest += weight * share_of_newest * information;
+    equations.b += weight * gradient;
+    if (time_s == 0.0) return;
+    H_cross += weight * time_s * information;
+    H_twist += weight * time_s * time_s * information;
+    equations.b_twist += weight * time_s * gradient;
+  }
+
+  /// Adds what an error of the normal n is expected to add to H: with the variance v along both directions
+  /// across n, v (E^T E - J^T J), E = [I, -skew(q)], J = n^T E. `weight` includes v.
+  void add_normal_error(const PackedMatrix6& information, const Vector3& q, double weight) {
+    along_normals += weight * information;
+    const Eigen::Vector4d position(q.x(), q.y(), q.z(), 1.0);
+    positions += (weight * position) * position.transpose();
+  }
+
+  [[nodiscard]] NormalEquations unpack() const {
+    NormalEquations result = equations;
+    result.H = unpacked(H);
+    result.H_newest = unpacked(H_newest);
+    const Matrix3 squares = positions.topLeftCorner<3, 3>();
+    result.H_normals << positions(3, 3) * Matrix3::Identity(), -skew(positions.topRightCorner<3, 1>()),
+        skew(positions.topRightCorner<3, 1>()), squares.trace() * Matrix3::Identity() - squares;
+    result.H_normals -= unpacked(along_normals);
+    result.H_cross = unpacked(H_cross);
+    result.H_twist = unpacked(H_twist);
+    return result;
+  }
+};
 
 /// Adds the residual vector of a point at `error` from the mean of a non-planar voxel. The weight along each
 /// axis of its Gaussian is that of a plane of that thickness, and zero where the points fill the voxel
@@ -120,51 +196,45 @@ void add_point(const Matrix3& information, const Vector3& gradient, const Vector
 /// equivalent squared residual, m^2.
 double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q, double time_s,
                     double voxel_size_m, const PlaneMetric& metric, const Matrix6& guess_covariance,
-                    NormalEquations& equations) {
+                    PlaneSums& sums) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
-  const Matrix3 information = information_of(surface);
-  const Matrix3 thinness =
-      point_variance * information * (Matrix3::Identity() + point_variance * information).inverse();
-  const double evenly_filled = point_variance / (point_variance + voxel_size_m * voxel_size_m / 12.0);
-  const Matrix3 full = evenly_filled * Matrix3::Identity();
-  const Matrix3 excess = thinness - full;
-  const Matrix3 weights = excess * excess * (thinness + full).inverse();
-  const Vector3 gradient = weights * error;
-  const double square = error.dot(gradient);
-  Vector6 J = Vector6::Zero();
-  const double length = gradient.norm();
-  if (length > 0.0) J << gradient / length, q.cross(gradient) / length;
-  const double scale_square = metric.kernel_square(J.dot(guess_covariance * J));
+  // Thinness along an axis with the variance v: t = A / (1 + A), A = point_variance / v. Its excess over
+  // that of an evenly filled voxel, f, is weighted: (t - f)^2 / (t + f), as one fraction.
+  const double f = point_variance / (point_variance + voxel_size_m * voxel_size_m / 12.0);
+  const Matrix3 A = point_variance * information_of(surface);
+  const Matrix3 A_square = A * A;
+  const Matrix3 one = Matrix3::Identity();
+  const Matrix3 numerator = (1.0 - f) * (1.0 - f) * A_square - 2.0 * f * (1.0 - f) * A + f * f * one;
+  const Matrix3 denominator = (1.0 + f) * A_square + (1.0 + 2.0 * f) * A + f * one;
+  const Matrix3 weights = numerator * denominator.inverse();
+  Vector6 gradient;
+  gradient.head<3>() = weights * error;
+  gradient.tail<3>() = q.cross(gradient.head<3>());
+  const double square = error.dot(gradient.head<3>());
+  const double length_square = gradient.head<3>().squaredNorm();
+  const double guess_variance =
+      length_square > 0.0 ? gradient.dot(guess_covariance * gradient) / length_square : 0.0;
+  const double scale_square = metric.kernel_square(guess_variance);
   const double root = scale_square / (scale_square + square);
   const double weight = metric.gaussian_weight * root * root * familiarity(surface);
-  add_point(weight * weights, weight * gradient, q, equations.H, equations.b);
-  Vector6 unused = Vector6::Zero();
-  add_point(weight * share_of_newest(surface) * weights, Vector3::Zero(), q, equations.H_newest, unused);
-  if (time_s != 0.0) {
-    add_point(weight * time_s * weights, Vector3::Zero(), q, equations.H_cross, unused);
-    add_point(weight * time_s * time_s * weights, weight * time_s * gradient, q, equations.H_twist,
-              equations.b_twist);
-  }
-  equations.weighted_square_error += weight * square;
-  equations.weight_sum += weight * weights.trace();
-  equations.gaussian_square_excess += weight * (square - weights.trace() * point_variance);
+  sums.add(packed_information(weights, q), gradient, weight, share_of_newest(surface), time_s);
+  sums.equations.weighted_square_error += weight * square;
+  sums.equations.weight_sum += weight * weights.trace();
+  sums.equations.gaussian_square_excess += weight * (square - weights.trace() * point_variance);
   return square;
 }
 
-void add_upper(Matrix6& H, const Vector6& J, double weight) {
-  for (int column = 0; column < 6; ++column) {
-    const double weighted = weight * J[column];
-    for (int row = 0; row <= column; ++row) H(row, column) += J[row] * weighted;
-  }
-}
-
-/// Adds what an error of the normal n is expected to add to H: with the variance v along both directions
-/// across n, v (E^T E - J^T J), E = [I, -skew(q)], J = n^T E. `weight` includes v.
-void add_normal_error(const Vector6& J, const Vector3& q, double weight, Matrix6& H) {
-  H.topLeftCorner<3, 3>().diagonal().array() += weight;
-  H.topRightCorner<3, 3>() -= weight * skew(q);
-  H.bottomRightCorner<3, 3>() += weight * (q.squaredNorm() * Matrix3::Identity() - q * q.transpose());
-  add_upper(H, J, -weight);
+/// Adds a point at `q` (map axes, from the origin of the moving frame) with Jacobian [I, -skew(q)];
+/// `information` and `gradient` are weighted.
+void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q,
+               NormalEquations& equations) {
+  const Matrix3 S = skew(q);
+  const Matrix3 cross = information * S;
+  equations.H.topLeftCorner<3, 3>() += information;
+  equations.H.topRightCorner<3, 3>() -= cross;
+  equations.H.bottomRightCorner<3, 3>() += S.transpose() * cross;
+  equations.b.head<3>() += gradient;
+  equations.b.tail<3>() += q.cross(gradient);
 }
 
 /// Converts equations of a motion in map axes to the axes of the moving frame.
@@ -191,49 +261,42 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const double inlier_square = metric.inlier_distance_m * metric.inlier_distance_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
-  const NormalEquations sum =
-      reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
-        const auto i = static_cast<std::size_t>(&point - points.data());
-        const Vector3 q = R * moving[i];
-        const VoxelIndex index = map.index_of(q + t);
-        const GaussianVoxel* surface = map.find(index);
-        if (surface == nullptr || !surface->has_shape()) return;
-        const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
-        if (surface->planarity > max_planarity) {
-          const double square = add_gaussian(*surface, offset, q, moving.time_s(i), map.config().voxel_size_m,
-                                             metric, moving.guess_covariance(i), equations);
-          equations.agreement += agreement_of(square / (3.0 * point_variance));
-          ++equations.correspondences;
-          if (square < inlier_square) ++equations.inliers;
-          return;
-        }
-        const Vector3 normal = surface->normal.cast<double>();
-        const double residual = normal.dot(offset);
-        Vector6 J;
-        J << normal, q.cross(normal);
-        const double guess_variance = J.dot(moving.guess_covariance(i) * J);
-        if (residual * residual > metric.gate_square(guess_variance)) return;
-        const double scale_square = metric.kernel_square(guess_variance);
-        const double root = scale_square / (scale_square + residual * residual);
-        const double certainty = plane_weight(*surface, offset - residual * normal, point_variance);
-        const double weight = root * root * familiarity(*surface) * certainty;
-        equations.agreement += agreement_of(certainty * residual * residual / point_variance);
-        add_upper(equations.H, J, weight);
-        add_upper(equations.H_newest, J, weight * share_of_newest(*surface));
-        equations.b += (weight * residual) * J;
-        if (moving.have_twist()) {
-          const double time_s = moving.time_s(i);
-          add_upper(equations.H_cross, J, weight * time_s);
-          add_upper(equations.H_twist, J, weight * time_s * time_s);
-          equations.b_twist += (weight * time_s * residual) * J;
-        }
-        equations.weighted_square_error += weight * residual * residual;
-        equations.weight_sum += weight;
-        add_normal_error(J, q, weight * normal_variance(*surface), equations.H_normals);
-        ++equations.correspondences;
-        if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
-      });
-  return in_moving_axes(sum, R);
+  const auto sums = sum_points<PlaneSums>(points, [&](const Eigen::Vector3f& point, PlaneSums& added) {
+    NormalEquations& equations = added.equations;
+    const auto i = static_cast<std::size_t>(&point - points.data());
+    const Vector3 q = R * moving[i];
+    const VoxelIndex index = map.index_of(q + t);
+    const GaussianVoxel* surface = map.find(index);
+    if (surface == nullptr || !surface->has_shape()) return;
+    const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
+    if (surface->planarity > max_planarity) {
+      const double square = add_gaussian(*surface, offset, q, moving.time_s(i), map.config().voxel_size_m,
+                                         metric, moving.guess_covariance(i), added);
+      equations.agreement += agreement_of(square / (3.0 * point_variance));
+      ++equations.correspondences;
+      if (square < inlier_square) ++equations.inliers;
+      return;
+    }
+    const Vector3 normal = surface->normal.cast<double>();
+    const double residual = normal.dot(offset);
+    Vector6 J;
+    J << normal, q.cross(normal);
+    const double guess_variance = J.dot(moving.guess_covariance(i) * J);
+    if (residual * residual > metric.gate_square(guess_variance)) return;
+    const double scale_square = metric.kernel_square(guess_variance);
+    const double root = scale_square / (scale_square + residual * residual);
+    const double certainty = plane_weight(*surface, offset - residual * normal, point_variance);
+    const double weight = root * root * familiarity(*surface) * certainty;
+    equations.agreement += agreement_of(certainty * residual * residual / point_variance);
+    const PackedMatrix6 information = packed_square(J);
+    added.add(information, residual * J, weight, share_of_newest(*surface), moving.time_s(i));
+    added.add_normal_error(information, q, weight * normal_variance(*surface));
+    equations.weighted_square_error += weight * residual * residual;
+    equations.weight_sum += weight;
+    ++equations.correspondences;
+    if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
+  });
+  return in_moving_axes(sums.unpack(), R);
 }
 
 NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
@@ -270,7 +333,7 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
         }
         if (!matched) return;
         ++equations.correspondences;
-        add_point(information_sum, gradient, q, equations.H, equations.b);
+        add_point(information_sum, gradient, q, equations);
       });
   return in_moving_axes(sum, R);
 }
