@@ -104,6 +104,7 @@ double normal_variance(const GaussianVoxel& surface) {
 /// Upper triangle of a symmetric 6 x 6 matrix, column by column, and a zero for an even number.
 using PackedMatrix6 = Eigen::Matrix<double, 22, 1>;
 
+/// J^T J for a row J.
 PackedMatrix6 packed_square(const Vector6& J) {
   PackedMatrix6 packed;
   Eigen::Index entry = 0;
@@ -139,7 +140,7 @@ struct PlaneSums {
   PackedMatrix6 H_newest = PackedMatrix6::Zero();
   PackedMatrix6 H_cross = PackedMatrix6::Zero();
   PackedMatrix6 H_twist = PackedMatrix6::Zero();
-  /// Of the errors of normals: the sum of J^T J, and that of (q, 1) (q, 1)^T.
+  /// Errors of normals: sums of J^T J and of (q, 1) (q, 1)^T.
   PackedMatrix6 along_normals = PackedMatrix6::Zero();
   Eigen::Matrix4d positions = Eigen::Matrix4d::Zero();
   NormalEquations equations;
@@ -155,8 +156,8 @@ struct PlaneSums {
     return *this;
   }
 
-  /// Adds a point at a time from the midpoint of the sweep: its information and gradient, E^T W E and E^T W
-  /// e.
+  /// Adds a point with the residual e at a time from the midpoint of the sweep; `information` is E^T W E,
+  /// `gradient` E^T W e.
   void add(const PackedMatrix6& information, const Vector6& gradient, double weight, double share_of_newest,
            double time_s) {
     H += weight * information;
