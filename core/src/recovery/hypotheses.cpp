@@ -27,9 +27,9 @@ void Odometry::State::return_to(const Hypothesis& earlier, OdometryResult& resul
   alignment.count(result);
 }
 
-/// The speed at the second scan is unknown, and its rotation without a gyro: rest, which registration does
-/// not find among vehicles that move, and the motions found from several speeds are kept until one is left.
-/// An IMU that says that the vehicle is stationary must be refuted.
+/// The speed at the second scan is unknown, and its rotation without a gyro: the stationary vehicle, which
+/// registration does not find among moving objects, and the motions found from several speeds are kept until
+/// one is left. An IMU that says that the vehicle is stationary must be refuted.
 void Odometry::State::find_initial_motions(OdometryResult& result) {
   const bool seems_stationary = motion.prior().is_stationary;
   const bool has_coarse = ndt_icp.method().coarse;
