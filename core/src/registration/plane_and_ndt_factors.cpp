@@ -1,7 +1,7 @@
 #include "nilio/core/portable_math.hpp"
 
 #include "core/src/registration/gauss_newton.hpp"
-#include "core/src/registration/registration.hpp"
+#include "core/src/registration/point_sums.hpp"
 
 #include <algorithm>
 #include <array>
@@ -101,103 +101,13 @@ double normal_variance(const GaussianVoxel& surface) {
   return (thickness / surface.count + kScanErrorMetres * kScanErrorMetres) / spread;
 }
 
-/// Upper triangle of a symmetric 6 x 6 matrix, column by column, and a zero for an even number.
-using PackedMatrix6 = Eigen::Matrix<double, 22, 1>;
-
-/// J^T J for a row J.
-PackedMatrix6 packed_square(const Vector6& J) {
-  PackedMatrix6 packed;
-  Eigen::Index entry = 0;
-  for (Eigen::Index column = 0; column < 6; ++column)
-    for (Eigen::Index row = 0; row <= column; ++row) packed[entry++] = J[row] * J[column];
-  packed[entry] = 0.0;
-  return packed;
-}
-
-/// E^T W E for a point at `q` (map axes, from the origin of the moving frame) with Jacobian
-/// E = [I, -skew(q)].
-PackedMatrix6 packed_information(const Matrix3& W, const Vector3& q) {
-  Matrix3 cross;
-  cross << q.y() * W.col(2) - q.z() * W.col(1), q.z() * W.col(0) - q.x() * W.col(2),
-      q.x() * W.col(1) - q.y() * W.col(0);
-  PackedMatrix6 packed;
-  packed << W(0, 0), W.col(1).head<2>(), W.col(2), cross.col(0), q.cross(cross.col(0)).head<1>(),
-      cross.col(1), q.cross(cross.col(1)).head<2>(), cross.col(2), q.cross(cross.col(2)), 0.0;
-  return packed;
-}
-
-Matrix6 unpacked(const PackedMatrix6& packed) {
-  Matrix6 H;
-  Eigen::Index entry = 0;
-  for (Eigen::Index column = 0; column < 6; ++column)
-    for (Eigen::Index row = 0; row <= column; ++row) H(row, column) = H(column, row) = packed[entry++];
-  return H;
-}
-
-/// Sums over points for plane_equations(): all but the matrices are in `equations`.
-struct PlaneSums {
-  PackedMatrix6 H = PackedMatrix6::Zero();
-  PackedMatrix6 H_newest = PackedMatrix6::Zero();
-  PackedMatrix6 H_cross = PackedMatrix6::Zero();
-  PackedMatrix6 H_twist = PackedMatrix6::Zero();
-  /// Errors of normals: sums of J^T J and of (q, 1) (q, 1)^T.
-  PackedMatrix6 along_normals = PackedMatrix6::Zero();
-  Eigen::Matrix4d positions = Eigen::Matrix4d::Zero();
-  NormalEquations equations;
-
-  PlaneSums& operator+=(const PlaneSums& other) {
-    H += other.H;
-    H_newest += other.H_newest;
-    H_cross += other.H_cross;
-    H_twist += other.H_twist;
-    along_normals += other.along_normals;
-    positions += other.positions;
-    equations += other.equations;
-    return *this;
-  }
-
-  /// Adds a point with the residual e at a time from the midpoint of the sweep; `information` is E^T W E,
-  /// `gradient` E^T W e.
-  void add(const PackedMatrix6& information, const Vector6& gradient, double weight, double share_of_newest,
-           double time_s) {
-    H += weight * information;
-    H_newest += weight * share_of_newest * information;
-    equations.b += weight * gradient;
-    if (time_s == 0.0) return;
-    H_cross += weight * time_s * information;
-    H_twist += weight * time_s * time_s * information;
-    equations.b_twist += weight * time_s * gradient;
-  }
-
-  /// Adds what an error of the normal n is expected to add to H: with the variance v along both directions
-  /// across n, v (E^T E - J^T J), E = [I, -skew(q)], J = n^T E. `weight` includes v.
-  void add_normal_error(const PackedMatrix6& information, const Vector3& q, double weight) {
-    along_normals += weight * information;
-    const Eigen::Vector4d position(q.x(), q.y(), q.z(), 1.0);
-    positions += (weight * position) * position.transpose();
-  }
-
-  [[nodiscard]] NormalEquations unpack() const {
-    NormalEquations result = equations;
-    result.H = unpacked(H);
-    result.H_newest = unpacked(H_newest);
-    const Matrix3 squares = positions.topLeftCorner<3, 3>();
-    result.H_normals << positions(3, 3) * Matrix3::Identity(), -skew(positions.topRightCorner<3, 1>()),
-        skew(positions.topRightCorner<3, 1>()), squares.trace() * Matrix3::Identity() - squares;
-    result.H_normals -= unpacked(along_normals);
-    result.H_cross = unpacked(H_cross);
-    result.H_twist = unpacked(H_twist);
-    return result;
-  }
-};
-
 /// Adds the residual vector of a point at `error` from the mean of a non-planar voxel. The weight along each
 /// axis of its Gaussian is that of a plane of that thickness, and zero where the points fill the voxel
 /// evenly: correspondences are voxels, so along such an axis the mean carries no information. Returns the
 /// equivalent squared residual, m^2.
 double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Vector3& q, double time_s,
                     double voxel_size_m, const PlaneMetric& metric, const Matrix6& guess_covariance,
-                    PlaneSums& sums) {
+                    PointSums& sums) {
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   // Thinness along an axis with the variance v: t = A / (1 + A), A = point_variance / v. Its excess over
   // that of an evenly filled voxel, f, is weighted: (t - f)^2 / (t + f), as one fraction.
@@ -219,36 +129,10 @@ double add_gaussian(const GaussianVoxel& surface, const Vector3& error, const Ve
   const double root = scale_square / (scale_square + square);
   const double weight = metric.gaussian_weight * root * root * familiarity(surface);
   sums.add(packed_information(weights, q), gradient, weight, share_of_newest(surface), time_s);
-  sums.equations.weighted_square_error += weight * square;
-  sums.equations.weight_sum += weight * weights.trace();
-  sums.equations.gaussian_square_excess += weight * (square - weights.trace() * point_variance);
+  sums.weighted_square_error += weight * square;
+  sums.weight_sum += weight * weights.trace();
+  sums.gaussian_square_excess += weight * (square - weights.trace() * point_variance);
   return square;
-}
-
-/// Adds a point at `q` (map axes, from the origin of the moving frame) with Jacobian [I, -skew(q)];
-/// `information` and `gradient` are weighted.
-void add_point(const Matrix3& information, const Vector3& gradient, const Vector3& q,
-               NormalEquations& equations) {
-  const Matrix3 S = skew(q);
-  const Matrix3 cross = information * S;
-  equations.H.topLeftCorner<3, 3>() += information;
-  equations.H.topRightCorner<3, 3>() -= cross;
-  equations.H.bottomRightCorner<3, 3>() += S.transpose() * cross;
-  equations.b.head<3>() += gradient;
-  equations.b.tail<3>() += q.cross(gradient);
-}
-
-/// Converts equations of a motion in map axes to the axes of the moving frame.
-NormalEquations in_moving_axes(NormalEquations equations, const Matrix3& R_map_moving) {
-  const Matrix6 D = block_rotation(R_map_moving);
-  equations.H = D.transpose() * equations.H * D;
-  equations.b = D.transpose() * equations.b;
-  equations.H_newest = D.transpose() * equations.H_newest * D;
-  equations.H_normals = D.transpose() * equations.H_normals * D;
-  equations.H_cross = D.transpose() * equations.H_cross * D;
-  equations.H_twist = D.transpose() * equations.H_twist * D;
-  equations.b_twist = D.transpose() * equations.b_twist;
-  return equations;
 }
 
 }  // namespace
@@ -262,8 +146,7 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
   const double point_variance = metric.point_deviation_m * metric.point_deviation_m;
   const double inlier_square = metric.inlier_distance_m * metric.inlier_distance_m;
   const auto max_planarity = static_cast<float>(metric.max_planarity);
-  const auto sums = sum_points<PlaneSums>(points, [&](const Eigen::Vector3f& point, PlaneSums& added) {
-    NormalEquations& equations = added.equations;
+  const PointSums total = sum_points(points, [&](const Eigen::Vector3f& point, PointSums& sums) {
     const auto i = static_cast<std::size_t>(&point - points.data());
     const Vector3 q = R * moving[i];
     const VoxelIndex index = map.index_of(q + t);
@@ -272,10 +155,10 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
     const Vector3 offset = q + t - map.corner_of(index) - surface->mean.cast<double>();
     if (surface->planarity > max_planarity) {
       const double square = add_gaussian(*surface, offset, q, moving.time_s(i), map.config().voxel_size_m,
-                                         metric, moving.guess_covariance(i), added);
-      equations.agreement += agreement_of(square / (3.0 * point_variance));
-      ++equations.correspondences;
-      if (square < inlier_square) ++equations.inliers;
+                                         metric, moving.guess_covariance(i), sums);
+      sums.agreement += agreement_of(square / (3.0 * point_variance));
+      ++sums.correspondences;
+      if (square < inlier_square) ++sums.inliers;
       return;
     }
     const Vector3 normal = surface->normal.cast<double>();
@@ -288,16 +171,17 @@ NormalEquations plane_equations(const VoxelMap& map, std::span<const Eigen::Vect
     const double root = scale_square / (scale_square + residual * residual);
     const double certainty = plane_weight(*surface, offset - residual * normal, point_variance);
     const double weight = root * root * familiarity(*surface) * certainty;
-    equations.agreement += agreement_of(certainty * residual * residual / point_variance);
+    sums.agreement += agreement_of(certainty * residual * residual / point_variance);
     const PackedMatrix6 information = packed_square(J);
-    added.add(information, residual * J, weight, share_of_newest(*surface), moving.time_s(i));
-    added.add_normal_error(information, q, weight * normal_variance(*surface));
-    equations.weighted_square_error += weight * residual * residual;
-    equations.weight_sum += weight;
-    ++equations.correspondences;
-    if (std::abs(residual) < metric.inlier_distance_m) ++equations.inliers;
+    sums.add(information, residual * J, weight, share_of_newest(*surface), moving.time_s(i));
+    // A normal with the variance v across it is expected to add v (E^T E - J^T J), E = [I, -skew(q)].
+    sums.H_normals += weight * normal_variance(*surface) * (packed_unit_information(q) - information);
+    sums.weighted_square_error += weight * residual * residual;
+    sums.weight_sum += weight;
+    ++sums.correspondences;
+    if (std::abs(residual) < metric.inlier_distance_m) ++sums.inliers;
   });
-  return in_moving_axes(sums.unpack(), R);
+  return total.in_moving_axes(R);
 }
 
 NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
@@ -308,35 +192,36 @@ NormalEquations ndt_equations(const VoxelMap& map, std::span<const Eigen::Vector
   const Matrix3 R = T_map_moving.rotation.toRotationMatrix();
   const Vector3 t = T_map_moving.translation;
   const double exponent = -0.5 / (metric.kernel_scale * metric.kernel_scale);
-  const NormalEquations sum =
-      reduce_points(points, [&](const Eigen::Vector3f& point, NormalEquations& equations) {
-        const Vector3 q = R * point.cast<double>();
-        const VoxelIndex home = map.index_of(q + t);
-        std::array<VoxelIndex, 7> indices;
-        for (std::size_t k = 0; k < indices.size(); ++k) indices[k] = home + kNeighbours[k];
-        std::array<const GaussianVoxel*, 7> surfaces;
-        map.find_all(indices, indices.size(), surfaces);
-        Matrix3 information_sum = Matrix3::Zero();
-        Vector3 gradient = Vector3::Zero();
-        bool matched = false;
-        for (std::size_t k = 0; k < indices.size(); ++k) {
-          if (surfaces[k] == nullptr) continue;
-          const Vector3 error = q + t - map.corner_of(indices[k]) - surfaces[k]->mean.cast<double>();
-          const Matrix3 information = information_of(*surfaces[k]);
-          const Vector3 weighted_error = information * error;
-          const double square_distance = error.dot(weighted_error);
-          const double weight = portable::exp(exponent * square_distance);
-          information_sum += weight * information;
-          gradient += weight * weighted_error;
-          equations.weighted_square_error += weight * square_distance;
-          equations.weight_sum += weight;
-          matched = true;
-        }
-        if (!matched) return;
-        ++equations.correspondences;
-        add_point(information_sum, gradient, q, equations);
-      });
-  return in_moving_axes(sum, R);
+  const PointSums total = sum_points(points, [&](const Eigen::Vector3f& point, PointSums& sums) {
+    const Vector3 q = R * point.cast<double>();
+    const VoxelIndex home = map.index_of(q + t);
+    std::array<VoxelIndex, 7> indices;
+    for (std::size_t k = 0; k < indices.size(); ++k) indices[k] = home + kNeighbours[k];
+    std::array<const GaussianVoxel*, 7> surfaces;
+    map.find_all(indices, indices.size(), surfaces);
+    Matrix3 information_sum = Matrix3::Zero();
+    Vector3 gradient = Vector3::Zero();
+    bool matched = false;
+    for (std::size_t k = 0; k < indices.size(); ++k) {
+      if (surfaces[k] == nullptr) continue;
+      const Vector3 error = q + t - map.corner_of(indices[k]) - surfaces[k]->mean.cast<double>();
+      const Matrix3 information = information_of(*surfaces[k]);
+      const Vector3 weighted_error = information * error;
+      const double square_distance = error.dot(weighted_error);
+      const double weight = portable::exp(exponent * square_distance);
+      information_sum += weight * information;
+      gradient += weight * weighted_error;
+      sums.weighted_square_error += weight * square_distance;
+      sums.weight_sum += weight;
+      matched = true;
+    }
+    if (!matched) return;
+    ++sums.correspondences;
+    sums.H += packed_information(information_sum, q);
+    sums.b.head<3>() += gradient;
+    sums.b.tail<3>() += q.cross(gradient);
+  });
+  return total.in_moving_axes(R);
 }
 
 }  // namespace nilio::core

@@ -4,23 +4,6 @@
 
 namespace nilio::core {
 
-NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
-  H += other.H;
-  b += other.b;
-  H_cross += other.H_cross;
-  H_twist += other.H_twist;
-  b_twist += other.b_twist;
-  weighted_square_error += other.weighted_square_error;
-  weight_sum += other.weight_sum;
-  gaussian_square_excess += other.gaussian_square_excess;
-  H_newest += other.H_newest;
-  H_normals += other.H_normals;
-  correspondences += other.correspondences;
-  inliers += other.inliers;
-  agreement += other.agreement;
-  return *this;
-}
-
 RegistrationResult register_planes(const VoxelMap& map, std::span<const Eigen::Vector3f> points,
                                    const SE3& T_map_guess, const PlaneMetric& metric,
                                    const SolverOptions& options) {

@@ -13,15 +13,9 @@
 
 namespace nilio::core {
 
-/// Gauss-Newton normal equations H * delta = -b of a perturbation on the right, T <- T * exp(delta),
-/// translation first, in axes of the moving frame: well conditioned at any distance from the origin.
-struct NormalEquations {
-  Matrix6 H = Matrix6::Zero();
+/// Sums over the correspondences of a linearisation, beside the matrices of NormalEquations.
+struct ResidualSums {
   Vector6 b = Vector6::Zero();
-  /// Of the twist over the sweep, beside the pose: a point at the time t from the midpoint moves with it by t
-  /// times its motion with the pose.
-  Matrix6 H_cross = Matrix6::Zero();
-  Matrix6 H_twist = Matrix6::Zero();
   Vector6 b_twist = Vector6::Zero();
   /// Sum of weight * squared residual (m^2 for planes, squared Mahalanobis distance for NDT), and of the
   /// weights.
@@ -30,19 +24,27 @@ struct NormalEquations {
   /// Part of weighted_square_error by which residuals to Gaussians exceed the point's own deviation: their
   /// spread is no measure of how well planes observe the pose.
   double gaussian_square_excess = 0.0;
-  /// H with the weight of each voxel times the share of the newest of its scans, 2 / (scans + 1): as of a
-  /// mean that follows them.
-  Matrix6 H_newest = Matrix6::Zero();
-  /// Part of H that the errors of the planes' normals are expected to add.
-  Matrix6 H_normals = Matrix6::Zero();
   std::uint32_t correspondences = 0;
   /// Correspondences with a residual below the inlier distance.
   std::uint32_t inliers = 0;
   /// Sum of the agreement of correspondences: 1 on the surface, 0 far from it in units of plane thickness and
   /// point deviation; the kernel's weight for point methods.
   double agreement = 0.0;
+};
 
-  NormalEquations& operator+=(const NormalEquations& other);
+/// Gauss-Newton normal equations H * delta = -b of a perturbation on the right, T <- T * exp(delta),
+/// translation first, in axes of the moving frame: well conditioned at any distance from the origin.
+struct NormalEquations : ResidualSums {
+  Matrix6 H = Matrix6::Zero();
+  /// Of the twist over the sweep, beside the pose: a point at the time t from the midpoint moves with it by t
+  /// times its motion with the pose.
+  Matrix6 H_cross = Matrix6::Zero();
+  Matrix6 H_twist = Matrix6::Zero();
+  /// H with the weight of each voxel times the share of the newest of its scans, 2 / (scans + 1): as of a
+  /// mean that follows them.
+  Matrix6 H_newest = Matrix6::Zero();
+  /// Part of H that the errors of the planes' normals are expected to add.
+  Matrix6 H_normals = Matrix6::Zero();
 };
 
 /// Lever that converts rotation errors to distances: a usual range of points.
