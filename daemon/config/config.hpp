@@ -108,7 +108,7 @@ struct OdometrySection {
   int max_passes = 6;
   int max_fine_iterations = 8;
   int max_coarse_iterations = 40;
-  double max_imu_gap_ms = 150.0;
+  double max_imu_gap_ms = 60.0;
   double imu_wait_ms = 20.0;
   std::string budget = "auto";
   double budget_ms = 50.0;

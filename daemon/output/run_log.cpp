@@ -152,7 +152,8 @@ void RunLog::report_unused_imu(const Pipeline& pipeline) const {
     return;
   }
   spdlog::warn(
-      "IMU: no scan covered ({} samples decoded) - check imu.preset and that both logs are of the same time",
+      "IMU: no scan covered ({} samples decoded) - check imu.preset, that both logs are of the same time, and "
+      "that samples come more often than every odometry.max_imu_gap_ms",
       pipeline.counters().imu_samples.load());
 }
 

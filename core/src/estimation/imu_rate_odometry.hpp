@@ -33,7 +33,7 @@ struct PropagatedPose {
 struct ImuRateOdometryConfig {
   SE3 T_base_imu;
   /// A longer gap between samples is bridged at the scan's constant twist.
-  Duration max_gap = Duration::from_milliseconds(150.0);
+  Duration max_gap = Duration::from_milliseconds(60.0);
   /// Maximum age of the scan pose; later, a propagated pose would be meaningless.
   Duration max_age = Duration::from_seconds(5.0);
   /// Samples kept for repropagation: 10 s at 400 Hz.

@@ -20,7 +20,7 @@ namespace nilio::core {
 struct ImuMonitorConfig {
   /// Position of the IMU in base_link, m.
   Vector3 imu_position = Vector3::Zero();
-  Duration max_gap = Duration::from_milliseconds(150.0);
+  Duration max_gap = Duration::from_milliseconds(60.0);
 };
 
 /// Motion of base_link between two registered poses.

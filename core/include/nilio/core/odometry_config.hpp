@@ -72,8 +72,9 @@ struct OdometryConfig {
   BudgetConfig budget;
 
   std::size_t imu_capacity = 8192;
-  /// A longer gap between IMU samples is not bridged: the scan is predicted at constant twist.
-  Duration max_imu_gap = Duration::from_milliseconds(150.0);
+  /// A longer gap between IMU samples is not bridged: the scan is predicted at constant twist. Over this one
+  /// a body that sways by 1 deg/s for 0.3 s turns as far from the line between two samples as by gyro noise.
+  Duration max_imu_gap = Duration::from_milliseconds(60.0);
 };
 
 /// Edge of the plane voxels for a sensor with beams so far apart, metres.
