@@ -146,6 +146,16 @@ RegistrationResult NdtIcp::kept_coarse(const LocalMap& map, RegistrationResult c
   return coarse;
 }
 
+/// Whether ICP meets less than half of the scene that NDT does: a minimum among few points. A map that begins
+/// has few planes, so that ICP sees little of the scene; later the shares of both samples compare.
+bool NdtIcp::has_few(const RegistrationResult& fine, const RegistrationResult& coarse,
+                     const MotionEstimator& motion) const {
+  const std::size_t of_fine = fine.equations.correspondences;
+  const std::size_t of_coarse = coarse.equations.correspondences;
+  if (motion.is_initialising()) return 2 * of_fine < of_coarse;
+  return 2 * of_fine * coarse_points_.size() < of_coarse * selected_.size();
+}
+
 Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const AlignmentStart& start,
                         OdometryResult& result) {
   const MotionPrior& about = motion.prior();
@@ -174,11 +184,10 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
     const SweepProblem problem = prior && is_manoeuvring ? sweep_problem(motion) : SweepProblem{};
     registration = register_fine(map, selected_, registration.T_map_moving, metric, prior,
                                  problem.times_s.empty() ? nullptr : &problem, result);
-    // ICP with less than half of NDT's correspondences is a minimum among few points; NDT also follows
-    // moving objects, so not beside a prior from the accelerometer.
-    const bool has_few =
-        !by_accelerometer && 2 * registration.equations.correspondences < coarse.equations.correspondences;
-    alignment.by_ndt = (!alignment.has_pose() || has_few) && has_found_pose(coarse);
+    // NDT also follows moving objects: not beside a prior from the accelerometer.
+    alignment.by_ndt =
+        (!alignment.has_pose() || (!by_accelerometer && has_few(registration, coarse, motion))) &&
+        has_found_pose(coarse);
     alignment.only_ndt = false;
     if (alignment.by_ndt) {
       // NDT follows moving objects where nothing holds it: an IMU, or the motion before a new map.

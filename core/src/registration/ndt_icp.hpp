@@ -106,6 +106,8 @@ class NdtIcp {
                                    const SE3& T_map_guess, const PlaneMetric& metric,
                                    const std::optional<PosePrior>& prior, const SweepProblem* problem,
                                    OdometryResult& result);
+  [[nodiscard]] bool has_few(const RegistrationResult& fine, const RegistrationResult& coarse,
+                             const MotionEstimator& motion) const;
   [[nodiscard]] RegistrationResult kept_coarse(const LocalMap& map, RegistrationResult coarse,
                                                const PlaneMetric& metric,
                                                const std::optional<PosePrior>& prior, bool had_no_time);
