@@ -134,16 +134,21 @@ bool TrackingGate::agrees_better(const Alignment& alignment, const MotionEstimat
 }
 
 bool TrackingGate::begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const {
-  return agreement(alignment, motion) + chance_of_agreement(alignment) >
-         kAgreementCollapse * former_agreement_;
+  return is_usual(alignment, motion, former_agreement_);
 }
 
 bool TrackingGate::is_in_family(const Alignment& alignment, const MotionEstimator& motion) const {
-  return motion.is_initialising() || agreement(alignment, motion) > kAgreementCollapse * mean_agreement_;
+  return motion.is_initialising() || is_usual(alignment, motion, mean_agreement_);
+}
+
+/// Few points disagree by chance.
+bool TrackingGate::is_usual(const Alignment& alignment, const MotionEstimator& motion, double usual) const {
+  return agreement(alignment, motion) + chance_of_agreement(alignment) > kAgreementCollapse * usual;
 }
 
 bool TrackingGate::is_doubtful(const Alignment& alignment, const MotionEstimator& motion) const {
-  return !is_plausible(alignment, motion) || !is_in_family(alignment, motion);
+  const double usual = motion.is_initialising() ? 0.0 : mean_agreement_;
+  return !is_plausible(alignment, motion) || agreement(alignment, motion) < kAgreementCollapse * usual;
 }
 
 /// Outlier: beyond both the recent prediction errors and the acceleration limits.

@@ -51,7 +51,9 @@ class TrackingGate {
                                    double other) const;
   /// Whether the second scan of a map agrees with it nearly as well as scans did with the map before.
   [[nodiscard]] bool begins_in_family(const Alignment& alignment, const MotionEstimator& motion) const;
+  /// Whether it agrees nearly as well as scans usually do, but for chance.
   [[nodiscard]] bool is_in_family(const Alignment& alignment, const MotionEstimator& motion) const;
+  /// Whether other hypotheses are worth a comparison: it agrees less, or has no pose of a vehicle.
   [[nodiscard]] bool is_doubtful(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool accepts(const Alignment& alignment, const MotionEstimator& motion) const;
 
@@ -73,6 +75,7 @@ class TrackingGate {
   void publish(const PublishedPose& pose, TrackingState state);
 
  private:
+  [[nodiscard]] bool is_usual(const Alignment& alignment, const MotionEstimator& motion, double usual) const;
   [[nodiscard]] double seen_before(const Alignment& alignment) const;
   [[nodiscard]] bool leads_elsewhere(const Alignment& alignment, const MotionEstimator& motion) const;
   [[nodiscard]] bool bridges_gap(const Alignment& alignment, const MotionEstimator& motion) const;

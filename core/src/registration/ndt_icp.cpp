@@ -26,10 +26,11 @@ double gaussian_weight(const std::optional<PosePrior>& prior) {
   return variance / (variance + kVoxelMeanDeviation * kVoxelMeanDeviation);
 }
 
-/// The prior of the registration; none for a relocalised pose.
-std::optional<PosePrior> pose_prior(const MotionEstimator& motion, bool relocalized) {
-  if (relocalized) return std::nullopt;
-  return PosePrior{motion.T_predicted(), motion.filter().pose_covariance()};
+/// Correspondences that tell a pose beside the prediction: any, if that is known at all; none while the map
+/// begins, which may hold nothing of the scan yet.
+std::uint32_t needed_correspondences(const MotionEstimator& motion) {
+  if (motion.deviation_m() >= kMaxSigmaMetres) return SolverOptions{}.min_correspondences;
+  return motion.is_initialising() ? 0 : 1;
 }
 
 }  // namespace
@@ -88,20 +89,24 @@ void NdtIcp::select(const std::vector<SweepPoint>& sweep, const SweepMotion& mot
   sample_evenly(deskewed_, kCoarsePoints, coarse_points_);
 }
 
-SolverOptions NdtIcp::solver_options(const std::optional<PosePrior>& prior) const {
+SolverOptions NdtIcp::solver_options() const {
   SolverOptions options;
   options.max_iterations = max_fine_iterations_;
-  options.prior = prior;
   options.budget = &budget_;
+  return options;
+}
+
+/// With the prediction as prior.
+SolverOptions NdtIcp::solver_options(const MotionEstimator& motion) const {
+  SolverOptions options = solver_options();
+  options.prior = {motion.T_predicted(), motion.filter().pose_covariance()};
+  options.min_correspondences = needed_correspondences(motion);
   return options;
 }
 
 RegistrationResult NdtIcp::register_fine(const LocalMap& map, std::span<const Eigen::Vector3f> points,
                                          const SE3& T_map_guess, const PlaneMetric& metric,
-                                         const std::optional<PosePrior>& prior, const SweepProblem* problem,
-                                         OdometryResult& result) {
-  SolverOptions options = solver_options(prior);
-  options.sweep = problem;
+                                         const SolverOptions& options, OdometryResult& result) {
   const RegistrationMaps maps{&map.planes(), &map.gaussians(), map.points()};
   const RegistrationResult fine = method_.refine(maps, points, T_map_guess, metric, options);
   result.fine_iterations += fine.iterations;
@@ -130,14 +135,13 @@ SweepProblem NdtIcp::sweep_problem(const MotionEstimator& motion) {
 
 /// The pose of NDT where ICP failed or had no time, with the inliers and agreement of the plane map.
 RegistrationResult NdtIcp::kept_coarse(const LocalMap& map, RegistrationResult coarse,
-                                       const PlaneMetric& metric, const std::optional<PosePrior>& prior,
+                                       const PlaneMetric& metric, const SolverOptions& options,
                                        bool had_no_time) {
   if (had_no_time) {
     coarse.stop_reason = StopReason::kBudget;
-  } else if (prior) {
-    const RegistrationResult held =
-        register_ndt(map.gaussians(), coarse_points_, coarse.T_map_moving,
-                     std::span(kNdtKernelSchedule).last<1>(), solver_options(prior));
+  } else if (options.prior) {
+    const RegistrationResult held = register_ndt(map.gaussians(), coarse_points_, coarse.T_map_moving,
+                                                 std::span(kNdtKernelSchedule).last<1>(), options);
     if (held.iterations > 0) coarse = held;
   }
   const NormalEquations agreeing = plane_equations(map.planes(), selected_, coarse.T_map_moving, metric);
@@ -175,15 +179,15 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
       registration.stop_reason = StopReason::kBudget;
       break;
     }
-    const std::optional<PosePrior> prior = pose_prior(motion, start.relocalized);
-    metric.gaussian_weight = gaussian_weight(prior);
+    SolverOptions options = start.relocalized ? solver_options() : solver_options(motion);
+    metric.gaussian_weight = gaussian_weight(options.prior);
     motion.motion().deskew(selected_sweep_, selected_);
     alignment.points = selected_.size();
     if (start.coarse && pass == 0) coarse = register_coarse(map, registration, result);
     if (pass == 0) clock_.stamp(result, OdometryStage::kCoarse);
-    const SweepProblem problem = prior && is_manoeuvring ? sweep_problem(motion) : SweepProblem{};
-    registration = register_fine(map, selected_, registration.T_map_moving, metric, prior,
-                                 problem.times_s.empty() ? nullptr : &problem, result);
+    const SweepProblem problem = is_manoeuvring ? sweep_problem(motion) : SweepProblem{};
+    if (is_manoeuvring) options.sweep = &problem;
+    registration = register_fine(map, selected_, registration.T_map_moving, metric, options, result);
     // NDT also follows moving objects: not beside a prior from the accelerometer.
     alignment.by_ndt =
         (!alignment.has_pose() || (!by_accelerometer && has_few(registration, coarse, motion))) &&
@@ -192,9 +196,9 @@ Alignment NdtIcp::align(const LocalMap& map, MotionEstimator& motion, const Alig
     if (alignment.by_ndt) {
       // NDT follows moving objects where nothing holds it: an IMU, or the motion before a new map.
       const bool is_known = about.imu_covers || (motion.motion_goes_on() && motion.is_initialising());
-      const std::optional<PosePrior> held = is_known ? prior : std::nullopt;
+      const SolverOptions held = is_known ? solver_options(motion) : solver_options();
       registration = kept_coarse(map, coarse, metric, held, alignment.had_no_time());
-      alignment.only_ndt = !held;
+      alignment.only_ndt = !held.prior;
     }
     ++result.passes;
     if (alignment.had_no_time() || !alignment.pose().is_finite()) break;
@@ -221,7 +225,7 @@ RegistrationResult NdtIcp::register_roughly(const LocalMap& map, std::span<const
                                             const SE3& T_map_hypothesis, double sigma_m,
                                             OdometryResult& result) {
   if (!method_.coarse)
-    return register_fine(map, points, T_map_hypothesis, plane_metric(sigma_m), std::nullopt, nullptr, result);
+    return register_fine(map, points, T_map_hypothesis, plane_metric(sigma_m), solver_options(), result);
   const RegistrationResult coarse = register_coarsely(map.gaussians(), points, T_map_hypothesis,
                                                       max_coarse_iterations_, &budget_, kRoughEpsilon);
   result.coarse_iterations += coarse.iterations;
@@ -233,7 +237,7 @@ RegistrationResult NdtIcp::align_roughly(const LocalMap& map, std::span<const Ei
                                          OdometryResult& result) {
   const RegistrationResult rough = register_roughly(map, points, T_map_hypothesis, sigma_m, result);
   if (!method_.coarse) return rough;
-  return register_fine(map, points, rough.T_map_moving, plane_metric(sigma_m), std::nullopt, nullptr, result);
+  return register_fine(map, points, rough.T_map_moving, plane_metric(sigma_m), solver_options(), result);
 }
 
 void NdtIcp::add_residuals(const LocalMap& map, const MotionEstimator& motion, const Alignment& alignment,

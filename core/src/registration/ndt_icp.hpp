@@ -47,6 +47,7 @@ struct Alignment {
     return pose().is_finite() && registration.stop_reason != StopReason::kTooFewPoints &&
            registration.stop_reason != StopReason::kNonFinite && !had_no_time();
   }
+  [[nodiscard]] bool meets_map() const { return registration.equations.correspondences > 0; }
   /// Number of points that agree with the map, each as its residual tells.
   [[nodiscard]] double agreement() const { return has_pose() ? registration.equations.agreement : 0.0; }
   /// Mean of it over the registered points, 0 to 1.
@@ -104,14 +105,14 @@ class NdtIcp {
                                      OdometryResult& result);
   RegistrationResult register_fine(const LocalMap& map, std::span<const Eigen::Vector3f> points,
                                    const SE3& T_map_guess, const PlaneMetric& metric,
-                                   const std::optional<PosePrior>& prior, const SweepProblem* problem,
-                                   OdometryResult& result);
+                                   const SolverOptions& options, OdometryResult& result);
   [[nodiscard]] bool has_few(const RegistrationResult& fine, const RegistrationResult& coarse,
                              const MotionEstimator& motion) const;
   [[nodiscard]] RegistrationResult kept_coarse(const LocalMap& map, RegistrationResult coarse,
-                                               const PlaneMetric& metric,
-                                               const std::optional<PosePrior>& prior, bool had_no_time);
-  [[nodiscard]] SolverOptions solver_options(const std::optional<PosePrior>& prior) const;
+                                               const PlaneMetric& metric, const SolverOptions& options,
+                                               bool had_no_time);
+  [[nodiscard]] SolverOptions solver_options() const;
+  [[nodiscard]] SolverOptions solver_options(const MotionEstimator& motion) const;
   [[nodiscard]] SweepProblem sweep_problem(const MotionEstimator& motion);
 
   const RegistrationMethodInfo& method_;

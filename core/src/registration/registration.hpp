@@ -131,6 +131,7 @@ struct SolverOptions {
   int max_iterations = 8;
   double translation_epsilon_m = 2e-3;
   double rotation_epsilon_rad = 2e-4;
+  /// Fewer tell no pose.
   std::uint32_t min_correspondences = 30;
   /// Without a prior: directions whose mean squared direction cosine falls below this are not observed.
   double degeneracy_threshold = 0.005;

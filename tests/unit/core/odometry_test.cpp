@@ -545,6 +545,27 @@ TEST_CASE("scans of few points start a map where none is", "[odometry]") {
   CHECK(run.results.back().map_voxels > 0);
 }
 
+TEST_CASE("a few hundred returns a scan are tracked beside an IMU, from the start on", "[odometry]") {
+  // Sets off after two seconds, with 2 m/s^2.
+  const PoseFunction setting_off = [](double t) {
+    const double moved_s = std::max(0.0, t - 2.0);
+    return SE3{Eigen::Quaterniond::Identity(), Vector3(moved_s * moved_s, 0.0, 0.0)};
+  };
+  std::mt19937_64 random(7);
+  RunSettings settings;
+  settings.imu = true;
+  settings.damage = [&](int, Scan& scan) {
+    std::shuffle(scan.points.begin(), scan.points.end(), random);
+    scan.points.resize(300);
+  };
+  const Run run = run_odometry(setting_off, settings);
+  CHECK(run.worst_error_m < 0.3);
+  for (std::size_t i = 5; i < run.results.size(); ++i) {
+    CHECK(run.results[i].state != TrackingState::kInitialising);
+    CHECK(run.results[i].state != TrackingState::kLost);
+  }
+}
+
 TEST_CASE("a published step that no vehicle can have driven is lost for a second", "[odometry]") {
   const PoseFunction jumping = [](double t) {
     return t < 3.01 ? SE3{} : SE3{Eigen::Quaterniond::Identity(), Vector3(-4.0, 1.0, 0.0)};

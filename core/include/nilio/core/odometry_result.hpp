@@ -44,7 +44,7 @@ struct OdometryResult {
   bool imu_used = false;
   /// The accelerometer predicted the velocity, beside the gyro.
   bool accelerometer_used = false;
-  /// No registration was accepted: the pose is the prediction.
+  /// No registration was accepted, or no point met the map: the pose is the prediction.
   bool predicted = false;
   std::uint8_t degenerate_axes = 0;
   /// Time for the recovery that this scan was allowed beyond the configured budget; 0 = it only tracked.
