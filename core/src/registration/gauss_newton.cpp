@@ -92,6 +92,14 @@ Matrix6 with_error(const Matrix6& information) {
   return 0.5 * (result + result.transpose());
 }
 
+/// Information of a scan beside a prediction that an IMU measured. A direction that the scan shows worse than
+/// required rests on few voxels, whose errors last from scan to scan, as those of the IMU do, and would
+/// become a velocity: its variance v, in units of the required one, counts as v + v^2.
+Matrix6 without_lasting_errors(const Matrix6& information) {
+  const Matrix6 known = pose_error(kKnownMetres).cwiseAbs2().asDiagonal();
+  return information * known * information_with(known, information);
+}
+
 /// S with which S^T H S is H without the spurious information of noisy normals, as along the axis of a tube,
 /// or about the yaw on bare ground: what they add along each principal direction of H, where rotations move a
 /// point at the lever, is taken from it, or all that there is.
@@ -114,11 +122,16 @@ Matrix6 scan_information(const NormalEquations& equations, const Matrix6& shrink
 }
 
 /// Information of the scan about the pose, and the axes that it does not observe.
-void set_information(const NormalEquations& equations, const Matrix6& shrink, RegistrationResult& result) {
+void set_information(const NormalEquations& equations, const Matrix6& shrink, bool is_measured,
+                     RegistrationResult& result) {
   const Matrix6 information = scan_information(equations, shrink);
-  result.information = with_error(information);
-  const double noise = residual_variance(equations, equations.gaussian_square_excess);
-  result.degenerate_axes = find_weak_axes(information * (measurement_variance(equations) / noise));
+  // The spread of non-planar voxels does not tell how well a direction is shown.
+  const double spread =
+      measurement_variance(equations) / residual_variance(equations, equations.gaussian_square_excess);
+  const Matrix6 shown = spread * information;
+  result.degenerate_axes = find_weak_axes(shown);
+  result.information =
+      with_error(is_measured ? Matrix6(without_lasting_errors(shown) / spread) : information);
 }
 
 /// Share of the covariance of each axis that a step removes.
@@ -132,7 +145,7 @@ StepOutcome step_with_prior(const NormalEquations& equations, const SolverOption
   const PosePrior& prior = *options.prior;
   const Vector6 offset = se3_log(prior.T_map_moving.inverse() * result.T_map_moving);
   const Matrix6 held = inverse_ldlt(prior.covariance);
-  set_information(equations, shrink_of_normals(equations), result);
+  set_information(equations, shrink_of_normals(equations), prior.is_measured, result);
   const Matrix6 combined = result.information + held;
   const Vector6 wanted = -solve_ldlt(equations.H, equations.b);
   const Vector6 step = solve_ldlt(combined, result.information * wanted - held * offset);
@@ -177,7 +190,7 @@ StepOutcome step_of_sweep(const NormalEquations& equations, const SolverOptions&
   const Matrix12 combined = information + held;
   const Vector12 wanted = -solve_ldlt(H, b);
   const Vector12 step = solve_ldlt(combined, Vector12(information * wanted - held * offset));
-  set_information(equations, shrink, result);
+  set_information(equations, shrink, false, result);
   result.observability =
       observability_of(prior.covariance.topLeftCorner<6, 6>(), inverse_ldlt(combined).topLeftCorner<6, 6>());
   result.sweep_information = units.asDiagonal() * information * units.asDiagonal();

@@ -99,7 +99,8 @@ SolverOptions NdtIcp::solver_options() const {
 /// With the prediction as prior.
 SolverOptions NdtIcp::solver_options(const MotionEstimator& motion) const {
   SolverOptions options = solver_options();
-  options.prior = {motion.T_predicted(), motion.filter().pose_covariance()};
+  options.prior = {motion.T_predicted(), motion.filter().pose_covariance(),
+                   motion.prior().inputs.measure_motion()};
   options.min_correspondences = needed_correspondences(motion);
   return options;
 }

@@ -125,6 +125,7 @@ struct PosePrior {
   /// Of an error on the right: translation then rotation, in axes of the moving frame; m^2, rad^2. Positive
   /// definite.
   Matrix6 covariance = Matrix6::Identity();
+  bool is_measured = false;  ///< by gyro and accelerometer
 };
 
 struct SolverOptions {

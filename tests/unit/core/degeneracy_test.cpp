@@ -197,6 +197,20 @@ TEST_CASE("a prediction and a scan are weighed by their covariances", "[degenera
   }
 }
 
+TEST_CASE("beside an IMU a variance that is larger than required counts with its square", "[degeneracy]") {
+  const double required_m = 0.05;
+  const double shared_m = 0.007;
+  // A tenth of the points: the gables show the position along the street to centimetres.
+  Corridor corridor(true);
+  corridor.points.resize(corridor.points.size() / 10);
+  PosePrior prior = prior_at(0.0, 1e-4);
+  const double variance = 1.0 / register_in(corridor, prior).information(0, 0) - shared_m * shared_m;
+  prior.is_measured = true;
+  const double counted = 1.0 / register_in(corridor, prior).information(0, 0) - shared_m * shared_m;
+  CHECK(variance > 0.025 * 0.025);
+  CHECK(counted == Approx(variance + variance * variance / (required_m * required_m)).epsilon(0.1));
+}
+
 TEST_CASE("without a scan's equations there is no information, with more points there is more",
           "[degeneracy]") {
   CHECK(measurement_variance({}) > 0.0);
