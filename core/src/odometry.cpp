@@ -229,7 +229,7 @@ void Odometry::State::check_alignment(OdometryResult& result) {
   if (gate.accepts(alignment, motion)) {
     result.state = gate.accept(alignment, motion);
     result.degenerate_axes = registration.degenerate_axes;
-    result.predicted = !alignment.meets_map();
+    result.predicted = registration.equations.correspondences == 0;
     const Matrix6 predicted = motion.filter().pose_covariance();
     map.drift().follow(registration.T_map_moving, share_of_newest_scan(registration, predicted),
                        gain_of(predicted, registration.information));

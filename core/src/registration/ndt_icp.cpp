@@ -26,13 +26,6 @@ double gaussian_weight(const std::optional<PosePrior>& prior) {
   return variance / (variance + kVoxelMeanDeviation * kVoxelMeanDeviation);
 }
 
-/// Correspondences that tell a pose beside the prediction: any, if that is known at all; none while the map
-/// begins, which may hold nothing of the scan yet.
-std::uint32_t needed_correspondences(const MotionEstimator& motion) {
-  if (motion.deviation_m() >= kMaxSigmaMetres) return SolverOptions{}.min_correspondences;
-  return motion.is_initialising() ? 0 : 1;
-}
-
 }  // namespace
 
 bool has_found_pose(const RegistrationResult& registration) {
@@ -96,12 +89,13 @@ SolverOptions NdtIcp::solver_options() const {
   return options;
 }
 
-/// With the prediction as prior.
+/// With the prediction as prior. Beside one that is known at all any correspondence counts, and none is
+/// needed while the map begins, which may hold nothing of the scan yet.
 SolverOptions NdtIcp::solver_options(const MotionEstimator& motion) const {
   SolverOptions options = solver_options();
   options.prior = {motion.T_predicted(), motion.filter().pose_covariance(),
                    motion.prior().inputs.measure_motion()};
-  options.min_correspondences = needed_correspondences(motion);
+  if (motion.deviation_m() < kMaxSigmaMetres) options.min_correspondences = motion.is_initialising() ? 0 : 1;
   return options;
 }
 

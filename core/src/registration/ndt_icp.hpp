@@ -47,7 +47,6 @@ struct Alignment {
     return pose().is_finite() && registration.stop_reason != StopReason::kTooFewPoints &&
            registration.stop_reason != StopReason::kNonFinite && !had_no_time();
   }
-  [[nodiscard]] bool meets_map() const { return registration.equations.correspondences > 0; }
   /// Number of points that agree with the map, each as its residual tells.
   [[nodiscard]] double agreement() const { return has_pose() ? registration.equations.agreement : 0.0; }
   /// Mean of it over the registered points, 0 to 1.
